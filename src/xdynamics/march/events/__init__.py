@@ -1,1 +1,1 @@
-"""Events: whether a trial holds one, where it is, and how the march goes on behind it."""
+"""Events: whether a trial holds one, where it is, and how the march goes on after it."""

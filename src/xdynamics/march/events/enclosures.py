@@ -1,9 +1,10 @@
-"""What event functions are between two states of the motion: intervals that hold every value on the way.
+"""Enclosures of event functions between two states of the motion: intervals that contain every value on the way.
 
-Between two states of a step a coordinate is Hermite's polynomial through both positions, velocities and accelerations, a
-first-order state that through both values and rates, each widened by how far such polynomials of lower degree are from
-it. Their Bernstein coefficients hold them, and interval arithmetic, rounded outward, the functions (Moore, Kearfott,
-Cloud, Introduction to Interval Analysis, 2009). The rows that say what to compute are `kernels.interval_program`'s.
+Between two states of a step, a coordinate is the Hermite polynomial through both positions, velocities and
+accelerations, a first-order state the one through both values and rates, each widened by its distance from such
+polynomials of lower degree. Their Bernstein coefficients bound them, and interval arithmetic, rounded outward, bounds
+the functions (Moore, Kearfott, Cloud, Introduction to Interval Analysis, 2009). The rows to compute come from
+`kernels.interval_program`.
 """
 
 from __future__ import annotations
@@ -51,15 +52,15 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
     Parameters
     ----------
     run : Run
-        Its `piece` says at what times the states are; `under`, `over` and `flaws` are filled.
+        Its `piece` has the times of the states; `under`, `over` and `flaws` are filled.
     y, z : ndarray
         The state at the piece's start and end.
     first, last : int
         Rows.
     whose : int
-        Of which event function, `ALL`, or `ALIVE`: what no other needs is passed over.
+        The number of an event function, `ALL`, or `ALIVE`: rows that these do not need are skipped.
     """
-    given, sparse = run.piece[0].rough == 2, whose != ALL
+    in_box, sparse = run.piece[0].rough == 2, whose != ALL
     if sparse:
         demand(run, first, last, whose)
     for k in range(first, last):
@@ -69,7 +70,7 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
         if row <= DIVIDE:
             arithmetic(run, row, target, a, run.rows[k, 3])
         elif row in (COORDINATE, STATE, TIME):
-            if not given:
+            if not in_box:
                 variable(run, y, z, k)
         elif row == PHASE:
             put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
@@ -87,7 +88,7 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
 
 @shared
 def demand(run: Run, first: int, last: int, whose: int) -> None:
-    """Mark the values that event functions need, and as far as the rows reach their derivatives."""
+    """Mark the values that event functions need and, as far as the rows reach, those of their derivatives."""
     for k in range(first, last):
         run.wanted[run.rows[k, 1]] = 0
     for i in range(run.detectors.shape[0]):
@@ -102,13 +103,13 @@ def demand(run: Run, first: int, last: int, whose: int) -> None:
         row = run.rows[k, 0]
         if run.wanted[run.rows[k, 1]] and (row < NUMBER or row >= VALUE):
             run.wanted[run.rows[k, 2]] = 1
-            if row < NUMBER:  # a place that is not used is 0, of which nobody minds the value
+            if row < NUMBER:  # an unused operand is place 0, whose value does no harm
                 run.wanted[run.rows[k, 3]] = run.wanted[run.rows[k, 4]] = 1
 
 
 @compiled
 def variable(run: Run, y: State, z: State, k: int) -> None:
-    """Enclose the time, or a variable of the state, or its derivative."""
+    """Enclose the time, a variable of the state, or its derivative."""
     row, target = run.rows[k, 0], run.rows[k, 1]
     if row == COORDINATE:
         coordinate(run, y, z, target, run.rows[k, 2], run.rows[k, 3])
@@ -122,13 +123,13 @@ def variable(run: Run, y: State, z: State, k: int) -> None:
 def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) -> None:
     """Enclose a coordinate, its velocity or its acceleration.
 
-    What a position says of velocities is divided by the width of the piece. Where that was made short by cutting, rounding
-    and what positions and velocities of a method of low order lack of being those of one motion would be all of it: there
-    velocities are held by accelerations, and those by their change.
+    Bounds of velocities by positions are divided by the width of the piece. On a piece made short by cutting, rounding
+    would dominate them, and so would the mismatch of positions and velocities of a method of low order: there,
+    velocities are bounded by accelerations, and accelerations by their change.
     """
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.piece[0].width
     q0, v0, a0, q1, v1, a1 = y[i], y[n + i], y[used + i], z[i], z[n + i], z[used + i]
-    # how far cubic polynomials through velocities and positions are from the quintic one, at its middle
+    # how far cubic polynomials through positions and velocities are from the quintic one, at its middle
     odd = abs((q1 - q0) - w * (v0 + v1) / 2.0 + w * w * (a1 - a0) / 12.0)
     even = abs(v1 - v0 - w * (a0 + a1) / 2.0)
     off, size = odd + w * even / 128.0, max(abs(q0), abs(q1))
@@ -175,7 +176,7 @@ def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> 
 
 @shared
 def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int) -> None:
-    """Enclose a drive or its slope: the pieces of the table that the argument passes through."""
+    """Enclose a drive or its slope over the pieces of the table that the argument passes through."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
     first, count = run.places[3 * drive], run.places[3 * drive + 1]
     if not (low > -inf and high < inf):
@@ -208,17 +209,17 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
 
 
 def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: int) -> None:
-    """Make enclosures, for who calls by address: no caller compiles it again.
+    """Enclose event functions for callers by address, none of which compiles this again.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
     y, z : int
-        Where the places of two of its states stand.
+        The addresses of two of its states.
     first, last : int
         Rows.
     whose : int
-        Of which event function, `ALL`, or `ALIVE`.
+        The number of an event function, `ALL`, or `ALIVE`.
     """
     enclose(run_at(address), floats_at(y), floats_at(z), first, last, whose)

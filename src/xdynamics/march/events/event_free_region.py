@@ -1,8 +1,8 @@
-"""A region of the motion in which no event function has a zero: while steps stay inside it, none of them is looked at.
+"""A region of the motion in which no event function has a zero: while steps stay inside it, none of them is examined.
 
-The region is a box of what event functions are made of: positions, velocities, states, time. That none has a zero in
-the whole of it is shown once, by their enclosures; a step then costs what bounding its positions does, however many
-detectors there are. A step that leaves it is looked at by itself, and the box grows, or another one is put around it.
+The region is a box of the variables of event functions: positions, velocities, states, time. Their enclosures show
+once that none has a zero anywhere in it; a step then costs only bounds of its positions, however many detectors there
+are. A step that leaves the box is examined by itself, and the box grows, or a new one is put around it.
 """
 
 from __future__ import annotations
@@ -11,20 +11,18 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.march.handle import enclosed_by
 from xdynamics.march.run import ALL, ENCLOSE, Run
 
-# of `Run.region`: whether there is one, how many widths of a step it reaches beyond one, and for how many steps none is
-# tried; the box stands behind, then the bounds of the step
+# of `Run.region`: whether there is a box, how many widths of a step it reaches beyond the step, for how many steps none
+# is tried, and how many of these are left; then the box, and after it the bounds of the step
 STANDS, REACH, PAUSE, WAIT, BOX = range(5)
-POSITION, INSTANT, OTHER = range(3)  # sorts of what the box is of
+POSITION, INSTANT, OTHER = range(3)  # kinds of variables of the box
 FARTHEST, LONGEST = 64.0, 16.0
-GROWN = 0.5  # of the width of a step that left the box: how far beyond it the box grows
-SLACK = (
-    1e-9  # of a bound that is computed in fewer operations than that of the enclosure, which it may not be inside of
-)
+GROWN = 0.5  # of the width of a step that left the box: how far the box grows beyond it
+SLACK = 1e-9  # of a bound: `way` takes fewer operations than the enclosure, which its bounds have to contain
 
 
 @compiled
 def stays_inside(run: Run) -> bool:
-    """Whether all that event functions are made of stays inside the box in the trial."""
+    """Whether all variables of event functions stay inside the box during the trial."""
     now, trial, piece, n = run.now[0], run.trial[0], run.piece[0], run.leaves.shape[0]
     if run.region[STANDS] == 0.0:
         return False
@@ -45,7 +43,7 @@ def stays_inside(run: Run) -> bool:
 
 @compiled
 def way(run: Run, i: int) -> tuple[float, float]:
-    """Bounds of a coordinate between the states y and z, in few operations: those of `enclosures.coordinate` are inside."""
+    """Bounds of a coordinate between the states y and z, in few operations: they contain `enclosures.coordinate`'s."""
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
     q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
     slant0, slant1, bend0, bend1 = 0.4 * w * v0, -0.4 * w * v1, 0.05 * w * w * a0, 0.05 * w * w * a1
@@ -60,14 +58,14 @@ def way(run: Run, i: int) -> tuple[float, float]:
 
 @shared
 def end_region(run: Run) -> None:
-    """Forget the box: behind an event or a node event functions are others, or are to stay on other sides."""
+    """Discard the box: after an event or a node, event functions change, or have to stay on other sides."""
     if run.leaves.shape[0] > 0:
         run.region[STANDS] = 0.0
 
 
 @shared
 def set_region(run: Run) -> None:
-    """Put a box around the trial, of which the enclosures were just made: the one before, as far as this trial, or one of its own."""
+    """Put a box around the trial just enclosed: extend the last box as far as this trial, or make a new one."""
     n, region = run.leaves.shape[0], run.region
     if region[WAIT] > 0.0:
         region[WAIT] -= 1.0
@@ -91,7 +89,7 @@ def set_region(run: Run) -> None:
 
 @shared
 def is_silent(run: Run, reach: float, joined: bool) -> bool:
-    """Whether no event function has a zero in a box that reaches some widths of the step beyond it, joined with the last one or not."""
+    """Whether no event function has a zero in a box `reach` widths beyond the step, joined to the last box or not."""
     n, region = run.leaves.shape[0], run.region
     for j in range(n):
         target, low, high = run.leaves[j, 2], region[BOX + 2 * n + j], region[BOX + 3 * n + j]

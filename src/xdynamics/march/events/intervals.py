@@ -1,6 +1,6 @@
-"""Interval arithmetic, rounded outward: the operations of the language, as rows of `kernels.interval_program` ask for them.
+"""Interval arithmetic, rounded outward: the operations of the language that rows of `kernels.interval_program` ask for.
 
-A value is known by what it is not under and not over, and by whether it may jump or be no number (Moore, Kearfott, Cloud,
+A value is known by a lower and an upper bound, and by whether it may jump or be undefined (Moore, Kearfott, Cloud,
 Introduction to Interval Analysis, 2009).
 """
 
@@ -25,13 +25,13 @@ SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, EXP, LOG = (OPERATION[name] f
 
 @shared
 def below(run: Run, x: float) -> float:
-    """A number under x, or x where it is that already."""
+    """A number below x; -inf where x is."""
     return MOST if x == inf else x - (abs(x) + run.plan[0].margin) * EPS
 
 
 @shared
 def above(run: Run, x: float) -> float:
-    """A number over x."""
+    """A number above x; inf where x is."""
     return -MOST if x == -inf else x + (abs(x) + run.plan[0].margin) * EPS
 
 
@@ -49,7 +49,7 @@ def most_of(w: float, x: float, y: float, z: float) -> float:
 
 @shared
 def put(run: Run, target: int, low: float, high: float, flaw: int) -> None:
-    """Fill the place of a value; what is no interval may be anything."""
+    """Store the bounds of a value; where they are no interval, it may be anything."""
     sound = low <= high
     run.under[target] = low if sound else -inf
     run.over[target] = high if sound else inf
@@ -88,7 +88,7 @@ def arithmetic(run: Run, row: int, target: int, a: int, b: int) -> None:
 
 @shared
 def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
-    """Enclose every other operation of the language."""
+    """Enclose the result of any other operation of the language."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
     if row == NEGATIVE:
         put(run, target, -high, -low, flaw)
@@ -119,7 +119,7 @@ def function(run: Run, row: int, target: int, a: int, b: int, c: int) -> None:
 
 @shared
 def choose(run: Run, target: int, a: int, b: int, c: int) -> None:
-    """Enclose the branch that is taken, or both where that is not settled."""
+    """Enclose the branch that is taken, or both where the condition is undecided."""
     if run.under[a] == 1.0:
         put(run, target, run.under[b], run.over[b], run.flaws[b])
     elif run.over[a] == 0.0:
@@ -131,10 +131,10 @@ def choose(run: Run, target: int, a: int, b: int, c: int) -> None:
 
 @shared
 def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Say whether a comparison holds: 1, 0, or from 0 to 1 where that depends."""
+    """Enclose the truth of a comparison: 1, 0, or from 0 to 1 where it is undecided."""
     low, high, from_, to = run.under[a], run.over[a], run.under[b], run.over[b]
     always, never = False, False
-    if max(run.flaws[a], run.flaws[b]) == UNBOUNDED:  # what is no number is neither less nor more
+    if max(run.flaws[a], run.flaws[b]) == UNBOUNDED:  # a NaN is neither less nor more
         pass
     elif row == LESS:
         always, never = high < from_, low >= to
@@ -152,13 +152,13 @@ def compare(run: Run, row: int, target: int, a: int, b: int) -> None:
 
 @shared
 def computed(run: Run, row: int, x: float) -> float:
-    """The portable function itself."""
+    """The value of the portable function itself."""
     return applied(run.functions[row - SIN], x)
 
 
 @shared
 def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
-    """Enclose a function that is not rounded correctly."""
+    """Enclose a function whose result is not correctly rounded."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
     if row in (SIN, COS):
         wave(run, target, low, high, flaw, 0.5 if row == SIN else 0.0)
@@ -195,7 +195,7 @@ def elementary(run: Run, row: int, target: int, a: int, b: int) -> None:
 
 @shared
 def powered(run: Run, x: float, exponent: float, slack: float) -> float:
-    """A power of a number that is not negative; of its logarithm as much is added as rounding may have taken."""
+    """A power of a non-negative number; its logarithm is moved by a share `slack` to cover rounding."""
     if x <= 0.0 or x == inf:
         return x
     logarithm = exponent * computed(run, LOG, x)
@@ -204,7 +204,7 @@ def powered(run: Run, x: float, exponent: float, slack: float) -> float:
 
 @shared
 def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float) -> None:
-    """Enclose a sine, or with no shift of half a turn's half a cosine: its values at the ends, and the crests between."""
+    """Enclose a sine (`shift` 0.5) or a cosine (`shift` 0): its values at the ends, and the crests between."""
     if not (high - low < 2.0 * pi and abs(low) < 1e15 and abs(high) < 1e15):
         put(run, target, -1.0, 1.0, flaw if abs(low) < inf and abs(high) < inf else UNBOUNDED)
         return
@@ -213,8 +213,8 @@ def wave(run: Run, target: int, low: float, high: float, flaw: int, shift: float
         middle, half = computed(run, row, (low + high) / 2.0), (high - low) / 2.0 + ULPS * (abs(low) + abs(high) + 1.0)
         put(run, target, max(-1.0, middle - half), min(1.0, middle + half), flaw)
         return
-    one, other = computed(run, row, low), computed(run, row, high)
-    least, most = min(one, other), max(one, other)
+    at_low, at_high = computed(run, row, low), computed(run, row, high)
+    least, most = min(at_low, at_high), max(at_low, at_high)
     slack = ULPS * (abs(low) + abs(high) + 1.0)
     first, last = (low - slack) / pi - shift, (high + slack) / pi - shift  # crests at even, troughs at odd numbers
     if np.floor(last / 2.0) >= np.ceil(first / 2.0):

@@ -1,8 +1,8 @@
-"""Whether a trial holds an event, and between which two of its states the first one is.
+"""Isolating events: whether a trial holds one, and between which two of its states the first one is.
 
-A step is cut in halves until on every piece each event function is known to have no zero, or to be monotone, or is
-smaller than what is known of it. The states at the cuts are those of shortened steps of the method itself, so that no
-interpolant has to be trusted: what lies between two of them is enclosed by `march.events.enclosures`.
+A step is halved until, on every piece, each event function is known to have no zero, is known to be monotone, or is
+smaller than its uncertainty. The states at the cuts are those of shortened steps of the method itself, so that no
+interpolant has to be trusted: `march.events.enclosures` encloses the motion between two of them.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from xdynamics.model.detectors import GAP
 
 @shared
 def arm(run: Run, i: int, value: float) -> None:
-    """Let an event be found once its function leaves zero, or at once where it is away from it."""
+    """Arm an event at once where its function is away from zero, else once the function leaves it."""
     watch = run.watches[i]
     if watch.asleep:
         watch.armed = 0
@@ -58,14 +58,14 @@ def arm(run: Run, i: int, value: float) -> None:
 
 @shared
 def forget(run: Run) -> None:
-    """Have every event armed as it was before a trial that is rejected."""
+    """Arm every event as it was before a trial that is rejected."""
     for i in range(run.watches.shape[0]):
         run.watches[i].armed = run.watches[i].began
 
 
 @shared
 def quiet(run: Run) -> bool:
-    """Whether no event function can have a zero in the trial; keeps which may."""
+    """Whether no event function can have a zero in the trial; note which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
     if run.leaves.shape[0] > 0 and stays_inside(run):
         return True
@@ -90,7 +90,7 @@ def quiet(run: Run) -> bool:
 
 @shared
 def isolate(run: Run, final: bool) -> bool:
-    """Find the first piece of the trial with events, of the run's last one if it is `final`; whether there is one."""
+    """Find the first piece with events of the trial, which is the run's last if `final`; whether there is one."""
     last = 0
     for i in range(run.watches.shape[0]):
         watch = run.watches[i]
@@ -124,7 +124,7 @@ def isolate(run: Run, final: bool) -> bool:
 
 @shared
 def step_to(run: Run, s: float) -> None:
-    """Have the state after part of the trial's step, or where only time is asked for, that time alone."""
+    """Compute the state after part of the trial's step or, where only time matters, evaluate at that time."""
     moving = False
     for i in range(run.detectors.shape[0]):
         moving = moving or (run.watches[i].alive and not run.detectors[i].of_time)
@@ -137,7 +137,7 @@ def step_to(run: Run, s: float) -> None:
 
 @shared
 def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
-    """Look what is known of each event function on a piece; whether it has to be cut."""
+    """Classify each event function on a piece; whether the piece has to be cut."""
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
     piece.part = int(end - start < run.located[0].h)
@@ -154,7 +154,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
                 watch.least_bend, watch.most_bend = run.under[detector.bend], run.over[detector.bend]
     if bent:
         tighten(run)
-    for i in range(run.detectors.shape[0]):  # when all are taken down: to know more, intervals are written over
+    for i in range(run.detectors.shape[0]):  # only once all are noted: further tests overwrite the intervals
         if run.watches[i].alive:
             run.watches[i].state = known(run, i)
     for i in range(run.detectors.shape[0]):
@@ -177,7 +177,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
 
 @shared
 def decide(run: Run, start: float, end: float, border: bool) -> bool:
-    """Take what is known of a piece down; whether an event that is watched for is in it or right before it.
+    """Note what is known of a piece; whether an event that is watched for is in it or right before it.
 
     Parameters
     ----------
@@ -185,9 +185,9 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
     start, end : float
         The piece, as steps.
     border : bool
-        Whether the motion ends at the piece's end, so that a zero there is left to no step to come.
+        Whether the motion ends at the piece's end, so that a zero there cannot be left to a later step.
     """
-    found = False
+    any_hit = False
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         watch.hit, run.entered[i] = NONE, watch.armed
@@ -203,7 +203,7 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
                 strike(run, i, watch.zone, end, ENDED if ended else FORCED)
         else:
             if before == -watch.armed and watch.zone < 0.0 and start == 0.0:
-                watch.broken = BREAKS  # at the very start, behind a node where a drive jumps
+                watch.broken = BREAKS  # at the very start, after a node where a drive jumps
             came = after if watch.state == MONOTONE else (before if before != 0 else after)
             watch.clear = start
             pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
@@ -221,13 +221,13 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
             watch.ever = max(watch.ever, abs(watch.armed))
             if watch.hit == NONE:
                 watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
-        found = found or watch.hit != NONE
-    return found
+        any_hit = any_hit or watch.hit != NONE
+    return any_hit
 
 
 @shared
 def hold(run: Run, start: float) -> None:
-    """Leave the other functions on the sides that they entered a piece on: the motion ends at an event in it."""
+    """Leave other functions on the sides on which they entered a piece: the motion ends at an event in it."""
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.hit == NONE and run.plan[0].apart == 0:
@@ -236,8 +236,8 @@ def hold(run: Run, start: float) -> None:
 
 @shared
 def arrives(run: Run) -> bool:
-    """Whether a trial that ends where the model does is, by the slopes there, within a time tolerance of an event."""
-    found, s = False, run.located[0].h
+    """Whether a trial that ends where the model does is within a time tolerance of an event, by the slopes there."""
+    any_hit, s = False, run.located[0].h
     copy(run.located_z, run.z)
     run.at[T] = run.now[0].t + s
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
@@ -248,24 +248,24 @@ def arrives(run: Run) -> bool:
             rest = abs(value / slope)  # to the event, by the slope
             watch.zone, watch.clear = max(0.0, s - rest), s + rest
             strike(run, i, s, s, ENDED)
-            found = found or watch.hit != NONE
-    return found
+            any_hit = any_hit or watch.hit != NONE
+    return any_hit
 
 
 @shared
 def strike(run: Run, i: int, left: float, right: float, what: int) -> None:
-    """Take down that an event is in a piece, if it is of the direction watched; a touch goes the way it came."""
+    """Note that an event is in a piece, if its direction is watched for; that of a touch is the one of its approach."""
     watch, direction = run.watches[i], run.detectors[i].direction
     if direction == 0 or direction == -watch.armed:
         watch.hit, watch.left, watch.right = what, left, right
         if run.plan[0].apart == 0:
-            known = what == CROSSED and run.now[0].t + left == run.piece[0].start
-            watch.before = run.near_g[i] if known else nan
+            at_start = what == CROSSED and run.now[0].t + left == run.piece[0].start
+            watch.before = run.near_g[i] if at_start else nan
 
 
 @shared
 def grow_branch(run: Run, k: int, s: float) -> None:
-    """Keep the trial's state for when the piece before it is done."""
+    """Keep the trial's state until the piece before it is done."""
     n = run.z.shape[0]
     run.branches[k, 0] = s
     for i in range(n):
@@ -276,7 +276,7 @@ def grow_branch(run: Run, k: int, s: float) -> None:
 
 @shared
 def load_branch(run: Run, k: int) -> None:
-    """Stand at a state that was kept."""
+    """Load a state that was kept, as the end of a piece."""
     n = run.far.shape[0]
     for i in range(n):
         run.far[i] = run.branches[k, 1 + i]

@@ -23,13 +23,13 @@ from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 State = NDArray[Any]
 
 WAITING = -1.0  # in the place of the drift of an event whose bracket is not narrowed yet
-FAIR = 1e-3  # of what a sampled function changes by from look to look: less is no jump
-TURNS = 3  # in which a bracket that is narrowed by rates, or the value at one end, is to become an eighth
+FAIR = 1e-3  # of the change of a sampled function from look to look: less is not a jump
+TURNS = 3  # in which narrowing by rates has to bring a bracket, or the value at one end, to an eighth
 
 
 @shared
 def locate(run: Run) -> None:
-    """Shrink the trial by substeps until it ends just behind its first event, ties with it."""
+    """Shrink the trial by substeps until it ends just after its first event, ties included."""
     first = inf
     for i in range(run.detectors.shape[0]):
         run.watches[i].drift = 0.0 if run.watches[i].hit in (NONE, ENDED) else WAITING
@@ -56,11 +56,11 @@ def locate(run: Run) -> None:
 
 @shared
 def earliest(run: Run) -> int:
-    """Return which of the events whose brackets wait for it seems to be first, of those that have happened; -1 if there is none.
+    """Return which event seems to be first, of those that have happened and whose brackets wait; -1 if none.
 
-    Where it is not first, those before it wait still: their brackets were narrowed along with it.
+    Where it is not first, those before it still wait: their brackets were narrowed along with it.
     """
-    found, least = -1, inf
+    first, least = -1, inf
     for i in range(run.detectors.shape[0]):
         watch, high = run.watches[i], run.located[0].h
         if watch.drift == WAITING:
@@ -72,13 +72,13 @@ def earliest(run: Run) -> int:
                     share = abs(watch.before) / (abs(watch.before) + abs(after))
                 root = watch.left + share * (high - watch.left)
                 if root < least:
-                    found, least = i, root
-    return found
+                    first, least = i, root
+    return first
 
 
 @shared
 def lift(run: Run, i: int, s: float) -> None:
-    """Raise the left ends of the brackets that wait, where a substep for another event tells that theirs has not happened."""
+    """Raise the left ends of waiting brackets where a substep for another event shows that theirs has not happened."""
     if run.plan[0].apart or run.detectors[i].interpolant:
         return
     for k in range(run.detectors.shape[0]):
@@ -90,26 +90,26 @@ def lift(run: Run, i: int, s: float) -> None:
 
 @shared
 def settle(run: Run, first: float) -> None:
-    """Leave events for a later step that the located trial does not reach; one is in it, whatever rounding says."""
-    left = False
+    """Leave events that the located trial does not reach to a later step; one is in it, whatever rounding says."""
+    any_reached = False
     for i in range(run.detectors.shape[0]):
-        left = left or (run.watches[i].hit != NONE and happened(run, i, run.located[0].h))
+        any_reached = any_reached or (run.watches[i].hit != NONE and happened(run, i, run.located[0].h))
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        if watch.hit != NONE and not (happened(run, i, run.located[0].h) if left else watch.right == first):
+        if watch.hit != NONE and not (happened(run, i, run.located[0].h) if any_reached else watch.right == first):
             watch.hit = NONE
 
 
 @shared
 def join(run: Run, i: int) -> None:
-    """Have the trial end behind an event too that follows the first within its time tolerance."""
+    """Extend the trial past an event that follows the first within its time tolerance."""
     before, t = run.located[0].h, run.now[0].t
     if not run.plan[0].apart and run.watches[i].hit == CROSSED and is_far(run, i, before):
         return
-    beside = 8.0 * EPS * max(abs(t), abs(t + before))  # of two at one time rounding may have one later
-    for far in (beside, resolution(run, i, before)):
-        s = min(before + far, run.watches[i].right)
-        if (run.plan[0].apart and far == beside) or not max(before, run.watches[i].left) < s:
+    beside = 8.0 * EPS * max(abs(t), abs(t + before))  # rounding may put one of two simultaneous events later
+    for distance in (beside, resolution(run, i, before)):
+        s = min(before + distance, run.watches[i].right)
+        if (run.plan[0].apart and distance == beside) or not max(before, run.watches[i].left) < s:
             continue
         substep(run, s)
         if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)) and placed(run):
@@ -120,7 +120,7 @@ def join(run: Run, i: int) -> None:
 
 @shared
 def is_far(run: Run, i: int, s: float) -> bool:
-    """Whether an event function is so far from zero behind the first event that its own is none of the same time."""
+    """Whether an event function is so far from zero after the first event that its own is not at the same time."""
     if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
         return False
     run.at[T] = run.now[0].t + s
@@ -130,18 +130,18 @@ def is_far(run: Run, i: int, s: float) -> bool:
 
 @shared
 def placed(run: Run) -> bool:
-    """Whether every event that the trial ends behind is as near to its zero as is asked for."""
+    """Whether every event that the trial has passed is as near its zero as its tolerance of position demands."""
     near = True
     for i in range(run.detectors.shape[0]):
-        asked = run.detectors[i].position
-        if asked < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and passed(run, i, run.g1[i]):
-            near = near and abs(run.g1[i]) <= asked
+        tolerance = run.detectors[i].position
+        if tolerance < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and passed(run, i, run.g1[i]):
+            near = near and abs(run.g1[i]) <= tolerance
     return near
 
 
 @shared
 def happened(run: Run, i: int, s: float) -> bool:
-    """Whether the located trial ends behind an event."""
+    """Whether the located trial ends after an event."""
     if run.watches[i].hit == ENDED:
         return True
     copy(run.located_z, run.z)
@@ -152,13 +152,13 @@ def happened(run: Run, i: int, s: float) -> bool:
 
 @compiled
 def passed(run: Run, i: int, value: float) -> bool:
-    """Whether what changes its sign at an event has done so; zero is the other side."""
+    """Whether the quantity that changes sign at an event has done so; zero counts as the other side."""
     return value >= 0.0 if run.watches[i].armed < 0 else value <= 0.0
 
 
 @shared
 def measured(run: Run, i: int) -> float:
-    """What changes its sign at an event, at the trial's end: its function, or where that only touches its slope."""
+    """The quantity that changes sign at an event, at the trial's end: its function or, at a touch, minus its slope."""
     if run.watches[i].hit != TOUCHED:
         return run.g1[i]
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
@@ -181,26 +181,29 @@ def bracket(run: Run, i: int, left: float) -> None:
     if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
         low = 0.0  # by the interpolant it is earlier than by the shortened step
         at_low = start_of(run, i, low)
-    spacing, place = 2.0 * EPS * max(abs(t), abs(t + high)), inf if watch.hit == TOUCHED else run.detectors[i].position
-    asked = max(run.detectors[i].tolerance, spacing)
-    # where a place is asked for too, the time may have to be known as well as numbers tell it
-    tolerance = asked if place == inf else spacing
+    spacing, position = (
+        2.0 * EPS * max(abs(t), abs(t + high)),
+        inf if watch.hit == TOUCHED else run.detectors[i].position,
+    )
+    time_tolerance = max(run.detectors[i].tolerance, spacing)
+    # where a position is demanded too, the time may have to be resolved to rounding
+    tolerance = time_tolerance if position == inf else spacing
     believed = sign(at_low) == watch.armed
     if not run.plan[0].apart and believed and is_plain(run, i):
-        by_rates(run, i, low, at_low, asked, place)
+        by_rates(run, i, low, at_low, time_tolerance, position)
         low, at_low, high, at_high = watch.left, watch.before, run.located[0].h, run.located_g[i]
     slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
     for _ in range(MOST_SUBSTEPS - 1):
-        if high - low <= tolerance or (high - low <= asked and abs(at_high) <= place):
+        if high - low <= tolerance or (high - low <= time_tolerance and abs(at_high) <= position):
             break
-        if sign(at_low) != watch.armed:  # too small to be believed: only the side is
+        if sign(at_low) != watch.armed:  # too small to be trusted, unlike the side
             at_low = -at_high if at_high != 0.0 else float(watch.armed)
         s = inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
         slack = slack / 2.0
         if not low < s < high:
             break
         probe(run, i, s)
-        # equations that were not solved tell nothing: the bracket stays as wide as it is
+        # unsolved equations tell nothing: the bracket stays as wide as it is
         if run.trial[0].iterations < 0:
             break
         value = measured(run, i)
@@ -220,16 +223,16 @@ def bracket(run: Run, i: int, left: float) -> None:
 @shared
 def is_plain(run: Run, i: int) -> bool:
     """Whether an event function is smooth where it crosses zero, and its rate is known."""
-    one, watch = run.detectors[i], run.watches[i]
-    return watch.hit == CROSSED and watch.broken == SMOOTH and not one.sampled and not one.interpolant
+    detector, watch = run.detectors[i], run.watches[i]
+    return watch.hit == CROSSED and watch.broken == SMOOTH and not detector.sampled and not detector.interpolant
 
 
 @shared
 def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place: float) -> None:
-    """Narrow the bracket of a smooth event by values and rates, as long as an eighth is left of it, or of the value, in a few turns."""
+    """Narrow a smooth event's bracket by values and rates, while a few turns bring it, or the value, to an eighth."""
     watch, low, high, at_low, at_high = run.watches[i], left, run.located[0].h, at_left, run.located_g[i]
     slope_high = rate_of(run, i, run.located_z, high)
-    lifted = at_low != run.near_g[i]  # by a substep whose state is not kept
+    lifted = at_low != run.near_g[i]  # by a substep whose state was not kept
     slope_low = (at_high - at_low) / (high - low) if lifted else rate_of(run, i, run.near, low)
     width, turns, t = high - low, 0, run.now[0].t
     spacing = 2.0 * EPS * max(abs(t), abs(t + high))
@@ -250,7 +253,7 @@ def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place:
             keep(run)
         else:
             low, at_low, slope_low = s, value, slope
-            beyond = min(16.0 * beyond, tolerance / 2.0)  # rounding may keep a function on its side behind its root
+            beyond = min(16.0 * beyond, tolerance / 2.0)  # rounding may keep a function on its side past its root
             lift(run, i, s)
         nearest = min(abs(at_low), abs(at_high))
         if 8.0 * (high - low) <= width or 8.0 * nearest <= least:
@@ -276,9 +279,9 @@ def inside(s: float, low: float, high: float, tolerance: float) -> float:
 
 @shared
 def polish(run: Run, i: int, at_high: float) -> None:
-    """Move the right end next to the zero by one secant more: what is left of a gap goes into every bounce behind it.
+    """Move the right end next to the zero by one more secant: what is left of a gap enters every later bounce.
 
-    Where it was zero from the left end on, with no value to go by, `at_high` is 0.
+    Where the function was zero from the left end on, with no value to go by, `at_high` is 0.
     """
     watch, t = run.watches[i], run.now[0].t
     low, high, at_low = watch.left, watch.right, watch.before
@@ -294,7 +297,7 @@ def polish(run: Run, i: int, at_high: float) -> None:
 
 @shared
 def probe(run: Run, i: int, s: float) -> None:
-    """Have the state after part of the trial: of a shortened step, or where the event asks for it of the interpolant."""
+    """Compute the state after part of the trial, by a shortened step or, if the event asks for it, the interpolant."""
     now, piece, used = run.now[0], run.piece[0], run.plan[0].used
     if not run.detectors[i].interpolant or s >= piece.full:
         substep(run, s)
@@ -319,7 +322,7 @@ def note_drift(run: Run, i: int) -> None:
 
 @shared
 def start_of(run: Run, i: int, s: float) -> float:
-    """What changes its sign at an event, at the left end of its bracket."""
+    """The quantity that changes sign at an event, at the left end of its bracket."""
     if s > 0.0:
         probe(run, i, s)
         return measured(run, i)
@@ -332,13 +335,13 @@ def start_of(run: Run, i: int, s: float) -> float:
 
 @shared
 def kind_of(run: Run, i: int) -> int:
-    """Tell a crossing from a touch, a jump, a pole, and from what could not be told apart; slopes are those at the end."""
+    """Tell a crossing from a touch, a jump, a pole and an unresolved cluster; slopes are those at the end."""
     watch, after = run.watches[i], run.g1[i]
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if run.detectors[i].sampled:
         explained = STEEP * (watch.up * (watch.right - watch.left) + EPS * watch.greatest)
-        over_a_look = watch.up * (run.piece[0].full / LOOKS)  # equations that are solved leave more than rounding does
+        over_a_look = watch.up * (run.piece[0].full / LOOKS)  # solved equations leave more than rounding does
         return JUMP if abs(after - watch.before) > max(explained, FAIR * over_a_look) else CROSSING
     if watch.broken >= BREAKS:
         if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
@@ -360,7 +363,7 @@ def reach(width: float, tolerance: float) -> float:
 
 @compiled
 def hermite(low: float, high: float, at_low: float, at_high: float, slope_low: float, slope_high: float) -> float:
-    """Where the cubic that has time by value, through both ends with their rates, says zero is; else the middle."""
+    """The zero by the cubic of time over value, through both ends with their rates; else the middle."""
     change = at_high - at_low
     if not (slope_low * change > 0.0 and slope_high * change > 0.0):
         return (low + high) / 2.0
@@ -375,7 +378,7 @@ def itp(low: float, high: float, at_low: float, at_high: float, scale: float, sl
     """Interpolate, truncate towards the middle, project: one step of ITP with kappa_2 = 2, n_0 = 1."""
     middle = (low + high) / 2.0
     secant = (at_high * low - at_low * high) / (at_high - at_low)
-    if not low <= secant <= high:  # of infinities
+    if not low <= secant <= high:  # of infinite values
         secant = middle
     side = 1.0 if middle >= secant else -1.0
     shift = scale * (high - low) * (high - low)

@@ -1,4 +1,4 @@
-"""On which side of each switch hidden in forces the march is: taken at the start, kept along steps, changed at events."""
+"""Sides of the switches hidden in forces: taken at the start, kept along steps, changed at events."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ State = NDArray[Any]
 
 @shared
 def take_sides(run: Run) -> None:
-    """Look on which side of each switch the march is; at one, on which it is going to be."""
+    """Determine the side of each switch that the march is on or, where it starts on a switch, goes to."""
     zero = False
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0:
             enter_piece(run, i, find(run, i, run.y, 0.0))
     run.at[T] = run.now[0].t
-    for _ in range(run.detectors.shape[0]):  # a side may decide what else is looked at: inside a `where`
+    for _ in range(run.detectors.shape[0]):  # a side may decide which others count: those inside a `where`
         called(run.law[DETECT], run, run.y, run.g, 0)
         zero, changed = False, False
         for i in range(run.detectors.shape[0]):
@@ -47,7 +47,7 @@ def take_sides(run: Run) -> None:
 
 @shared
 def leave_zeros(run: Run) -> None:
-    """Take the side that the motion goes to, where it starts on a switch; first the piece of a table, which others may read."""
+    """Take the side that the motion goes to where it starts on a switch; tables first, since others may read them."""
     evaluate(run, run.now[0].t, run.y)
     called(run.law[SLOPES], run, run.y, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
@@ -60,15 +60,15 @@ def leave_zeros(run: Run) -> None:
         for i in range(run.detectors.shape[0]):
             detector = run.detectors[i]
             if detector.role in (SWITCH, KINK) and detector.drive < 0:
-                now = sign(run.g[i]) if run.g[i] != 0.0 else sign(run.slopes[i])
-                changed = (now != 0 and take_side(run, i, now)) or changed
+                side = sign(run.g[i]) if run.g[i] != 0.0 else sign(run.slopes[i])
+                changed = (side != 0 and take_side(run, i, side)) or changed
         if not changed:
             break
 
 
 @shared
 def take_side(run: Run, i: int, where: int) -> bool:
-    """Have forces be those of one side of a switch; whether they were those of another one."""
+    """Set forces to one side of a switch; whether they were on another."""
     if run.modes[run.detectors[i].to] == float(where) and run.watches[i].guard == where:
         return False
     choose_side(run, i, where)
@@ -77,43 +77,43 @@ def take_side(run: Run, i: int, where: int) -> bool:
 
 @shared
 def choose_side(run: Run, i: int, where: int) -> None:
-    """Have forces be those of one side of a switch, which is not left unseen."""
+    """Set forces to one side of a switch, and guard that side."""
     run.modes[run.detectors[i].to], run.watches[i].guard = float(where), where
 
 
 @shared
 def keep_sides(run: Run, moved: bool) -> bool:
-    """Have the trial's state, behind an event, on its sides of all switches; whether one is another than before.
+    """Set all switches to the sides of the trial's state after an event; whether any side changed.
 
     `moved` says that the event may have set the state elsewhere, beyond several points of a table, say.
     """
     run.at[T] = run.trial[0].t
     called(run.law[DETECT], run, run.z, run.slopes, 0)
     changed = keep_pieces(run, moved)
-    if changed:  # what is decided by a table's value is looked at with the piece behind the point
+    if changed:  # conditions on a table's value are evaluated with the piece after the point
         called(run.law[DETECT], run, run.z, run.slopes, 0)
     for _ in range(run.detectors.shape[0]):
-        other = False
+        switched = False
         for i in range(run.detectors.shape[0]):
             detector, watch = run.detectors[i], run.watches[i]
             if detector.drive < 0 and detector.role in (SWITCH, KINK):
-                now = sign(run.slopes[i])
-                known = np.int64(run.modes[detector.to])
+                side = sign(run.slopes[i])
+                held = np.int64(run.modes[detector.to])
                 if watch.hit in (CROSSED, FORCED):
-                    now = -watch.armed
-                if now != 0 and now != known:
-                    choose_side(run, i, now)
-                    other = True
-        if not other:
+                    side = -watch.armed
+                if side != 0 and side != held:
+                    choose_side(run, i, side)
+                    switched = True
+        if not switched:
             break
         changed = True
-        called(run.law[DETECT], run, run.z, run.slopes, 0)  # what a `where` whose side holds now decides by
+        called(run.law[DETECT], run, run.z, run.slopes, 0)  # conditions inside the branch of a `where` that holds now
     return changed
 
 
 @shared
 def keep_pieces(run: Run, moved: bool) -> bool:
-    """Enter the pieces of tables that the trial's state is in now; whether one is another than before."""
+    """Enter the pieces of tables that the trial's state is in now; whether any was entered."""
     changed = False
     for i in range(run.detectors.shape[0]):
         detector, hit = run.detectors[i], run.watches[i].hit != NONE
@@ -129,25 +129,25 @@ def keep_pieces(run: Run, moved: bool) -> bool:
 
 @shared
 def slides(run: Run) -> bool:
-    """Whether the motion is driven back to a switch of a force that jumps there, as it was on the side before.
+    """Whether the motion is driven back to a switch at which a force jumps, as it was on the side before.
 
-    Of a table the side behind it is inside the next piece, where its function is positive again.
+    For a table, the side after the switch is inside the next piece, where its function is positive again.
     """
-    found = False
+    sliding = False
     run.at[T] = run.trial[0].t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
-            found = found or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
-    return found
+            sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+    return sliding
 
 
 @shared
 def find(run: Run, i: int, state: State, rate: float) -> int:
-    """Return the piece of a table that a state is in; at a point between two, that into which it moves.
+    """Return the piece of a table that a state is in; at a point between two, the piece into which it moves.
 
-    The table's own ends are left by what moves, not by what is about to: there the force may be another one at once.
+    A state leaves the ends of the table only once it moves, not when about to: beyond, the force may differ at once.
     """
     detector = run.detectors[i]
     first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
@@ -169,7 +169,7 @@ def find(run: Run, i: int, state: State, rate: float) -> int:
 
 @shared
 def alone(run: Run, i: int) -> bool:
-    """Whether the last piece of a table is as wide as rounding: a last value that holds at a point alone."""
+    """Whether the last piece of a table is no wider than rounding: its last value holds at one point only."""
     first, count = run.places[3 * run.detectors[i].drive], run.places[3 * run.detectors[i].drive + 1]
     last = run.tables[first + count - 1]
     return bool(last - run.tables[first + count - 2] <= 4.0 * EPS * max(abs(last), last - run.tables[first]))
@@ -184,32 +184,34 @@ def moving(run: Run, i: int, state: State) -> float:
 
 @shared
 def passed_into(run: Run, i: int) -> int:
-    """Return the piece behind the point that the trial has passed, or a later one."""
+    """Return the piece after the point that the trial has passed, or a later one."""
     detector = run.detectors[i]
     x, place = run.z[detector.argument], detector.to
-    before, now = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
+    last_piece, piece = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
     upwards = run.modes[place + 3] - run.modes[place + 2] * x < run.modes[place] * x + run.modes[place + 1]
-    return max(now, before + 1) if upwards else min(now, before - 1)
+    return max(piece, last_piece + 1) if upwards else min(piece, last_piece - 1)
 
 
 @shared
 def enter_piece(run: Run, i: int, piece: int) -> None:
-    """Have forces go by one piece of a table, whose ends are not passed unseen.
+    """Let forces follow one piece of a table, and guard its ends.
 
-    Where the model ends with its table there is no end to pass: what lies beyond is no number.
+    Where the model ends with its table, there is no end to guard: values beyond it are NaN.
     """
     drive, place = run.detectors[i].drive, run.detectors[i].to
     first, count = run.places[3 * drive], run.places[3 * drive + 1]
     run.places[3 * drive + 2] = piece
     run.watches[i].guard = 1
     low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
-    if piece == count - 1 and alone(run, i):  # from beyond, too, such a value is passed with the piece before it
+    if piece == count - 1 and alone(
+        run, i
+    ):  # such a value is passed together with the piece before it, from beyond too
         low = high = run.tables[first + count - 2]
     inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
-    constant = first + 4 * count + piece  # where the value of a piece stands, at its beginning
+    constant = first + 4 * count + piece  # the value at the beginning of a piece
     left = piece > 0 and not isnan(run.tables[constant - 1])
     right = piece < count - 1 and not isnan(run.tables[constant + 1])
-    if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at a point alone
+    if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at one point only
         right = not alone(run, i)
     run.modes[place] = inverse if left else 0.0
     run.modes[place + 1] = -(inverse * low) if left else 1.0

@@ -1,6 +1,6 @@
-"""From a trial with events to the state behind them: found, located, landed on, noted on both sides, acted upon.
+"""From a trial with events to the state after them: found, located, landed on, noted on both sides, acted upon.
 
-All of it is compiled apart from the loop, which calls it by its address where an event function may be near zero.
+All of it is compiled apart from the loop, which calls it by address where an event function may be near zero.
 """
 
 from __future__ import annotations
@@ -54,24 +54,24 @@ from xdynamics.schema import (  # fmt: skip
     RESET_KIND,
 )
 
-# no literals: of a function that is given one, numba makes a copy for each
+# no literals: numba compiles a copy of a function for each literal that it is given
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
 _SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
 _CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
 _, STOP, SWITCH, RESET = range(len(ACTIONS))
-_STATE = 2  # of a row of the log, behind time and step
+_STATE = 2  # of a row of the log, after time and step
 State = NDArray[Any]
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
 def happen(address: Any, _number: float, reason: int) -> None:
-    """Find the first event of a trial and go on behind it; an entry of the engine.
+    """Find the first event of a trial and go on after it; an entry of the engine.
 
     Parameters
     ----------
     address : int
-        Of a `Run`. Its `piece` tells afterwards what became of the trial: it is SOUND, to be accepted as it is; an event
-        was landed on; or it is to be rejected, and why.
+        Of a `Run`. Afterwards its `piece` has the verdict on the trial: it is SOUND, to be accepted as it is; an event
+        was landed on; or why it is to be rejected.
     reason : int
         SOUND for a trial that may be accepted, else why not.
     """
@@ -98,18 +98,18 @@ def happen(address: Any, _number: float, reason: int) -> None:
 
 @shared
 def begin(run: Run) -> None:
-    """Look on which side of zero every event function is at the start."""
-    end_region(run)  # that of another run
+    """Determine on which side of zero every event function is at the start."""
+    end_region(run)  # the region of an earlier run
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        watch.seen, watch.greatest = 0, 0.0  # of another run that was marched before in this place
+        watch.seen, watch.greatest = 0, 0.0  # left by an earlier run in the same memory
         watch.ever = int(run.detectors[i].role != OCCASION)
         arm(run, i, run.g[i])
 
 
 @shared
 def meet(run: Run) -> int:
-    """Look for events in the trial: REASON_EVENT where one is in it, SOUND where none is, and it stays as it is."""
+    """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
     now, trial = run.now[0], run.trial[0]
     growth, final = run.kept[0].growth, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
     run.at[T] = now.t
@@ -127,9 +127,9 @@ def meet(run: Run) -> int:
 
 @shared
 def shrink(run: Run, reason: int) -> int:
-    """Shorten a trial that leaves where the model is defined to what is left of it; an event may be on the border."""
+    """Shorten a trial that leaves the domain of the model to the part inside; an event may be on the border."""
     now, trial = run.now[0], run.trial[0]
-    whole, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
+    whole_step, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
     tolerance = 2.0 * EPS * max(abs(now.t), abs(now.t + high))
     for _ in range(MOST_SUBSTEPS // 2):
         s = (low + high) / 2.0
@@ -152,32 +152,32 @@ def shrink(run: Run, reason: int) -> int:
             run.piece[0].cut = 1
             return SOUND
         forget(run)
-    substep(run, whole)
+    substep(run, whole_step)
     trial.t, trial.landing = target, landing
     return reason
 
 
 @shared
 def hand_over(run: Run) -> int:
-    """Locate the first event of the trial, land on it, and note the state on either side; why it is rejected, if it is."""
-    now, plan, whole = run.now[0], run.plan[0], run.located[0].h
-    if plan.apart:  # the whole trial too, and those of its bracket alone
-        note_trial(run, whole, now.norm if plan.estimates else nan, REASON_EVENT)
+    """Locate the first event of the trial, land on it, and note the state on either side; return the verdict."""
+    now, plan, whole_step = run.now[0], run.plan[0], run.located[0].h
+    if plan.apart:  # note the whole trial too, and count only substeps of its bracket
+        note_trial(run, whole_step, now.norm if plan.estimates else nan, REASON_EVENT)
         run.piece[0].substeps = 1
     if plan.adaptive:
-        grow_apart(run, whole, run.located[0].landing != AT_GRID)
+        grow_apart(run, whole_step, run.located[0].landing != AT_GRID)
     reached = shorten(run)
     reason = judge_apart(run)
     if reason != SOUND:
         forget(run)
         return reason
-    before = now.rows
+    row_before = now.rows
     if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return REASON_EVENT
-    note_samples_apart(run, before)
-    note_events(run, before, run.piece[0].substeps)
-    if not cross(run, before):
+    note_samples_apart(run, row_before)
+    note_events(run, row_before, run.piece[0].substeps)
+    if not cross(run, row_before):
         return REASON_EVENT
     if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)
@@ -188,20 +188,20 @@ def hand_over(run: Run) -> int:
 
 @shared
 def shorten(run: Run) -> bool:
-    """Have the trial end just behind its first event; whether it is as long as it was."""
-    trial, whole, target, landing = run.trial[0], run.located[0].h, run.located[0].t, run.located[0].landing
+    """Shorten the trial to end just after its first event; whether it is as long as it was."""
+    trial, whole_step, target, landing = run.trial[0], run.located[0].h, run.located[0].t, run.located[0].landing
     locate(run)
     leave_out(run)
-    # two events closer than the spacing of t are two rows all the same
+    # two events closer than the spacing of t still have two rows
     trial.t = max(trial.t, np.nextafter(run.now[0].t, np.inf))
-    reached = landing != AT_BORDER and (trial.h == whole or trial.t >= target)
+    reached = landing != AT_BORDER and (trial.h == whole_step or trial.t >= target)
     trial.t = target if reached else trial.t
     return bool(reached)
 
 
 @shared
 def cross(run: Run, before: int) -> bool:
-    """Change the trial's state by what happens at its end; whether there is one behind it."""
+    """Change the trial's state by what happens at its end; whether there is a state after it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     changed = act(run, before)
     if plan.reactions > 0:
@@ -219,26 +219,26 @@ def cross(run: Run, before: int) -> bool:
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE
     if not finite_state(run):
-        why = nonfinite(run)
+        status = nonfinite(run)
         break_off(run, before)
-        end(run, why)
-        now.h = 0.0  # no step failed, but what is behind the event
+        end(run, status)
+        now.h = 0.0  # no step failed, but the state after the event
         return False
     return True
 
 
 @shared
 def touch(run: Run, row: int) -> bool:
-    """Change the trial's state by what contacts do; whether they have an answer, and one that agrees with the record.
+    """Change the trial's state by what contacts do; whether there is a solution, and it agrees with the record.
 
-    `row` of the log has the state before, -1 where an action has changed it.
+    Row `row` of the log has the state before; it is -1 where an action has changed the state.
     """
     run.balance[BEFORE] = run.log_rows[run.plan[0].kinetic, row] if row >= 0 else kinetic_energy(run, run.z)
     entered_by(run.functions[TOUCHED], run, run.trial[0].t, RESOLVE)
     if run.now[0].status in (CONTACT_PENETRATED, REASON_CONTACT, CONTACT_INCONSISTENT):
         return False
     copy(run.z, run.whole)
-    for i in range(run.plan[0].coordinates):  # of the velocities alone: masses go by positions
+    for i in range(run.plan[0].coordinates):  # the energy of velocities alone: masses depend on positions
         run.whole[i] = run.entry[i]
     run.balance[BEHIND] = kinetic_energy(run, run.whole)
     entered_by(run.functions[TOUCHED], run, run.trial[0].t, WEIGH)
@@ -247,7 +247,7 @@ def touch(run: Run, row: int) -> bool:
 
 @shared
 def kinetic_energy(run: Run, state: State) -> float:
-    """The kinetic energy of a state, by a row of the log that is written over."""
+    """The kinetic energy of a state, by a row of the log that is overwritten later."""
     now, plan = run.now[0], run.plan[0]
     if plan.kinetic < 0:
         return 0.0
@@ -263,26 +263,26 @@ def note_offsets(run: Run, before: int) -> None:
     n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, before)
     if rows == 0:
         return
-    whose, last = first, run.now[0].events - run.base[0].events
+    owner, last = first, run.now[0].events - run.base[0].events
     for e in range(first, last):
         if run.detectors[run.log_events[e].detector].reaction >= 0:
-            whose = e
+            owner = e
             break
     for i in range(n):
-        left = run.z[i] - run.log_rows[_STATE + i, before - run.base[0].rows]
+        offset = run.z[i] - run.log_rows[_STATE + i, before - run.base[0].rows]
         for e in range(first, last):
-            left -= run.log_impulses[rows - n + i, e]
-        run.log_impulses[rows - n + i, whose] += left
+            offset -= run.log_impulses[rows - n + i, e]
+        run.log_impulses[rows - n + i, owner] += offset
 
 
 @shared
 def go_on(run: Run, reached: bool) -> None:
-    """Stand at the state behind the events, and look from there."""
+    """Move to the state after the events, and go on from there."""
     now = run.now[0]
     if reached:
-        ended = now.status
+        status = now.status
         land_apart(run)
-        now.status = now.status if ended == RUNNING else ended
+        now.status = now.status if status == RUNNING else status
     else:
         now.on_grid = 0
     move_apart(run)
@@ -296,7 +296,7 @@ def go_on(run: Run, reached: bool) -> None:
 
 @shared
 def break_off(run: Run, row: int) -> None:
-    """Stop before events that have no other side."""
+    """Stop before events that have no state after them."""
     now = run.now[0]
     for k in range(first_of_group(run, row), now.events - run.base[0].events):
         run.log_events[k].row_after = row
@@ -305,15 +305,15 @@ def break_off(run: Run, row: int) -> None:
 
 @shared
 def leave_out(run: Run) -> None:
-    """Forget that a grip is lost where the contact itself opens."""
+    """Ignore that a grip is lost where the contact itself opens."""
     for i in range(run.detectors.shape[0]):
-        one = run.detectors[i]
-        if one.role not in (GRIP, SLIP) or run.watches[i].hit == NONE:
+        grip = run.detectors[i]
+        if grip.role not in (GRIP, SLIP) or run.watches[i].hit == NONE:
             continue
         for j in range(run.detectors.shape[0]):
-            other = run.detectors[j]
-            opens = other.role == PULL and run.watches[j].hit != NONE
-            if opens and run.reactions[one.reaction].normal == other.reaction:
+            pull = run.detectors[j]
+            opens = pull.role == PULL and run.watches[j].hit != NONE
+            if opens and run.reactions[grip.reaction].normal == pull.reaction:
                 run.watches[i].hit = NONE
 
 
@@ -327,16 +327,16 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         watch = run.watches[i]
         if watch.hit == NONE:
             continue
-        one = run.log_events[now.events - run.base[0].events]
+        event = run.log_events[now.events - run.base[0].events]
         left = now.t + watch.left if watch.left > 0.0 else now.t - run.pending[i]
-        one.time, one.left, one.residual, one.slope = trial.t, left, run.g1[i], run.slopes[i]
+        event.time, event.left, event.residual, event.slope = trial.t, left, run.g1[i], run.slopes[i]
         if run.detectors[i].sampled:
-            one.slope = -watch.armed * watch.up
-        one.uncertainty, one.substeps = uncertainty(run, i, run.z), substeps
-        one.interpolation = watch.drift / abs(one.slope) if watch.drift > 0.0 else 0.0
-        one.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
-        one.row_before, one.row_after, one.detector, one.kind = row, row + 1, i, kind_of(run, i)
-        one.direction = -watch.armed
+            event.slope = -watch.armed * watch.up
+        event.uncertainty, event.substeps = uncertainty(run, i, run.z), substeps
+        event.interpolation = watch.drift / abs(event.slope) if watch.drift > 0.0 else 0.0
+        event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
+        event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
+        event.direction = -watch.armed
         watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
@@ -347,28 +347,28 @@ def note_events(run: Run, row: int, substeps: int) -> None:
 
 @shared
 def act(run: Run, row: int) -> bool:
-    """Do what the events of a group say, in their declared order; whether forces have to be evaluated anew."""
+    """Do what the events of a group declare, in the order of declaration; whether forces have to be evaluated anew."""
     now, changed = run.now[0], False
     for k in range(first_of_group(run, row), now.events - run.base[0].events):
-        one = run.log_events[k]
-        detector = run.detectors[one.detector]
-        if detector.role in (SWITCH_ROLE, KINK) and one.kind in (_CROSSED, _JUMPED):
-            one.kind = _SWITCHED
-        if run.watches[one.detector].seen < detector.count:
+        event = run.log_events[k]
+        detector = run.detectors[event.detector]
+        if detector.role in (SWITCH_ROLE, KINK) and event.kind in (_CROSSED, _JUMPED):
+            event.kind = _SWITCHED
+        if run.watches[event.detector].seen < detector.count:
             continue
         if detector.action == STOP:
             now.status = STOPPED
         elif detector.action == SWITCH:
-            now.regime, run.at[REGIME], one.kind, changed = detector.to, detector.to, _SWITCHED, True
+            now.regime, run.at[REGIME], event.kind, changed = detector.to, detector.to, _SWITCHED, True
         elif detector.action == RESET:
-            reset(run, one.detector, k)
-            one.kind, changed = _RESET, True
+            reset(run, event.detector, k)
+            event.kind, changed = _RESET, True
     return changed
 
 
 @shared
 def reset(run: Run, i: int, e: int) -> None:
-    """Set the state to what an event says, all of it from the state before; its row has how far positions are moved."""
+    """Reset the state as an event declares, all from the state before; its row notes how far positions are moved."""
     first = run.log_impulses.shape[0] - run.plan[0].coordinates
     called(run.law[RESETS], run, run.z, run.resets, 0)
     carried = run.plan[0].used + run.plan[0].evaluated
@@ -377,13 +377,13 @@ def reset(run: Run, i: int, e: int) -> None:
             if run.targets[k, 1] < run.plan[0].coordinates:
                 run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
             run.z[run.targets[k, 1]] = run.resets[k]
-            if carried < run.z.shape[0]:  # what rounding took from the value before is not the new one's
+            if carried < run.z.shape[0]:  # rounding carried for the value before is not that of the new one
                 run.z[carried + run.targets[k, 1]] = 0.0
 
 
 @shared
 def rearm(run: Run) -> None:
-    """Look on which side of zero every event function is behind an event; one within its uncertainty has yet to leave."""
+    """Determine the side of zero of every event function after an event; one within its uncertainty has yet to leave."""
     run.at[T] = run.now[0].t
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
@@ -400,10 +400,10 @@ def rearm(run: Run) -> None:
 
 @shared
 def rearm_behind_touch(run: Run, i: int) -> None:
-    """Look for a function that touched zero once it has left, by what the whole step leaves open of it.
+    """Arm a function that touched zero once it has left, by its uncertainty over the whole step.
 
-    The shortened step that ends at the touch is more certain; the next one is as long as the one before, and would find
-    the same touch again.
+    The shortened step that ends at the touch is more certain, but the next one is as long as the one before, and would
+    find the same touch again.
     """
     copy(run.full_e, run.located_e)
     arm(run, i, run.g[i])
@@ -412,9 +412,9 @@ def rearm_behind_touch(run: Run, i: int) -> None:
 
 @shared
 def is_pending(run: Run, i: int) -> bool:
-    """Whether an event is so near to another that was landed on that its own zero may be passed, and is to be found in the next step.
+    """Whether an event, perhaps just passed, is so near the one landed on that it is left to the next step.
 
-    It is on the side that it came from, for all that is known: nothing but motion has changed its function.
+    As far as is known, it is on the side that it came from: nothing but motion has changed its function.
     """
     watch, detector = run.watches[i], run.detectors[i]
     if run.plan[0].apart or watch.hit != NONE or watch.armed == 0 or detector.reaction >= 0 or run.g[i] != run.g1[i]:

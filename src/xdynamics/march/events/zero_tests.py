@@ -1,4 +1,4 @@
-"""What enclosures, values and slopes tell of an event function on a piece of a trial: no zero, one, or that they do not tell."""
+"""Tests of event functions on a piece of a trial by enclosures, values and slopes: no zero, one, or undecided."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from xdynamics.model.detectors import GAP
 State = NDArray[Any]
 
 CLEAR, MONOTONE, MURKY, OPEN = range(4)  # what is known of an event function on a piece
-# what was found there: `FORCED` where it could not be told apart further, `ENDED` where the model ends with it
+# the event found there: `FORCED` where it could not be resolved further, `ENDED` where the model ends with it
 NONE, CROSSED, TOUCHED, FORCED, ENDED = range(5)
 NEAR = 1e-9  # of the largest value of an event function: near enough to zero to look twice
-STEEP = 100.0  # times what a slope explains: no more of the same function
-LOOKS = 8  # pieces of a step on which a function is looked at of which nothing is known between them
-ROUGHLY = 8.0 * EPS  # of such a function: what rounding may have made of it
+STEEP = 100.0  # times the change that a slope explains: more is none of the same smooth function
+LOOKS = 8  # pieces of a step at whose ends a sampled function is examined: nothing is known of it in between
+ROUGHLY = 8.0 * EPS  # of the greatest value of such a function: what rounding may amount to
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
@@ -35,15 +35,15 @@ def sign(x: float) -> int:
 
 @shared
 def enclose_constants(run: Run) -> None:
-    """Have enclosures know numbers and parameters, and what follows from those alone."""
+    """Enclose numbers and parameters, and what depends on these alone."""
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0], ALL)
 
 
 @shared
 def uncertainty(run: Run, i: int, state: State) -> float:
-    """How far rounding, and the error of the step where it is estimated, may have an event function from its value.
+    """How far an event function may be off by rounding and, where it is estimated, by the error of the step.
 
-    What may not leave a side is held to it where the march is, so that of a gap there is rounding only.
+    A guarded function is held to its side where the march is, so that only rounding counts for a gap.
     """
     piece, place = run.piece[0], run.detectors[i].value
     start, end, width = piece.start, piece.end, piece.width
@@ -64,20 +64,20 @@ def uncertainty(run: Run, i: int, state: State) -> float:
 
 @shared
 def murk(run: Run, i: int, state: State) -> float:
-    """How large an event function may be and count as zero."""
+    """How large an event function may be and still count as zero."""
     return max(MURK * uncertainty(run, i, state), least(run, i))
 
 
 @shared
 def least(run: Run, i: int) -> float:
-    """How large an event function may be and is never told from zero: what is left of a gap that closed."""
+    """How large an event function may be and never be told from zero: what is left of a gap that closed."""
     detector, floor = run.detectors[i], run.watches[i].floor
     return max(floor, run.lingering[detector.reaction]) if detector.role == GAP else floor
 
 
 @shared
 def resolution(run: Run, i: int, s: float) -> float:
-    """The width of a piece under which it is not cut any further for the sake of an event."""
+    """The width below which a piece is not cut any further for the sake of an event."""
     t = run.now[0].t
     return max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
 
@@ -86,7 +86,7 @@ def resolution(run: Run, i: int, s: float) -> float:
 def tighten(run: Run) -> None:
     """Bound the slopes of gaps by those at the piece's start and by how much they change.
 
-    A body that leaves what it stands on, or comes down on it, hardly moves against it, however fast both do.
+    A body that leaves its support, or comes down on it, hardly moves relative to it, however fast both move.
     """
     piece, w = run.piece[0], run.piece[0].width
     end = piece.end
@@ -103,7 +103,7 @@ def tighten(run: Run) -> None:
 
 @shared
 def known(run: Run, i: int) -> int:
-    """Say what the enclosures of an event function and its derivative on a piece tell."""
+    """Classify an event function on a piece by the enclosures of it and of its derivative."""
     watch, w = run.watches[i], run.piece[0].width
     if run.detectors[i].sampled:
         return known_by_samples(run, i)
@@ -111,8 +111,8 @@ def known(run: Run, i: int) -> int:
         return CLEAR
     if watch.flaw == SMOOTH:
         if watch.down > 0.0 or watch.up < 0.0:
-            nothing = max(abs(run.near_g[i]), abs(run.far_g[i])) <= least(run, i)
-            return OPEN if nothing or lingers(run, i) else MONOTONE
+            vanishes = max(abs(run.near_g[i]), abs(run.far_g[i])) <= least(run, i)
+            return OPEN if vanishes or lingers(run, i) else MONOTONE
         if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
     return OPEN
@@ -120,34 +120,34 @@ def known(run: Run, i: int) -> int:
 
 @shared
 def known_by_samples(run: Run, i: int) -> int:
-    """Say what values at the ends of a piece tell of a function of which nothing else is known; `up` is its mean slope."""
+    """Classify a function on a piece by its values at the ends alone; `up` becomes its mean slope."""
     watch, w, before, after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
     watch.down = watch.up = abs(after - before) / w
     if w * LOOKS > run.located[0].h * (1.0 + EPS):
         return OPEN
     if sign(before) != sign(after):
         return MONOTONE
-    # a line through both would come to zero within as much again: it may turn in between
+    # a line through both would reach zero within another such piece: the function may turn in between
     return OPEN if min(abs(before), abs(after)) < abs(after - before) else CLEAR
 
 
 @shared
 def lingers(run: Run, i: int) -> bool:
-    """Whether a monotone function ends so near to zero, and so slowly, that its side is not settled there."""
+    """Whether a monotone function ends so near zero, and so slowly, that its side is not settled there."""
     watch, value = run.watches[i], abs(run.far_g[i])
     if value > NEAR * watch.greatest:
         return False
     run.at[T] = run.piece[0].end
     doubt = uncertainty(run, i, run.far)
     width = run.piece[0].width
-    slowest, near = min(abs(watch.down), abs(watch.up)), resolution(run, i, width)
-    bends = slowest * width < (watch.up - watch.down) * near  # within what cannot be told apart
-    return bends or (value <= MURK * doubt and doubt > near * slowest)
+    slowest, finest = min(abs(watch.down), abs(watch.up)), resolution(run, i, width)
+    bends = slowest * width < (watch.up - watch.down) * finest  # within what cannot be resolved
+    return bends or (value <= MURK * doubt and doubt > finest * slowest)
 
 
 @shared
 def clears(before: float, after: float, down: float, up: float, w: float) -> bool:
-    """Whether a function with such values at the ends of a piece and slopes on it cannot reach zero (Piyavskii's tent)."""
+    """Whether a function with these values at both ends and slopes between cannot reach zero (Piyavskii's tent)."""
     if before > 0.0 and after > 0.0:
         low = before + down * ((before - after + up * w) / (up - down))
         return low > 8.0 * EPS * max(before, after)
@@ -159,9 +159,9 @@ def clears(before: float, after: float, down: float, up: float, w: float) -> boo
 
 @shared
 def stays_within(run: Run, i: int, size: float, w: float) -> bool:
-    """Whether a function is no larger than a size on a piece: by its values, or by those at the ends and its slopes.
+    """Whether a function is no larger than a size on a piece: by its enclosure, or by values at the ends and slopes.
 
-    Where two large numbers move together, as a body and what it stands on, the values alone say far too much.
+    Where two large numbers move together, as do a body and its support, the enclosure alone is far too wide.
     """
     watch, before, after = run.watches[i], run.near_g[i], run.far_g[i]
     low, high = watch.low, watch.high
@@ -175,7 +175,7 @@ def stays_within(run: Run, i: int, size: float, w: float) -> bool:
 def idles(run: Run, i: int, size: float) -> bool:
     """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between.
 
-    So is the gap of an open contact that lingers: there is nothing that would move it farther on the way.
+    So is the gap of an open contact that lingers: nothing would move it farther on the way.
     """
     watch, detector = run.watches[i], run.detectors[i]
     quiet = detector.role != GAP or run.lingering[detector.reaction] > 0.0
@@ -185,7 +185,7 @@ def idles(run: Run, i: int, size: float) -> bool:
 
 @shared
 def turns(run: Run, i: int) -> bool:
-    """Whether a function that is on one side at both ends of a piece comes nearer to zero first, and leaves it then."""
+    """Whether a function on one side at both ends of a piece first approaches zero, and then recedes from it."""
     watch, piece, side = run.watches[i], run.piece[0], sign(run.near_g[i])
     if watch.flaw != SMOOTH or side == 0 or side != sign(run.far_g[i]):
         return True  # or it may: nothing more is known of it
@@ -199,9 +199,9 @@ def turns(run: Run, i: int) -> bool:
 
 @shared
 def trespasses(run: Run, i: int, end: float) -> bool:
-    """Whether a function is beyond doubt where it may not be, behind a piece that was too costly to be told apart.
+    """Whether a function is beyond doubt on the forbidden side after a piece that was too costly to resolve.
 
-    Left to the pieces that follow, it would be stepped over by an event of another function there.
+    If it were left to the pieces that follow, an event of another function there would step over it.
     """
     watch = run.watches[i]
     if watch.guard == 0 or watch.armed != watch.guard or sign(run.far_g[i]) != -watch.guard:
@@ -212,7 +212,7 @@ def trespasses(run: Run, i: int, end: float) -> bool:
 
 @shared
 def leaves(run: Run, i: int, came: int) -> bool:
-    """Whether a function is on the side where it may not be, and goes on there: a gap that was zero and no more, say."""
+    """Whether a function is on the forbidden side, and moves farther into it: a gap that was zero and no more, say."""
     watch = run.watches[i]
     if watch.guard == 0 or came != -watch.guard or watch.armed == watch.guard:
         return False
@@ -226,9 +226,9 @@ def leaves(run: Run, i: int, came: int) -> bool:
 
 @shared
 def reaches(run: Run, i: int, width: float) -> bool:
-    """Whether a function that is on one side before and after where nothing is known of it comes to zero there.
+    """Whether a function that is on one side before and after an unresolved piece reaches zero in it.
 
-    One with a kink does if its slope explains its value beside it; one that is infinite there, or is left away, does not.
+    One with a kink does if its slope explains its value beside it; one that is infinite there, or stays away, does not.
     """
     watch = run.watches[i]
     if watch.broken == SMOOTH:
