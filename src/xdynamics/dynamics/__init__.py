@@ -1,1 +1,1 @@
-"""What a run's states are between its steps, and how small changes of them grow along it: floors below evidence."""
+"""States of a run between its steps, and the growth of small changes along it: the floor below evidence."""

@@ -258,7 +258,7 @@ class Path:
             entry, table.ctypes.data, y.ctypes.data, z.ctypes.data, y, z, arrays["e"], at, p, places, entries, weights,
             self.sizes, self.sizes[nc : 2 * nc] / self.sizes[:nc], nc, NUDGE if by_differences else 0.0,
         )  # fmt: skip
-        assert n == len(layout.used)  # noqa: S101 - variables and what forces use are the same
+        assert n == len(layout.used)  # noqa: S101 - forces use exactly the variables
         return law, [arrays, table, code]
 
 

@@ -168,7 +168,7 @@ def _function(key: str, signature: Any) -> Any:
     if content is not None:
         try:
             return Kept(content).function(growth.grow, signature)
-        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled anew
+        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled again
             pass
     kept = Kept()
     function = kept.function(growth.grow, signature)

@@ -73,19 +73,21 @@ class Equations:
         model, columns, trees = self.model, self._columns, _trees(self.model, self._parameters)
         k, n, keys, width = len(state["t"]), len(model.coordinates), list(trees), self.size + len(self.inputs)
         values = evaluated_many(model, [trees[key] for key in keys], state, constants(model), tables_of(model))
-        numbers = {key: np.broadcast_to(np.asarray(one, float), (k,)) for key, one in zip(keys, values, strict=True)}
+        numbers = {
+            key: np.broadcast_to(np.asarray(entry, float), (k,)) for key, entry in zip(keys, values, strict=True)
+        }
         mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
         rates = np.zeros((k, self.size - 2 * n, width))
         rows = {name: i for i, name in enumerate(model.coordinates)}
-        for (kind, one, by), value in numbers.items():
+        for (kind, entry, by), value in numbers.items():
             if kind == MASS:
-                mass[:, *one] = value
+                mass[:, *entry] = value
             elif kind == FORCE:
-                force[:, rows[one], columns[by]] += value
+                force[:, rows[entry], columns[by]] += value
             elif kind == INERTIA:
-                force[:, one[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[one[1]], ""]
+                force[:, entry[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[entry[1]], ""]
             elif kind == RATE:
-                rates[:, list(model.states).index(one), columns[by]] = value
+                rates[:, list(model.states).index(entry), columns[by]] = value
         matrix = np.zeros((k, self.size, width))
         matrix[:, :n, n : 2 * n] = np.eye(n)
         if n:

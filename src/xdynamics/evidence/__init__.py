@@ -1,1 +1,1 @@
-"""From runs to evidence: states between steps, two runs side by side, modes and stable steps."""
+"""Evidence from runs: states between steps, comparisons, diagnoses, refinements, validation, modes and stable steps."""

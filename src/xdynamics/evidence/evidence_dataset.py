@@ -35,7 +35,7 @@ def exhibit(
     attributes : mapping
         Further attributes of the Dataset.
     unchanged : mapping, optional
-        For lazy variables, what shows whether their values changed; see `archive.marched`.
+        For lazy variables, tests whether values are their result; see `archive.marched`.
     """
     import xarray as xr
 

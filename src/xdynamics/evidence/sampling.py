@@ -68,9 +68,9 @@ def sample(
     Notes
     -----
     The error is estimated by two steps of half the length, extrapolated with the whole one (Hairer, Norsett, Wanner,
-    Solving ODEs I, section II.4), and what rounding does to one sum; continuous extensions: section II.6. A step of
-    `radau_iia` depends on the iterations before it and does not end again in the accepted state to the bit: what is
-    missing there is added with a weight that rises as s**6 along the step, and counted as error.
+    Solving ODEs I, section II.4), plus the rounding of one sum; continuous extensions: section II.6. A step of
+    `radau_iia` depends on the iterations before it and does not reproduce the accepted state to the bit: the
+    difference is added with a weight that rises as s**6 along the step, and counted as error.
 
     Examples
     --------

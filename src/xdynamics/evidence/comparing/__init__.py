@@ -1,1 +1,1 @@
-"""Comparisons: two runs side by side, and a run beside measured data."""
+"""Comparisons: of two runs, and of a run with measured data."""

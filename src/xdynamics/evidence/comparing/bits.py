@@ -1,4 +1,4 @@
-"""Two runs side by side, bit for bit: every variable, every setting."""
+"""Two runs compared bit for bit: every variable, every setting."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fi
 
 
 def fitted_uncertainty(values: Sequence[float], steps: Sequence[float], formal: float) -> tuple[float, Fit]:
-    """Return the uncertainty of the finest value at 95 %, and the fit behind it (Eca and Hoekstra, section 4)."""
+    """Return the uncertainty of the finest value at 95 %, and its fit (Eca and Hoekstra, section 4)."""
     fit = fitted(values, steps, formal)
     scale = (max(values) - min(values)) / (len(values) - 1)
     trusted = LEAST_SHARE * formal <= fit.orders[0] <= formal + BEYOND and len(fit.orders) == 1
@@ -207,13 +207,13 @@ def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
 def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
     """Fit with given orders; an order found by a search counts as a parameter too."""
     # steps are divided by the coarsest: powers of small numbers would differ too much in size
-    columns = np.stack([np.ones(len(h)), *(power(h / h[0], one) for one in orders)], axis=1)
+    columns = np.stack([np.ones(len(h)), *(power(h / h[0], term) for term in orders)], axis=1)
     root = np.sqrt(weights)
     solution = least_squares(root[:, None] * columns, root * values)
     residuals = values - dot(columns, solution)
     freedom = len(values) - 1 - len(orders) - int(free)
     spread = float(np.sqrt(np.sum(weights * residuals**2) / freedom)) if freedom > 0 else inf
-    slopes = tuple(float(one / power(h[0], p)) for one, p in zip(solution[1:], orders, strict=True))
+    slopes = tuple(float(term / power(h[0], p)) for term, p in zip(solution[1:], orders, strict=True))
     limit = float(solution[0])
     return Fit(limit, slopes, orders, spread, float(residuals[-1]), float(values[-1]) - limit)
 

@@ -63,7 +63,7 @@ def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     dims = (LEVEL, *one.dims)
 
     def along(values: Floats) -> Floats:
-        """Levels first; without places, levels alone."""
+        """Return values with levels first; without places, levels only."""
         return values.T if one.dims else values[0]
 
     # the finest level has no difference of its own: its gate uses the last one

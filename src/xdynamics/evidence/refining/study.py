@@ -49,7 +49,13 @@ class Study:
 
     @property
     def times(self) -> Floats:
-        """The times of comparison, s."""
+        """The times of comparison, s.
+
+        Raises
+        ------
+        InputError
+            If a time is not in every run.
+        """
         unit = self.levels.model.time_unit
         begin, end = float(self.runs[0]["time"][0]), min(float(run["time"][-1]) for run in self.runs)
         if self.at is None:
@@ -213,12 +219,12 @@ class Study:
         runs, dims, unmoved = self.runs, (OCCURRENCE,), np.zeros(most)
         times_met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         # occurrences of the finest level, and the nearest ones of every other level
-        places = [matched(one, times_met[-1]) if len(times_met[-1]) else matched(one, one) for one in times_met]
+        places = [matched(entry, times_met[-1]) if len(times_met[-1]) else matched(entry, entry) for entry in times_met]
 
         def of(by_run: list[Floats]) -> Floats:
             aligned = np.full((most, len(by_run)), np.nan)
-            for k, (one, (mine, theirs)) in enumerate(zip(by_run, places, strict=True)):
-                aligned[theirs, k] = one[mine]
+            for k, (entry, (mine, theirs)) in enumerate(zip(by_run, places, strict=True)):
+                aligned[theirs, k] = entry[mine]
             return aligned
 
         times = of(times_met)
@@ -226,7 +232,7 @@ class Study:
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
         long_name = f"time at which {detector} was met"
         yield Watched(f"event_time_{detector}", self.levels.model.time_unit.text, long_name, dims, times, of(by_run), 4 * EPS * np.abs(times[:, -1]), unmoved, span)  # fmt: skip
-        for name in [one for one in self.names if one in runs[-1].variables and one in self.levels.model.units]:
+        for name in [entry for entry in self.names if entry in runs[-1].variables and entry in self.levels.model.units]:
             states, uncertainties = [], []
             for run, mine, uncertainty in zip(runs, rows, by_run, strict=True):
                 after, before = run["event_row_after"].values[mine], run["event_row_before"].values[mine]

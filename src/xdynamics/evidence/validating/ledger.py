@@ -216,19 +216,25 @@ class Marched:
 
     @cached_property
     def run(self) -> xr.Dataset:
-        """With the steps of the model's `[run]`."""
+        """The run with the steps of the model's `[run]`."""
         return march(self.model, **self.asked)
 
     @cached_property
     def coarse(self) -> xr.Dataset:
-        """With twice the step."""
+        """The run with twice the step.
+
+        Raises
+        ------
+        InputError
+            If the run has chosen steps.
+        """
         if self.run.attrs["solver_step_control"] != "fixed":
             raise InputError(f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones")  # fmt: skip
         return march(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
 
     @cached_property
     def unscaled(self) -> xr.Dataset:
-        """Without scales."""
+        """The run without scales."""
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
         return march(self.model, **settings | self.asked | {"scales": {}})
 
