@@ -1,4 +1,4 @@
-"""The march: aim, propose, judge, reject or locate and accept, note; in compiled blocks."""
+"""The march: aim, propose, judge, reject or locate and accept, log; in compiled blocks."""
 
 from xdynamics.march.ensemble import Runs, march_many
 from xdynamics.march.log import Block, Log

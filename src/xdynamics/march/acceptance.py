@@ -1,4 +1,4 @@
-"""A trial is judged, and the march lands on its end."""
+"""Judge a trial, and land the march on its end."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from xdynamics.march.run import BEGUN, MOVED, Run
 from xdynamics.march.tolerance_sizes import settle_tolerances
 from xdynamics.schema import REASON_DOMAIN, REASON_ERROR, REASON_EVENT_FUNCTION, REASON_NEWTON, REASON_NONFINITE
 
-AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: of what the model is defined for
+AT_GRID, AT_NODE, AT_BOTH, AT_BORDER = 1, 2, 3, 4  # the last: the border of the model's domain
 
 
 @compiled
 def judge(run: Run) -> int:
-    """Return SOUND for a trial that may be accepted, else the reason why not; keep the norm of its error."""
+    """Return SOUND for a trial that may be accepted, else the reason for its rejection; store its error norm."""
     now, trial = run.now[0], run.trial[0]
     now.norm = nan
     if trial.iterations < 0:
@@ -33,7 +33,7 @@ def judge(run: Run) -> int:
 
 @shared
 def nonfinite(run: Run) -> int:
-    """Tell why a state is not finite: a number that is none comes from outside the domain of a function or table."""
+    """Return why a state is not finite: nan means that a function or table was evaluated outside its domain."""
     undefined = False
     for i in range(run.plan[0].state):
         undefined = undefined or np.isnan(run.z[i])
@@ -42,7 +42,7 @@ def nonfinite(run: Run) -> int:
 
 @compiled
 def land(run: Run) -> None:
-    """Count the grid time or node that the trial ends at; behind the last one the run is complete."""
+    """Count the grid time or node that the trial ends at; after the last one the run is complete."""
     now, trial = run.now[0], run.trial[0]
     if trial.landing in (AT_GRID, AT_BOTH):
         now.grid += 1
@@ -58,10 +58,10 @@ def land(run: Run) -> None:
 
 @compiled
 def move(run: Run) -> None:
-    """Take the trial's end for the place where the march stands."""
+    """Move the march to the end of the trial."""
     now, trial = run.now[0], run.trial[0]
     now.t, now.h = trial.t, trial.h
-    run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # what substeps left behind is not the step's
+    run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # what substeps left there does not belong to the step
     run.piece[0].cut = 0
     if run.plan[0].adaptive or run.plan[0].follows:
         for i in range(run.largest.shape[0]):
@@ -74,7 +74,7 @@ def move(run: Run) -> None:
 
 @compiled
 def end(run: Run, why: int) -> None:
-    """Stop where the march stands; `h` is the step that failed."""
+    """End the march where it stands; `h` is the step that failed."""
     run.now[0].status, run.now[0].h = why, run.trial[0].h
 
 

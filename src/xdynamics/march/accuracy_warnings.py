@@ -1,4 +1,4 @@
-"""What speaks against a run that came to its end: said in its outcome, so that nobody takes its digits on trust."""
+"""Reasons to doubt the accuracy of a finished run, stated in its outcome so that nobody takes its digits on trust."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from xdynamics.stability import decay_limit, fastest_rate, stiffness
 from xdynamics.units import TIME, behind, parse_unit, spell
 
 MOST_NAMED = 3
-FEW_ROWS = 100  # of a run, from which on stiffness is looked for
-ALIKE = 1e-6  # of a length: what is left to numbers that were written down
-FEW_LOOKS = 12  # at a mass matrix, 50 microseconds each
-NOT_STIFF = 0.45  # of the limit of decays, from half of which on steps count as held by it: what differences leave
+FEW_ROWS = 100  # of a run; with fewer, stiffness is not looked for
+ALIKE = 1e-6  # of a length: tolerance for numbers that were rounded when written down
+FEW_LOOKS = 12  # evaluations of a mass matrix, 50 microseconds each
+NOT_STIFF = 0.45  # of the decay limit; steps from half of it on count as limited by it, less the error of differences
 WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 
 def doubts(march: March) -> list[str]:
-    """Return, each in a sentence, why the numbers of a march that is over may be worth less than they look."""
+    """Return, each in a sentence, why the numbers of a finished march may be less accurate than they look."""
     return [
         *_of_tolerances(march),
         *_of_mass(march),
@@ -47,7 +47,7 @@ def doubts(march: March) -> list[str]:
 
 
 def _of_tolerances(march: March) -> Iterator[str]:
-    """Name the variables of which given absolute tolerances let pass errors that matter to the state at the end."""
+    """Name the variables whose given absolute tolerances allow errors that matter to the final state."""
     effect, tolerances, model = effect_of(march), march.settings.tolerances, march.model
     march.atol_effect = effect.words
     if tolerances is None or not effect.loose.any():
@@ -69,7 +69,7 @@ def _of_tolerances(march: March) -> Iterator[str]:
 
 
 def _of_mass(march: March) -> Iterator[str]:
-    """Say how near to a singular mass matrix a run came, at some of its rows."""
+    """Report how nearly singular the mass matrix was, at some of the run's rows."""
     model = march.model
     if not model.mass_is_full:
         return
@@ -88,7 +88,7 @@ def _of_mass(march: March) -> Iterator[str]:
 
 
 def _of_switches(march: March) -> Iterator[str]:
-    """Say so where a model hides more switches than are located."""
+    """Report a model with more hidden switches than can be located."""
     hidden = switches(march.model)
     if len(hidden) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
         owners = ", ".join(f"'{switch}'" for switch in dict.fromkeys(switch.owner for switch in hidden))
@@ -99,7 +99,7 @@ def _of_switches(march: March) -> Iterator[str]:
 
 
 def of_smooth_switches(march: March) -> str:
-    """Say which switches that were declared smooth were stepped over, and what that costs."""
+    """Return which switches declared smooth were stepped over, and what that costs."""
     counts, times = march.passed
     if not counts.any():
         return ""
@@ -114,7 +114,7 @@ def of_smooth_switches(march: March) -> str:
 
 
 def _of_contacts(model: Model) -> Iterator[str]:
-    """Say so where friction goes by a gap that is no distance, or slips into the surface, by its directions at the start."""
+    """Report friction whose gap is not a distance, or whose slip is not along the surface, by directions at the start."""
     if not model.contacts:
         return
     values = dict(constants(model)) | initial_state(model)
@@ -139,7 +139,7 @@ def _of_contacts(model: Model) -> Iterator[str]:
 
 
 def _of_gains(march: March) -> Iterator[str]:
-    """Say so where impacts created energy."""
+    """Report impacts that created energy."""
     gains, model = march.gains, march.model
     if not gains.groups:
         return
@@ -160,7 +160,7 @@ def _of_gains(march: March) -> Iterator[str]:
 
 
 def _of_places(march: March) -> Iterator[str]:
-    """Say so where an event could not be located as near to its zero as was asked for."""
+    """Report events that were not located within their position tolerance."""
     names = dict.fromkeys(
         f"'{detector.name}'" for detector, missed in zip(march.layout.watched, march.misplaced, strict=True) if missed
     )
@@ -172,7 +172,7 @@ def _of_places(march: March) -> Iterator[str]:
 
 
 def _condition(mass: NDArray[np.float64]) -> float:
-    """Return the condition number of a mass matrix with ones on its diagonal, so that it does not depend on units."""
+    """Return the condition number of a mass matrix scaled to a unit diagonal, so that it does not depend on units."""
     size = np.sqrt(np.abs(np.diagonal(mass)))
     if not (np.isfinite(mass).all() and size.all()):
         return math.inf
@@ -190,7 +190,7 @@ def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
 
 
 def advice_on_stiffness(march: March) -> str:
-    """Say so where an explicit method's chosen steps stand at the edge of its region of stability for most of a run."""
+    """Return advice where stability limits the chosen steps of an explicit method for most of a run, else nothing."""
     method, model, rows = march.settings.method, march.model, march.witnesses[1:]
     if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
@@ -200,7 +200,7 @@ def advice_on_stiffness(march: March) -> str:
         chosen = rows[:, first:last]
         return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
 
-    # one row first, by a bound from its compiled forces before its exact derivatives: most runs are not stiff
+    # most runs are not stiff: one row first, by a bound from its compiled forces, before its exact derivatives
     middle = rows.shape[1] // 2
     turned = fastest_rate(jacobian_at(march, middle)) * float(rows[1, middle])
     if turned < NOT_STIFF * decay_limit(method):

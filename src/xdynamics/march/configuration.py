@@ -1,4 +1,4 @@
-"""From what is asked of a march, in words and units, to its settings."""
+"""Settings of a march from keyword arguments, with units, and the model's `[run]` defaults."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
-THINNING = ("keep_every", "log")  # settings that leave something out of a record
+THINNING = ("keep_every", "log")  # settings that leave rows or columns out of a record
 RECORDING: dict[str, Any] = {
     "keep_every": 1,
     "log": FULL,
     "compress": False,
-}  # settings of a record alone, and what they are of a whole one
+}  # settings that concern the record alone, and their values for a complete one
 PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")
 
 
 def settings_for(model: Model, **asked: Any) -> Settings:
-    """Join what is asked with the model's `[run]` defaults, and check it.
+    """Join the requested settings with the model's `[run]` defaults, and check them.
 
     Raises
     ------
     InputError
-        Naming what is missing or wrong.
+        If a setting is missing or wrong; the message names it.
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
@@ -89,12 +89,12 @@ def settings_for(model: Model, **asked: Any) -> Settings:
 
 
 def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
-    """Return the settings of a march of which everything is looked at; what a model file leaves out of records is kept.
+    """Return the settings of a march that needs all rows and columns, also those that the model file leaves out.
 
     Raises
     ------
     InputError
-        If something is asked to be left out, or something else is wrong.
+        If rows or columns are to be left out, or a setting is missing or wrong.
     """
     if left := [name for name in THINNING if asked.get(name) is not None]:
         raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows and columns of a march are needed")  # fmt: skip
@@ -102,7 +102,7 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
 
 
 def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
-    """Join; a step that is asked for sets the defaults' tolerances aside, and tolerances their step."""
+    """Join the two; a requested step overrides the defaults' tolerances, and requested tolerances their step."""
     kept = dict(defaults)
     tolerant = "rtol" in requested or "atol" in requested
     if tolerant or "step" in requested:
@@ -124,7 +124,7 @@ def _step(model: Model, value: Any) -> float | tuple[float, ...] | None:
         return float(steps)
     if steps.ndim > 1:
         raise InputError(f"step has the shape {steps.shape}, needs one row of seconds")
-    return tuple(steps[steps != 0.0].tolist())  # the row behind an event has no step
+    return tuple(steps[steps != 0.0].tolist())  # the row after an event has no step
 
 
 def _nodes(model: Model, values: Any) -> tuple[float, ...]:
@@ -156,7 +156,7 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
 
 
 def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
-    """Return the unit that a tolerance without one is in: the variable's own, or where the march has scales theirs."""
+    """Return the unit of a tolerance given without one: the variable's own, or that of the march's scales."""
     if scales == UNSCALED:
         return model.units
     sizes = {name: model.dimensions[name] for name in variables(model)}
@@ -179,7 +179,9 @@ def _absolute(unit: Unit, name: str, value: Any) -> float:
 
 
 def _in_unit(unit: Unit, value: float) -> float:
-    return unit.to_si(value) if isfinite(value) else value  # what is not finite is refused with the other faults
+    return (
+        unit.to_si(value) if isfinite(value) else value
+    )  # values that are not finite are refused with the other faults
 
 
 def _pacing(read: Mapping[str, Any]) -> Pacing:
@@ -187,14 +189,14 @@ def _pacing(read: Mapping[str, Any]) -> Pacing:
 
 
 def _estimator(method: Method, tolerances: Tolerances | None) -> str:
-    """Return the estimator where none is asked for."""
+    """Return the default estimator."""
     if method.estimate:
         return EMBEDDED
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
 def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
-    """Return how well events are located that do not say so: to a picosecond, or of a run below a second to 1e-12 of it."""
+    """Return the default time tolerance of events: 1 ps, or 1e-12 of a run shorter than a second."""
     if "time_tolerance" in read:
         return float(read["time_tolerance"])
     span = read["until"] - model.initial["t"].si
@@ -202,7 +204,7 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
 
 
 def _switches(model: Model, choice: str) -> str:
-    """Return what is done about hidden switches; where there are none, nothing is said of them."""
+    """Return how hidden switches are treated: located only where there are any, everywhere only where some are nested."""
     watched = watched_switches(model)
     if choice == LOCATED_EVERYWHERE and not any(switch.nested for switch in watched):
         choice = LOCATED
@@ -210,5 +212,5 @@ def _switches(model: Model, choice: str) -> str:
 
 
 def _summation(method: Method) -> str:
-    """Return the summation where none is asked for: symplectic methods are for long runs, where rounding adds up."""
+    """Return the default summation: symplectic methods are for long runs, where rounding accumulates."""
     return COMPENSATED if method.symplectic and updates(method) else PLAIN

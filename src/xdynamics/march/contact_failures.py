@@ -1,4 +1,4 @@
-"""Why contacts had no answer, in words."""
+"""Why a contact problem had no solution, in words."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _REMEDY = "; a smaller coefficient of friction, or a compliant contact force, ha
 
 
 def dispute(march: March) -> str:
-    """Name the contact that has no answer, from what the march knew of its last state."""
+    """Name the contact without a solution, from the march's last state."""
     all_reactions, run = reactions(march.model), march.run
     numbers = run.links[: NUMBERS * len(all_reactions)].reshape(-1, NUMBERS)
     if int(march.now.status) == CONTACT_PENETRATED:
@@ -60,7 +60,7 @@ def dispute(march: March) -> str:
 
 
 def _struck_together(march: March, rates: list[float]) -> str:
-    """Say that the energetic coefficient leaves open what several contacts do that touch at once, or nothing."""
+    """Report several contacts that touch at once, which the energetic coefficient leaves undetermined; else nothing."""
     touches, all_reactions = march.run.touches, reactions(march.model)
     near = [k for k, reaction in enumerate(all_reactions) if reaction.sort == NORMAL and touches[k].near]
     approach = any(rates[k] < -touches[k].slack for k in near)
@@ -76,7 +76,7 @@ def _struck_together(march: March, rates: list[float]) -> str:
 
 
 def undefined(march: March) -> str:
-    """Name the contact or friction element of which something is not finite in the state that was proposed, or nothing."""
+    """Name the contact or friction element that is not finite in the proposed state, or return nothing."""
     layout, values = march.layout, dict(constants(march.model, march.settings.scales))
     values |= dict(zip(layout.record, march.run.z.tolist(), strict=True)) | {"t": float(march.now.t)}
     for reaction in reactions(march.model):
@@ -95,19 +95,19 @@ def _grams(march: March) -> NDArray[Any]:
 
 
 def painleve(one: Reaction, coefficient: float) -> str:
-    """Say that friction is too large for one answer."""
+    """Return the message that friction is too large for a unique solution."""
     return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
 
 
 def _pressed_apart(march: March, k: int) -> bool:
-    """Whether the normal force of a sliding contact pushes apart, its friction included."""
+    """Whether the normal force of a sliding contact, its friction included, pushes the bodies apart."""
     touch, grams = march.run.touches[k], _grams(march)
     normal = int(march.run.reactions[k].normal)
     return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
 
 
 def inconsistency(march: March) -> str:
-    """Name the group of events whose record does not agree with what it did, and the figures."""
+    """Name the group of events whose record disagrees with its effect, with the figures."""
     run, model, all_reactions = march.run, march.model, reactions(march.model)
     guard, owner = int(run.balance[GUARD]), int(run.balance[OWNER])
     involved = [

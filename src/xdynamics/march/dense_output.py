@@ -1,4 +1,4 @@
-"""States between the rows of a log: steps of one run or of many made again, shortened to end where they are asked for."""
+"""States between the rows of a log: steps of one run or many, repeated and shortened to end at the wanted times."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def states_within(
     parameters: Floats | None = None,
     runs: NDArray[np.int64] | None = None,
 ) -> Floats:
-    """Evaluate states inside steps, and how far each is from a more accurate one.
+    """Evaluate states inside steps, and the distance of each from a more accurate one.
 
     Parameters
     ----------
@@ -44,23 +44,23 @@ def states_within(
     where : ndarray, shape (3, k), s
         Wanted time, start and end of its step.
     columns : ndarray, shape (3 + r + n or 3 + r + 2*n, k)
-        Step size, regime, kind of the row at the start, what each reaction does there, the state there, and of a method
-        whose iterations go on from those of the step before the state that the step led to; in units of the record.
+        Step size; regime, kind of row, state of each reaction and state at the start; and for a method
+        whose iterations continue those of the step before, the state at the end; in units of the record.
     factors : ndarray, shape (n, 1)
-        From internal numbers to those.
+        From internal units to those of the record.
     reintegrated : bool
-        Whether by a shorter step, or by the interpolant of the whole one.
+        Whether to make a shorter step, or to use the interpolant of the whole one.
     judged : bool
-        Whether to find out the distances too; else they are nan.
+        Whether to compute the distances too; else they are nan.
     parameters : ndarray, shape (m, …), optional
-        Of each of many runs, in internal units.
+        Of many runs, in internal units.
     runs : ndarray of int, shape (k,), optional
-        Which of them each time is of.
+        The run that each time belongs to.
 
     Returns
     -------
     ndarray, shape (2*n, k)
-        The states, and their distances. At an accepted time the accepted state, to the bit.
+        The states, and their distances. At an accepted time the state is the accepted one, to the bit.
     """
     scale, n, reaction_count = settings.scales.of(TIME), len(law.layout.used), len(reactions(model))
     times, starts, ends = where / scale
@@ -85,22 +85,22 @@ def states_within(
 
 
 class PartsAbreast:
-    """States inside steps of many runs, evaluated side by side: the bits of `states_within`, without distances.
+    """States inside steps of many runs, evaluated side by side, bit for bit as by `states_within`, without distances.
 
     Parameters
     ----------
     model : Model
         Without contacts.
     settings : Settings
-        Of one step.
+        Of a method of one step.
     law : Law
     factors : ndarray, shape (n,)
-        From internal numbers to those of the record.
+        From internal units to those of the record.
     lanes : int
     """
 
     def __init__(self, model: Model, settings: Settings, law: Law, factors: Floats, lanes: int) -> None:
-        self._law = law  # whose code is behind addresses
+        self._law = law  # keeps the code at the addresses alive
         self._run = run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
         self._factors = np.array([settings.scales.of(TIME), *factors])
         self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
@@ -109,14 +109,14 @@ class PartsAbreast:
         self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
 
     def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
-        """Evaluate them.
+        """Evaluate the states.
 
         Parameters
         ----------
         runs : Runs
             With times, step sizes and states of their logs.
         jobs : ndarray of int, shape (3, k)
-            Row of the logs from which each step goes, row to which, and the run.
+            Row at the start of each step, row at its end, and the run.
         times : ndarray, shape (k,), s
 
         Returns
@@ -131,7 +131,7 @@ class PartsAbreast:
 
 
 def rows_of_times(time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool) -> NDArray[np.int64]:  # fmt: skip
-    """Find the row from which the step to each time goes, between two rows; see `entries.rows_of_times`."""
+    """Return the row at the start of the step to each time, between two rows; see `entries.rows_of_times`."""
     rows = np.empty(wanted.size, np.int64)
     engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, rows)
     return rows

@@ -1,4 +1,4 @@
-"""Impacts that create energy, as Newton's law of restitution may with Coulomb's friction: which of a run's, and how much."""
+"""Impacts that create energy, as Newton's law of restitution may with Coulomb friction: which ones, and how much."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from xdynamics.units import TIME, Dimension, Scales
 
 Floats = NDArray[np.float64]
 
-LEAST = 1e-9  # of the work of an impact's impulses: less may be rounding, and changes nothing
+LEAST = 1e-9  # of the work of an impact's impulses: less may be rounding
 
 
 class Gains(NamedTuple):
-    """How many groups of impacts created energy, and of the one that created most: energy, time, event, row of the event."""
+    """How many groups of impacts created energy, and of the largest gain: energy, time, detector, number of the event."""
 
     groups: float = 0.0
     energy: float = 0.0
@@ -35,10 +35,10 @@ class Impacts(NamedTuple):
     Attributes
     ----------
     kind, row, detector : ndarray of int, shape (k,)
-        What each is, the row of the state before it, which detector met it.
+        Kind of each, row of the state before it, its detector.
     time, lost : ndarray, shape (k,)
     work : ndarray, shape (k,)
-        The largest that the work of its impulses could be: how large the terms of `lost` are.
+        Upper bound of the work of its impulses: the size of the terms of `lost`.
     """
 
     kind: NDArray[Any]
@@ -50,7 +50,7 @@ class Impacts(NamedTuple):
 
 
 def energy_dimension(model: Model) -> Dimension:
-    """Return the dimension of the energy that an impact takes."""
+    """Return the dimension of the energy that an impact dissipates."""
     name, dimensions = next(iter(model.coordinates)), model.dimensions
     return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
@@ -69,7 +69,7 @@ def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
 
 
 def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
-    """Return what a run has created up to the end of a further part of it, whose events have numbers from `first` on."""
+    """Return the gains up to the end of a further part of a run, whose events are numbered from `first`."""
     indices = np.flatnonzero(impacts.kind == IMPACT)
     if not indices.size:
         return gains

@@ -1,4 +1,4 @@
-"""The engine: the march compiled once for all models and methods, kept in the cache for the next process."""
+"""The engine: the march, compiled once for all models and methods, and cached for the next process."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
     12,
     15,
     3,
-)  # that compiling takes on a machine of 2026
+)  # to compile each on a machine of 2026
 NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
     -1,
     -2,
@@ -39,7 +39,7 @@ NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
     -4,
     -5,
     -6,
-)  # keys of steps where nothing is compiled
+)  # keys of entries where nothing is compiled
 _LOCK = waited_for(threading.RLock())
 for _of, _name in ((global_compiler_lock, "_lock"), (ffi.lib._lock, "_lock")):  # noqa: SLF001
     waited_for(getattr(_of, _name))  # numba's and LLVM's own, which a child needs to compile
@@ -48,7 +48,7 @@ _KEPT: list[Any] = []
 
 
 class Engine(NamedTuple):
-    """The compiled entries, to be called with a run: `loop.march`, and those of `march.entries`."""
+    """The compiled entries, called with a run: `loop.march`, and those of `march.entries`."""
 
     march: Callable[..., None]
     march_many: Callable[..., int]
@@ -60,7 +60,7 @@ class Engine(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """What goes side by side."""
+    """The entries that march runs side by side."""
 
     march: Callable[..., bool]  # `lanes.march_lanes`, to be called with the runs
     gather: Callable[..., None]  # `lanes.gather_rows`
@@ -68,14 +68,14 @@ class Lanes(NamedTuple):
 
 
 class Solvers(NamedTuple):
-    """Where the steps that solve equations begin."""
+    """Addresses of the steps that solve equations."""
 
     newton: int  # `entries.step_by_newton`
     radau: int  # `entries.step_by_radau`
 
 
 class Watchers(NamedTuple):
-    """Where begins what looks for events and lands on them."""
+    """Addresses of the code that finds events and lands on them."""
 
     enclose: int  # `enclosures.enclose_between`
     substep: int  # `trial_step.part_of_step`
@@ -83,31 +83,31 @@ class Watchers(NamedTuple):
 
 
 def engine() -> Engine:
-    """Return the engine, compiled if that was not done on this machine."""
+    """Return the engine, compiled if the cache does not hold it."""
     compiled: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
     return compiled
 
 
 def solvers() -> Solvers:
-    """Return the solvers of implicit methods, compiled if that was not done on this machine."""
+    """Return the solvers of implicit methods, compiled if the cache does not hold them."""
     compiled: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
     return compiled
 
 
 def watchers() -> Watchers:
-    """Return what looks for events, compiled if that was not done on this machine."""
+    """Return the search for events, compiled if the cache does not hold it."""
     compiled: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
     return compiled
 
 
 def contacts() -> int:
-    """Return where begins what contacts do, compiled if that was not done on this machine."""
+    """Return the address of the contact code, compiled if the cache does not hold it."""
     address: int = _part("contacts", "contacts and friction", CONTACTS_SECONDS, _contacts, _plain_contacts)
     return address
 
 
 def lanes() -> Lanes:
-    """Return what marches runs side by side, compiled if that was not done on this machine."""
+    """Return the entries for runs side by side, compiled if the cache does not hold them."""
     march_at = engine().march_at
     compiled: Lanes = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
     return compiled._replace(march=lambda runs, *arguments: compiled.march(runs, march_at, *arguments))
@@ -126,7 +126,7 @@ def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]
     if content is not None:
         try:
             return compiled(Kept(content))
-        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled anew
+        except Exception:  # noqa: BLE001, S110 - written by another build of numba: compiled anew
             pass
     reason = cache.obstacle()
     often = "" if reason else ", once per installation"
@@ -152,7 +152,7 @@ def _plain_solvers() -> Solvers:
 
 
 def _entries(kept: Kept) -> Engine:
-    """Compile the entries, or load what was kept of them."""
+    """Compile the entries, or load them from the cache."""
     march = kept.callback(loop.march, types.void(types.int64, types.int64))
     functions = (
         entries.march_many,
@@ -165,7 +165,7 @@ def _entries(kept: Kept) -> Engine:
         kept.function(function, signature) for function, signature in zip(functions, _SIGNATURES, strict=True)
     )
     address, call = march.address, march.ctypes
-    _KEPT.append(march)  # the code behind an address lives as long as this
+    _KEPT.append(march)  # keeps the code at the address alive
     return Engine(
         lambda run, rows: call(run.address, rows),
         lambda run, *arguments: march_many(run.address, address, *arguments),
@@ -240,7 +240,7 @@ _SIGNATURES = (
 
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
 _FLAGS, _LISTS, _ROW = _array("i1", 2), _array("i8", 2), _array("f8", 1)
-_ROWS = (_array("f8", 3), _array("i1", 3), _LISTS)  # with their flags and whose they are
+_ROWS = (_array("f8", 3), _array("i1", 3), _LISTS)  # with their flags and owners
 _LANES = (
     types.boolean(
         _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 4, _LISTS, *[_BLOCK] * 2, _WHOLE, _WHOLE,
@@ -256,7 +256,7 @@ _LANES = (
 
 
 def _key() -> str:
-    """Digest of all that is compiled into the engine: its sources, the schema's flags, Python, numba, the processor."""
+    """Digest of everything that is compiled into the engine: sources, the schema's flags, Python, numba, the processor."""
     import numba
     from llvmlite import binding
 

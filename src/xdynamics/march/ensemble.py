@@ -25,12 +25,12 @@ from xdynamics.model import Model
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
-LOG_ROWS = 1 << 14  # of the log that is filled again and again
+LOG_ROWS = 1 << 14  # of the log, which is filled repeatedly
 
 
 @dataclass(frozen=True)
 class Runs:
-    """What became of many runs, in their order.
+    """The results of many runs, in their order.
 
     Attributes
     ----------
@@ -39,19 +39,19 @@ class Runs:
     scales : Scales
         From internal units to SI.
     ends : ndarray of NOW, shape (n,)
-        Where each march stands at its end, in internal units.
+        The final numbers of each march, in internal units.
     largest : ndarray, shape (n, m)
         The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
     passed : ndarray of int, shape (n, k)
-        How often each switch that was declared smooth was passed: `layout.smooth`.
+        How often each switch declared smooth was passed, in the order of `layout.smooth`.
     kept : Block
-        Rows of the logs of all runs, one run behind the other: all, or the last of each alone. And every event.
+        Rows of the logs of all runs, one run after the other: all rows, or the last of each. Always all events.
     parameters : ndarray, shape (n, …)
         Of each run, in internal units, in the order of `motion.constants`.
     first_event, first_row : ndarray of int, shape (n + 1,)
-        Where each run's events begin, and its rows; the last is their number.
+        First event and first row of each run; the last entry is the total.
     columns : tuple of str
-        Which columns of the log have a meaning.
+        The columns of the log that were filled.
     """
 
     layout: Layout
@@ -67,12 +67,12 @@ class Runs:
 
     @property
     def time(self) -> Floats:
-        """Where each run ended, s."""
+        """Final time of each run, s."""
         return np.array(self.ends["t"] * self.scales.of(TIME))
 
     @property
     def state(self) -> Floats:
-        """Coordinates, velocities and first-order states there, SI, shape (n, m), in the order of `layout.used`."""
+        """Final coordinates, velocities and first-order states, SI, shape (n, m), in the order of `layout.used`."""
         used = self.layout.used
         factors = np.array([self.scales.of(self.layout.model.dimensions[name]) for name in used])
         return np.ascontiguousarray(self.kept.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
@@ -89,7 +89,7 @@ class Runs:
 
     @property
     def accepted(self) -> NDArray[np.int64]:
-        """Accepted steps of each run; the second row of an event is none."""
+        """Accepted steps of each run; the second row of an event does not count."""
         runs = np.repeat(np.arange(len(self.ends)), np.diff(self.first_event))
         before, after = self.events["row_before"], self.events["row_after"]
         again = np.zeros(len(runs), bool)
@@ -109,17 +109,17 @@ class Runs:
 
     @property
     def events(self) -> NDArray[Any]:
-        """Located events of all runs, one run behind the other; times in internal units."""
+        """Located events of all runs, one run after the other; times in internal units."""
         return self.kept.log.events
 
     @property
     def outcomes(self) -> list[str]:
-        """The word of each run's outcome."""
+        """Outcome of each run, as a word."""
         return [OUTCOMES[status].word for status in self.ends["status"].tolist()]
 
     @property
     def last_rows(self) -> NDArray[np.int64]:
-        """Which row of what is kept is each run's last."""
+        """Number of each run's last row among those kept."""
         return self.first_row[1:] - 1
 
     def events_of(self, run: int) -> NDArray[Any]:
@@ -127,7 +127,13 @@ class Runs:
         return self.events[self.first_event[run] : self.first_event[run + 1]]
 
     def log_of(self, run: int) -> Floats:
-        """Return the log of one run; columns as `layout.row` names them, in internal units."""
+        """Return the log of one run; columns as `layout.row` names them, in internal units.
+
+        Raises
+        ------
+        InputError
+            If no logs were kept.
+        """
         if self.kept.rows != self.ends["rows"].sum():
             raise InputError("no logs were kept; march with logs=True")
         return self.kept.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
@@ -146,29 +152,29 @@ def march_many(
     lanes: int | None = None,
     room: Room | None = None,
 ) -> Runs:
-    """March a model many times, each with numbers of its own; each run has the bits that it has when it is marched alone.
+    """March a model many times with different numbers; every run is the same, to the bit, as when marched alone.
 
     Parameters
     ----------
     model : Model
     settings : Settings
-        What all runs share: method, end, tolerances, scales.
+        Shared by all runs: method, end, tolerances, scales.
     parameters, initial : mapping of str to array_like of float, shape (n,), SI
-        Values that replace those of the model, one for each run; `initial` names coordinates, velocities, states.
+        Values that replace the model's, one for each run; `initial` names coordinates, velocities, states.
     steps : array_like of float, shape (n,), s
-        Step of each run's grid; with chosen steps, the first one.
+        Step of each run's grid; with chosen steps, the first step.
     rtols : array_like of float, shape (n,)
         Relative tolerance of each run.
     logs : bool or sequence of str
-        Whether to keep every row of every run, or the last states and the events alone; or of rows these columns of
-        `layout.row`, others having no meaning.
+        Whether to keep every row of every run, or only the last states and the events; or the names of columns of
+        `layout.row` to keep of every row, others being undefined.
     threads : int
-        Threads that share the runs; the result does not depend on it.
+        Threads that share the runs; the result does not depend on their number.
     lanes : int, optional
-        Runs that go side by side in vector code, where the method, the model and what is kept allow it; as many as the
-        processor is good for, where it is not given. The result does not depend on it either.
+        Runs marched side by side in vector code, where the method, the model and what is kept allow it; by default
+        as many as suit the processor. The result does not depend on it either.
     room : Room, optional
-        Memory for the logs, of which the next call with the same one takes possession; for one thread.
+        Memory for the logs, which the next call with the same room reuses; for one thread.
 
     Returns
     -------
@@ -177,7 +183,7 @@ def march_many(
     Raises
     ------
     InputError
-        If an array has another length, names nothing, or holds what no march can use; with every fault.
+        If an array has a different length, an unknown name or invalid values; with every fault.
     """
     settings.check(model)
     model.require_functions()
@@ -221,7 +227,7 @@ def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str
 
 
 def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
-    """Take out of the log what is kept, and let it be filled from its beginning."""
+    """Copy what is kept out of the log, and have it filled from its beginning."""
     now, base = run.now[0], log.base[0]
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
     base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
@@ -232,7 +238,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
 
 
 def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
-    """Put the pieces of the logs, or the last rows alone, behind each other."""
+    """Concatenate the pieces of the logs, or only the last rows."""
     ends, pieces = np.concatenate([piece.ends for piece in parts]), [piece for part in parts for piece in part.logs]
     rows, flags, counts = [piece.rows for piece in pieces], [piece.flags for piece in pieces], ends["rows"]
     if not logs:
@@ -262,7 +268,7 @@ def _beside(blocks: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:
-    """Read the arrays, gathering every fault."""
+    """Read the arrays, collecting every fault."""
     ledger = Ledger(f"many runs of '{model.name}'")
     arrays: dict[tuple[str, str], Floats] = {}
     allowed = {"parameter": tuple(model.parameters), "initial value": settings.layout(model).used}
@@ -305,7 +311,7 @@ def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], 
 
 
 def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str, str], Floats], ledger: Ledger) -> None:
-    """Hold the least and the greatest step and tolerance, and starts at zero, to what one run is held to."""
+    """Check the least and the greatest step and tolerance, and starts at zero, as for a single run."""
     for (kind, name), values in arrays.items():
         for value in (float(values.min()), float(values.max())):
             varied = settings

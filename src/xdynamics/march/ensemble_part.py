@@ -1,4 +1,4 @@
-"""What a thread marches of many runs: its numbers in, what became of them out."""
+"""One thread's part of many runs: their inputs and their results."""
 
 from __future__ import annotations
 
@@ -19,25 +19,23 @@ from xdynamics.model.motion import constants
 from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
-Arrays = Mapping[tuple[str, str], Floats]  # kind and name, and a number for each run
+Arrays = Mapping[tuple[str, str], Floats]  # by kind and name; one number for each run
 
 
 @dataclass
 class Part:
-    """What one thread marched, in internal units; of the log the pieces."""
+    """What one thread marched, in internal units, with the pieces of its log."""
 
     ends: NDArray[Any]
     lasts: Floats
     largest: Floats
-    passed: (
-        Floats  # of each switch that was declared smooth its side at the end, how often it was passed, and when first
-    )
+    passed: Floats  # of each switch declared smooth: its side at the end, how often it was passed, and when first
     parameters: Floats
     logs: list[Log]
 
     @classmethod
     def of(cls, runs: int, law: Law, parameters: Floats) -> Part:
-        """Return room for so many runs."""
+        """Return room for a number of runs."""
         used, row, smooth = len(law.layout.used), len(law.layout.row), len(law.layout.smooth)
         lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
         return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])

@@ -1,4 +1,4 @@
-"""Further ways into the compiled engine, besides `loop.march`: many marches, states inside steps."""
+"""Further entries of the compiled engine, besides `loop.march`: many marches, states inside steps."""
 
 from __future__ import annotations
 
@@ -26,39 +26,39 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Records = NDArray[Any]
 
-END = 1 << 62  # rows that no run has
+END = 1 << 62  # more rows than any run has
 _NO_TRIAL, _NO_PIECE, _NOT_KEPT = np.zeros(1, TRIAL), np.zeros(1, PIECE), np.zeros(1, KEPT)
 _NO_WATCH, _NO_TOUCH = np.zeros(1, WATCH), np.zeros(1, TOUCH)
 
 
 def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, first: int, kept: bool) -> int:  # fmt: skip
-    """March one run after the other through one `Run`, from its arrays of starts and parameters to the ends.
+    """March many runs one after the other through one `Run`, from arrays of starts and parameters to the ends.
 
     Parameters
     ----------
     address : int
-        Of a `Run` of their model and method; what the runs share stands in it.
+        Of a `Run` of their model and method, which holds what the runs share.
     march_at : int
         Address of the compiled `loop.march`, so that it is not compiled a second time.
     plans : ndarray of PLAN, shape (n,)
     starts, parameters, atols : ndarray, shape (n, …)
     ends : ndarray of NOW, shape (n,)
-        Where each run stands when it is over; filled.
+        The final numbers of each run; filled.
     lasts : ndarray, shape (n, …)
         The last row of each run's log; filled.
     largest : ndarray, shape (n, …)
-        What the largest absolute values were, where steps are chosen; filled.
+        The largest absolute values, where steps are chosen; filled.
     passed : ndarray, shape (n, …)
-        Of each switch that was declared smooth its side at the end, how often it was passed, and when first; filled.
+        Of each switch declared smooth its side at the end, how often it was passed, and when first; filled.
     first : int
-        The run to begin with, or to go on with where it is already marching.
+        The run to begin with, or to go on with if it is already marching.
     kept : bool
-        Whether the log is kept from run to run; otherwise its rows are written over, and events are kept.
+        Whether rows of the log are kept from run to run; otherwise they are overwritten, and only events are kept.
 
     Returns
     -------
     int
-        The run that stopped for want of room in the log, which is to be emptied; n when all are over.
+        The run that stopped because the log is full and has to be emptied; n when all are over.
     """
     run = run_at(address)
     now, base = run.now[0], run.base[0]
@@ -81,7 +81,7 @@ def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, para
 
 @shared
 def keep_last(run: Run, lasts: Floats, k: int) -> None:
-    """Copy the last row of the log, if one was written since it was emptied."""
+    """Copy the last row of the log, if any was written since it was emptied."""
     row = run.now[0].rows - run.base[0].rows - 1
     if row >= 0:
         for i in range(lasts.shape[1]):
@@ -90,7 +90,7 @@ def keep_last(run: Run, lasts: Floats, k: int) -> None:
 
 @shared
 def keep_passed(run: Run, passed: Floats, k: int) -> None:
-    """Copy what is known of switches that were declared smooth: the end of the working memory."""
+    """Copy the numbers of switches declared smooth, which are the end of the working memory."""
     count = passed.shape[1]
     for i in range(count):
         passed[k, i] = run.w[run.w.shape[0] - count + i]
@@ -98,7 +98,7 @@ def keep_passed(run: Run, passed: Floats, k: int) -> None:
 
 @compiled
 def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: Floats, k: int) -> None:
-    """Set a run to its start; the log goes on behind the run before."""
+    """Set a run to its start; the log continues after the previous run."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.events, base.samples = (
         base.rows - now.rows, base.trials - now.trials, base.events - now.events, base.samples - now.samples,
@@ -110,7 +110,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     now.regime = plans[k].regime
     forget(run)
-    for i in range(run.y.shape[0]):  # nothing is carried along yet
+    for i in range(run.y.shape[0]):  # no rounding is carried along yet
         run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0
     for i in range(parameters.shape[1]):
         run.p[i] = parameters[k, i]
@@ -120,7 +120,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
 
 @shared
 def forget(run: Run) -> None:
-    """Have nothing left of the run that was marched here before."""
+    """Clear everything that the previous run left."""
     run.trial[0], run.piece[0], run.kept[0] = _NO_TRIAL[0], _NO_PIECE[0], _NOT_KEPT[0]
     for i in range(run.watches.shape[0]):
         run.watches[i] = _NO_WATCH[0]
@@ -128,35 +128,35 @@ def forget(run: Run) -> None:
         run.touches[i] = _NO_TOUCH[0]
     for i in range(run.at.shape[0]):
         run.at[i] = 0.0
-    for i in range(run.w.shape[0]):  # what was passed, and what a method kept of its last step
+    for i in range(run.w.shape[0]):  # switches passed, and what a method keeps from its last step
         run.w[i] = 0.0
-    for i in range(run.e.shape[0]):  # errors of steps, by which event functions are uncertain
+    for i in range(run.e.shape[0]):  # errors of steps, which make event functions uncertain
         run.e[i] = run.located_e[i] = run.full_e[i] = 0.0
 
 
 def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool, judged: bool) -> None:  # fmt: skip
-    """Evaluate the state at each time inside its step, and how far it is from a more accurate one.
+    """Evaluate the state at each time inside its step, and its distance from a more accurate one.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
     parameters : ndarray, shape (r, …)
-        Of each run that the steps are of; with none, all are of one and it has them.
+        Of each run that steps belong to; if empty, all belong to one run, which has its parameters already.
     steps : ndarray, shape (7 + m, k)
-        For each time: start and end of its step, its size, the time, the run, the regime, whether the step begins
-        behind an event, what each of m reactions does.
+        For each time: start and end of its step, step size, the time, the run, the regime, whether the step begins
+        after an event, the state of each of m reactions.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
-        The state at the end, of a method that does not come there twice by the same iterations.
+        The state at the end, of a method that does not reach it twice by the same iterations.
     found : ndarray, shape (2*n, k)
         Filled: the state, and its distance from two steps of half the length, extrapolated; nan where equations were
         not solved.
     reintegrated : bool
-        Whether the state is that of a shorter step, or of the interpolant of the whole one.
+        Whether to make a shorter step, or to use the interpolant of the whole one.
     judged : bool
-        Whether to find out the distances, which takes two steps more; else they are nan.
+        Whether to compute the distances, which takes two more steps; else they are nan.
     """
     run = run_at(address)
     n, current = states.shape[0], np.int64(-1)
@@ -166,7 +166,7 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
             current = np.int64(steps[4, k])
             for i in range(parameters.shape[1]):
                 run.p[i] = parameters[current, i]
-        s = (time - t) / (t1 - t)  # h is not t1 - t to the bit: at t1 the step is to be the whole one
+        s = (time - t) / (t1 - t)  # h is not t1 - t to the bit, and at t1 the step has to be the whole one
         run.now[0].regime = np.int64(steps[5, k])
         for i in range(run.touches.shape[0]):
             run.touches[i].state = np.int64(steps[7 + i, k])
@@ -192,17 +192,17 @@ def states_inside(address: Any, parameters: Floats, steps: Floats, states: Float
 
 
 def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: bool, found: Whole) -> None:
-    """Find the row from which the step to each time goes.
+    """Find the row at the start of the step to each time.
 
     Parameters
     ----------
     time : ndarray, shape (rows,)
-        Of many runs, one behind the other.
+        Of many runs, one after the other.
     low, high : ndarray of int, shape (k,)
         First and last row of the run of each time.
     wanted : ndarray, shape (k,)
     after : bool
-        Whether it is the last row that is not behind the time, or where rows are at it their first.
+        Whether to return the last row not later than the time, or the first where several rows are at the time.
     found : ndarray of int, shape (k,)
         Filled.
     """
@@ -220,19 +220,19 @@ def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: 
 
 
 def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Floats) -> None:
-    """Follow an error along a run from each state on; see `perturbation.follow`.
+    """Follow the growth of an error along a run from each state; see `perturbation.follow`.
 
     Parameters
     ----------
     address : int
-        Of a `Run`, which stands elsewhere afterwards.
+        Of a `Run`, whose state is changed.
     states : ndarray, shape (1 + n, k)
         Time and state.
     moves : ndarray, shape (1 + n, 2)
-        The time of the end; behind it the error and the size of each variable.
+        First the final time; then the error and the size of each variable.
     work : ndarray, shape (12, n)
     found : ndarray, shape (2*k, m)
-        Filled: for each state times, and how large the error is over what it was.
+        Filled: for each state the times, and the ratio of the error to its initial size.
     """
     run = run_at(address)
     for k in range(states.shape[1]):
@@ -241,17 +241,17 @@ def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Fl
 
 
 def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
-    """Estimate how fast the motion about each state is, contacts open; see `sizes.fastest_rate`.
+    """Estimate the fastest rate of the motion about each state, contacts open; see `tolerance_sizes.fastest_rate`.
 
     Parameters
     ----------
     address : int
-        Of a `Run`, which stands elsewhere afterwards.
+        Of a `Run`, whose state is changed.
     states : ndarray, shape (1 + n, k)
         Time and state.
     found : ndarray, shape (1 + n, n or k)
-        Filled: in the first row the rate at each state; in the rows behind it, if it has n columns, the derivatives of
-        what stands in row i by what stands in column j about the one state, each over its size.
+        Filled: in the first row the rate at each state; in the rows after it, if there are any, the derivatives of
+        the slope of variable i by variable j at the only state, each over its size.
     """
     run = run_at(address)
     for i in range(run.touches.shape[0]):
@@ -266,7 +266,7 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
 
 @shared
 def stand_at(run: Run, states: Floats, k: int) -> None:
-    """Stand at a time and a state, between steps."""
+    """Set the run to a time and a state, between steps."""
     for i in range(run.y.shape[0]):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
     enter_here(run, states[0, k])
@@ -274,8 +274,8 @@ def stand_at(run: Run, states: Floats, k: int) -> None:
 
 @shared
 def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
-    """Stand at the start of a step: on the far side of what changes there, behind an event on what a contact settles to."""
-    for i in range(run.y.shape[0]):  # nothing is carried along
+    """Set the run to the start of a step: on the far side of any change, and after an event with contacts settled."""
+    for i in range(run.y.shape[0]):  # no rounding is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
@@ -284,7 +284,7 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
 
 @shared
 def stand(run: Run, t: float) -> None:
-    """Let tables and switches be those of a time and of the state that `y` has."""
+    """Set tables and switches to a time and the state in `y`."""
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
@@ -294,7 +294,7 @@ def stand(run: Run, t: float) -> None:
 
 @shared
 def enter_here(run: Run, t: float) -> None:
-    """Let forces, sides and contacts be those of a time and of the state that `y` has."""
+    """Set forces, sides and contacts to a time and the state in `y`."""
     stand(run, t)
     if run.plan[0].reactions > 0:
         entered_by(run.functions[TOUCHED], run, t, INFORM)
@@ -303,7 +303,7 @@ def enter_here(run: Run, t: float) -> None:
 
 @shared
 def shorter(run: Run, t: float, t1: float, h: float) -> bool:
-    """Make a step that remembers none before it; whether its equations were solved."""
+    """Make a step without memory of previous ones; return whether its equations were solved."""
     run.now[0].t = t
     run.kept[0].since = BEGUN
     propose_apart(run, t1, h)
@@ -312,14 +312,14 @@ def shorter(run: Run, t: float, t1: float, h: float) -> bool:
 
 @shared
 def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats, k: int, solved: bool) -> None:
-    """Put the distance of a state from two half steps in the place of the one step that they are extrapolated with.
+    """Replace the single step by the state's distance from two half steps, extrapolated with it.
 
-    A step in halves has 2**-p of the error of the whole one. What rounding does is added, a spacing of the numbers that
-    were summed; and what is missing at the step's end, which is added to the state in the measure in which errors grow.
+    Two half steps have 2**-p of the error of the whole one. Rounding is added, one spacing of the numbers that
+    were summed; so is the mismatch at the step's end, which is added to the state in proportion to how errors grow.
     """
     n, divisor, cube = states.shape[0], run.plan[0].divisor, s * s * s
     if run.plan[0].extrapolated:
-        divisor = 2.0 * divisor + 1.0  # of an order more
+        divisor = 2.0 * divisor + 1.0  # one order higher
     for i in range(n):
         value, whole, halves = found[i, k], found[n + i, k], run.z[i] if solved else np.nan
         off = abs((value - halves) + (whole - halves) / divisor)
@@ -329,7 +329,7 @@ def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats
 
 
 def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.implicit.newton`, for a loop that calls it by its address: no caller compiles it again.
+    """Make a step by `march.implicit.newton`; callers use its address, so that they need not compile it again.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: An
     _t, _t1, _h : float
         Ends and size of the step, which the run's `at` holds too.
     y, z : int
-        Where the places of two of its states stand: where the step starts, and to be filled.
+        Addresses of the table entries of two of its states: the start of the step, and the end, which is filled.
     sample : int
         Place of the step's force evaluations in `samples`.
     """

@@ -1,4 +1,4 @@
-"""Evaluations of the forces at a state, and what is kept of them."""
+"""Force evaluations at a state, and what is kept of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ State = NDArray[Any]
 
 @shared
 def evaluate(run: Run, t: float, state: State) -> None:
-    """Evaluate the forces at a state, behind which they are put."""
+    """Evaluate the forces at a state; they are stored after it in the same array."""
     run.at[T] = t
     called(run.law[FORCES], run, state, state, 0)
     run.now[0].evaluations += 1
@@ -26,7 +26,7 @@ def evaluate(run: Run, t: float, state: State) -> None:
 
 @shared
 def finite_state(run: Run) -> bool:
-    """Whether no number of the trial's state is nan or infinite."""
+    """Whether every number of the trial's state is finite."""
     finite = True
     for i in range(run.plan[0].state):
         finite = finite and np.isfinite(run.z[i])
@@ -35,16 +35,16 @@ def finite_state(run: Run) -> bool:
 
 @compiled
 def slope_of(run: Run, state: State, i: int) -> float:
-    """The time derivative of what a force evaluation uses: v of q, then a of v and the rates."""
+    """Return the time derivative of a variable: v for q, a for v, and the rate of a first-order state."""
     n, used = run.plan[0].coordinates, run.plan[0].used
     return state[n + i] if i < n else state[used + i - n]
 
 
 @shared
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
-    """Keep a force evaluation of the trial, from place `first` of its samples on."""
+    """Store a force evaluation of the trial, from place `first` of its samples on."""
     used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
-    forces = 2 * used - run.plan[0].coordinates  # behind accelerations and rates
+    forces = 2 * used - run.plan[0].coordinates  # after accelerations and rates
     if run.plan[0].samples == 0:
         return
     samples[first] = t

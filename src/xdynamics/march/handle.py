@@ -1,9 +1,9 @@
 """A run as compiled code sees it: one pointer to a table of its arrays.
 
-Handed over as a tuple of numba's arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute.
-Through the table it is one number: ``run.y`` is the place of three words in it, ``run.y[i]`` reads where the array begins
-and then the element. What is known of these arrays and of no others is told to the compiler: the table never changes
-while code runs, a plan neither, and a number that is written into one kind of array changes none of another kind.
+Passed as a tuple of numba's arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute.
+Through the table it is one number: ``run.y`` is the place of three words in it, and ``run.y[i]`` reads the array's address
+and then the element. The compiler is given facts that hold for these arrays alone: the table never changes
+while code runs, nor does a plan, and a write to one kind of array changes no array of another kind.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class RunType(types.Type):
 
 
 class ArrayType(types.Type):
-    """The type of one of its arrays: the place of its three words in the table."""
+    """The type of one of a run's arrays: the place of its three words in the table."""
 
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}")
@@ -60,7 +60,7 @@ class ArrayType(types.Type):
 
 
 class RowType(types.Type):
-    """The type of a row with named fields, which stay where they are."""
+    """The type of a row with named fields, which is accessed in place."""
 
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}.row")
@@ -69,7 +69,7 @@ class RowType(types.Type):
         self.record = from_dtype(self.numpy)
 
     def can_convert_to(self, _context: Any, other: Any) -> Any:
-        """Let a row be written into an array of records that is no run's."""
+        """Allow a row to be written into an array of records that does not belong to a run."""
         return Conversion.safe if other == self.record else None
 
 
@@ -88,7 +88,7 @@ class _Pointer(models.PrimitiveModel):
 
 
 def marked(builder: Any, line: Any, kind: str) -> Any:
-    """Tell the compiler which kind of array a line reads or writes (type-based alias analysis)."""
+    """Mark which kind of array an instruction reads or writes (type-based alias analysis)."""
     add = builder.module.add_metadata
     root = add([ir.MetaDataString(builder.module, "xdynamics")])
     zero = ir.Constant(_WORD, 0)
@@ -154,18 +154,18 @@ class _Written(AbstractTemplate):
 
 def _word(builder: Any, table: Any, number: int) -> Any:
     word = builder.load(cgutils.gep_inbounds(builder, table, number))
-    # no compiled code changes the table: what is written elsewhere is no reason to read it again
+    # no compiled code changes the table, so writes elsewhere need not cause it to be read again
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word
 
 
 def data_of(builder: Any, table: Any) -> Any:
-    """Where an array begins."""
+    """Return the address at which an array begins."""
     return builder.inttoptr(_word(builder, table, 0), _POINTER)
 
 
 def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
-    """Where an element stands."""
+    """Return the address of an element."""
     if array.ndim == 2:
         row, column = cgutils.unpack_tuple(builder, index, 2)
         index = builder.add(builder.mul(row, _word(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
@@ -243,7 +243,7 @@ def _run_at(_typing: Any, address: Any) -> Any:
 
 
 def _floats_at(_typing: Any, address: Any) -> Any:
-    """Return the array of numbers whose place in a table is this address."""
+    """Return the array of numbers whose table entry stands at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], _POINTER)
@@ -279,7 +279,7 @@ def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any,
 
 
 def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
-    """Call an entry of the engine at an address, with a number and a whole one."""
+    """Call an entry of the engine at an address, with a float and an integer."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         entry, run, number, count = arguments
@@ -321,7 +321,7 @@ def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
 
 
 def _called(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
-    """Call the program at an address; `sample` is how far into the run's samples it may write."""
+    """Call the program at an address; `sample` is the offset in the run's samples at which it writes."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         address, run, y, z, sample = arguments
@@ -381,11 +381,11 @@ def applied_plainly(address: int, x: float) -> Any:
 
 
 def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
-    """Call one to fill a row of the log."""
+    """Call the Python function that fills a row of the log where nothing is compiled."""
     called_plainly(address, run, y, run.log_rows[:, row], 0)
 
 
-# without numba's compiler, as NUMBA_DISABLE_JIT asks for, the engine is plain Python: entries are given the run itself
+# without numba's compiler (NUMBA_DISABLE_JIT) the engine is plain Python, and entries are given the run itself
 _PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
 floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)

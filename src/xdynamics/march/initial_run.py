@@ -1,4 +1,4 @@
-"""A model and its settings as the numbers of a run, in the march's internal units."""
+"""The initial numbers of a run, from a model and its settings, in the march's internal units."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
     """Return a run that has not begun."""
-    model = settings.layout(model).model  # the one that is told its sides
+    model = settings.layout(model).model  # the model with the sides of its switches
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
@@ -69,7 +69,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
-    )  # what is behind a node changes nothing
+    )  # nothing beyond the first node matters
     given_steps = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     now = np.zeros(1, NOW)
@@ -100,18 +100,18 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
 
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
-    """Return where the programs of a march begin; of the interpolant too, where an event is located on it."""
+    """Return the addresses of a march's programs; with the interpolant where an event is located on it."""
     inside = any(detector.event.root_state == "interpolant" for detector in law.layout.watched)
     return law.addresses_inside if inside else law.addresses
 
 
 def _solver(law: Law) -> int:
-    """Return the address of what solves the equations of a step."""
+    """Return the address of the solver of a step's equations."""
     return solvers().radau if law.scheme.method.simplified else solvers().newton
 
 
 def _solving(law: Law) -> dict[str, NDArray[Any]]:
-    """Return what equations are solved with; runs of explicit methods share empty arrays, which nothing writes to."""
+    """Return the arrays of the equation solver; runs of explicit methods share empty ones, which nothing writes to."""
     layout, method = law.layout, law.scheme.method
     if not method.implicit:
         return _NOTHING_TO_SOLVE
@@ -129,7 +129,7 @@ def _solving(law: Law) -> dict[str, NDArray[Any]]:
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
-    """Return the initial state, its tolerances, and room for those that are tried."""
+    """Return the initial state, its tolerances, and room for trial states."""
     layout, tolerances = law.layout, settings.tolerances
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
     n, events = len(layout.used), len(layout.watched)
@@ -141,10 +141,10 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
-    # without tolerances nothing is asked of an error
+    # without tolerances an error may have any size
     wider = widened(law, tolerances.rtol) if tolerances else 1.0
     atols = [None if tolerances is None else tolerances.of(name) for name in layout.used]
-    unspecified = np.inf if tolerances is None else 0.0  # what follows its variable is not known yet
+    unspecified = np.inf if tolerances is None else 0.0  # a tolerance that follows its variable is not known yet
     arrays["atol"] = np.array([unspecified if atol is None else atol / sizes[name] * wider for name, atol in zip(layout.used, atols, strict=True)])  # fmt: skip
     arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
     arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
@@ -152,14 +152,14 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
 
 
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
-    """Return which absolute tolerances follow their variables, and what of is of one kind."""
+    """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
     follow = [tolerances is not None and tolerances.of(name) is None for name in layout.used]
     return {"followers": np.array(follow, np.int64), "kinds": np.array(layout.kinds, np.int64)}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
-    """Return what the march does not change."""
+    """Return the numbers that the march does not change."""
     scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
     start, end = model.initial["t"].si / scale, settings.until / scale
     adaptive, tolerances = settings.adaptive, settings.tolerances
@@ -210,23 +210,23 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
 
 
 def floor_of(rtol: float) -> float:
-    """Return what an absolute tolerance that follows is at least, over the largest of its kind."""
+    """Return the least absolute tolerance that follows its variable, over the largest of its kind."""
     return max(FLOOR * rtol, ROUNDED * EPS)
 
 
 def widened(law: Law, rtol: float) -> float:
-    """Return what absolute tolerances are multiplied by, so that they keep their ratio to the relative one."""
+    """Return the factor on absolute tolerances that keeps their ratio to the relative one."""
     return law.scheme.inner(rtol) / rtol
 
 
 def nodes_of(model: Model, scales: Scales) -> Floats:
-    """Return the times at which a drive of time changes its piece, ascending."""
+    """Return the breakpoints of drives of time, ascending."""
     times = [drive.table.argument / scales.of(TIME) for drive in model.drives.values() if drive.argument == "t"]
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 
 def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
-    """Return the times that given steps lead to, those close to a node being that node, and the steps."""
+    """Return the times that given steps lead to, snapped to nodes close by, and the steps."""
     times, t, end = [], start, float(nodes[-1])
     for aim, step in zip(given_times(start, steps, end), steps, strict=True):
         t = end if aim == end else t + step
@@ -237,14 +237,14 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 
 
 def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
-    """Return what a law knows of the model; the modes of contacts are the end of it."""
+    """Return the parameters that a law reads; the modes of contacts are the end of them."""
     values = np.array(list(constants(model, scales).values()))
     changing = len(modes(model)) + len(told(model))
     return {"p": values, "modes": values[len(values) - changing :]}
 
 
 def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return how events are looked for, and what that takes."""
+    """Return the arrays of the search for events."""
     watched = law.layout.watched
     intervals, depth, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
     places = {
@@ -274,7 +274,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
 
 
 def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return what a region without events is of; nothing where contacts go by what gaps are in every step."""
+    """Return the arrays of a region without events; empty where contacts read gaps in every step."""
     rows = {k: intervals.rows[k].tolist() for k in range(intervals.parts[0], intervals.parts[1])}
     disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
     leaves = []
@@ -287,7 +287,7 @@ def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[st
 
 
 def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return what contacts and friction elements are, and room for the problems that they pose."""
+    """Return the arrays of contacts and friction elements, with room for the problems that they pose."""
     all_reactions, scales = reactions(model), settings.scales
     m, n = len(all_reactions), len(model.coordinates)
     unknowns = sum(1 if reaction.sort == NORMAL else 3 for reaction in all_reactions)
@@ -324,13 +324,13 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
 
 
 def _targets(law: Law) -> list[tuple[int, int]]:
-    """Return, for everything that an event sets, the event and the place in the state."""
+    """Return the event and the place in the state of everything that events set."""
     events, used = list(law.layout.model.events), law.layout.used
     return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
 
 
 def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
-    """Return the number of a drive, and where its argument, that one's rate and its acceleration stand in a state."""
+    """Return the number of a drive, and the places of its argument, the argument's rate and acceleration in a state."""
     argument, places = layout.model.drives[drive].argument, {name: i for i, name in enumerate(layout.record)}
     owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
     turn = places[acceleration(owner)]
@@ -342,7 +342,7 @@ def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDAr
     rows = np.zeros(len(watched), DETECTOR)
     rows["value"], rows["slope"], rows["of_time"] = intervals.functions, intervals.slopes, intervals.of_time
     rows["bend"] = intervals.bends
-    place = len(modes(model))  # of sides, behind the modes of contacts
+    place = len(modes(model))  # of sides, after the modes of contacts
     for row, detector in zip(rows, watched, strict=True):
         event = detector.event
         row.direction, row.action, row.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
@@ -363,7 +363,7 @@ def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDAr
 
 
 def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
-    """Lay what Newton's method has to know of a step's equations into flat lists."""
+    """Return the equations of a step as flat lists for Newton's method."""
     rows = np.zeros(len(law.equations), EQUATIONS)
     unknowns: list[tuple[int, int, int]] = []
     entries: list[tuple[int, int, int, int]] = []
@@ -378,7 +378,7 @@ def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[n
 
 @lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
-    """Whether the model has functions or tables that are not defined everywhere."""
+    """Whether the model has functions or tables with a limited domain."""
     parts: Iterable[object] = (part for terms in model.force_components.values() for part in terms.values())
     trees = [part for part in parts if not isinstance(part, Function)]
     trees += [*model.statement.mass_entries.values(), *(part.rate for part in model.states.values())]

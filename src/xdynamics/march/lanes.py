@@ -1,7 +1,7 @@
-"""Many runs side by side: each in a lane of vector code, which takes the next run when its own is over.
+"""Many runs side by side: each in a lane of vector code, which takes the next run when its own ends.
 
-`kernels.lane_step` makes ordinary steps in all lanes at once. Whatever else a step is, a run's own `Run` makes by the
-single march, from the same state, and the lane goes on behind it: so each run has the bits that it has alone.
+`kernels.lane_step` makes ordinary steps in all lanes at once. Any other step is made by the run's own `Run` in the
+single march, from the same state, and the lane goes on after it: so each run is the same, to the bit, as alone.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ Records = NDArray[Any]
     L_NODE, L_SNAP, L_INNER, L_LANDED, L_START, L_STEP_SIZE, L_RTOL, L_FLOOR, L_REST, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
 ) = range(len(LANE))  # fmt: skip
 NONE = -1  # no run is in the lane
-LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `standing`: lanes with a run, the next run, events and rows handed out
-OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane has a number of a row: in `w`, in `y`, in `noted`
+LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `standing`: lanes with a run, next run, events and rows handed out
+OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane holds a number of a row: in `w`, in `y`, in `noted`
 
 
 def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, before: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole, noted: Floats, columns: Whole, rows: Blocks, flags: FlagBlocks, row_owners: Whole, reached: Floats, marks: Flags) -> bool:  # fmt: skip
@@ -52,31 +52,31 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
     march_at, stride_at : int
         Addresses of the compiled `loop.march`, and of a step in all lanes.
     table : ndarray of int
-        Where the step finds the arrays that follow.
+        Addresses of the following arrays, for the step.
     at, y, before, p, z, w : ndarray, shape (…, lanes)
         `before` is the state before the last node.
     pieces : ndarray of int, shape (…, lanes)
     members : ndarray of int, shape (lanes,)
-        Which run is in which lane.
+        The run in each lane.
     standing : ndarray of int, shape (4,)
         `LIVING`, `FOLLOWING`, `EVENTS`, `ROWS`.
     plans, starts, parameters, atols, ends, lasts, largest, passed
         Of the runs, as for `entries.march_many`.
     met, rates, impulses, owners
-        Events as they come, and which run each is of.
+        Events in the order of their location, and the run of each.
     noted : ndarray, shape (…, lanes)
-        What a step notes besides the state.
+        What a step logs besides the state.
     columns : ndarray of int, shape (c, 3)
-        Of each column of the log that is kept: its number, where a lane has it, and at which place there.
+        Of each column of the log that is kept: its number, where a lane holds it, and its place there.
     rows, flags, row_owners : ndarray, shape (n, c, lanes), (n, …, lanes), (n, lanes)
-        Rows as they come, and which run each is of, `NONE` of none; with no columns, none are kept.
+        Rows in the order of acceptance, and the run of each or `NONE`; without columns, none are kept.
     reached, marks : ndarray, shape (lanes,), (…, lanes)
-        Time of the row of each lane that was kept last, and its flags.
+        Time of the row last kept of each lane, and its flags.
 
     Returns
     -------
     bool
-        Whether all are over; else there is no room for events or rows, which are to be taken out.
+        Whether all are over; if not, events or rows are full and have to be taken out.
     """
     lanes, lands, keeps = addresses.shape[0], run_at(addresses[0]).nodes.shape[0] > 0, columns.shape[0] > 0
     blocks, inputs, results = (
@@ -112,7 +112,7 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
 
 @borrowing
 def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whole, blocks: Any, given: Any, results: Any, events: Any, keeping: Any) -> bool:  # fmt: skip
-    """Have the single march make the step of a lane, and the next run take its place where one is over; False without room."""
+    """Make a lane's step by the single march, and start the next run where one is over; False if there is no room."""
     run, (_, y, before, _, _, w) = run_at(address), blocks
     if lacks_room(run, len(members), standing, events, keeping):
         return False
@@ -143,7 +143,7 @@ def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whol
 
 @borrowing
 def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any) -> bool:
-    """Whether events of so many lanes, or rows that the single march may write, would have no place."""
+    """Whether there is too little room for the events of some lanes, or for rows that the single march may write."""
     if standing[EVENTS] + lanes * run.log_events.shape[0] > events[0].shape[0]:
         return True
     return keeping[0].shape[0] > 0 and standing[ROWS] + run.log_rows.shape[1] + 2 > keeping[1].shape[0]
@@ -151,14 +151,14 @@ def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any)
 
 @borrowing
 def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: int) -> None:
-    """Behind a node, have a lane go on with the forces of its far side, as `loop.cross_node` does; before it is kept."""
+    """After a node, let a lane go on with the forces of the far side, as in `loop.cross_node`; `before` keeps the near one."""
     now, t = run.now[0], w[L_T, lane]
     for i in range(run.y.shape[0]):
         before[i, lane] = run.z[i] = y[i, lane]
     enter_pieces(t, run.tables, run.places, run.of_time)
     evaluate(run, t, run.z)
     now.node += 1
-    if not finite_state(run):  # as the single march is to find
+    if not finite_state(run):  # the single march is to find out
         now.evaluations -= 1
         w[L_MOST, lane] = -1.0
         return
@@ -174,7 +174,7 @@ def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: i
 
 @borrowing
 def aim_behind(run: Run, w: Floats, lane: int) -> None:
-    """Tell a lane which node is next."""
+    """Give a lane its next node."""
     now = run.now[0]
     inner = now.node < run.nodes.shape[0]
     w[L_NODE, lane], w[L_SNAP, lane] = run.nodes[now.node] if inner else run.plan[0].end, run.snaps[now.node]
@@ -183,7 +183,7 @@ def aim_behind(run: Run, w: Floats, lane: int) -> None:
 
 @borrowing
 def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any) -> None:  # fmt: skip
-    """Keep the rows that a step in all lanes led to; what is of a lane that did not move is no run's."""
+    """Keep the rows after a step in all lanes; the row of a lane that did not move belongs to no run."""
     to, lanes, (columns, rows, flags, owners) = standing[ROWS], members.shape[0], keeping
     for k in range(columns.shape[0]):
         place = columns[k, 2]
@@ -207,7 +207,7 @@ def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floa
 
 @borrowing
 def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any) -> None:
-    """Keep rows that the single march has written, from one on."""
+    """Keep the rows that the single march wrote, from row `first` on."""
     columns, rows, flags, owners = keeping
     if columns.shape[0] == 0:
         return
@@ -225,7 +225,7 @@ def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any)
 
 @borrowing
 def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
-    """Take the events out of a run's log, and note whose they are."""
+    """Move the events out of a run's log, and record the run that they belong to."""
     now, base, (met, rates, impulses, owners) = run.now[0], run.base[0], events
     for k in range(now.events - base.events):
         to = standing[EVENTS]
@@ -241,9 +241,9 @@ def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
 
 @borrowing
 def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, keeping: Any) -> None:
-    """Make a step by the single march, and further ones where forces are other ones behind a node, or contacts hold.
+    """Make a step by the single march, and further ones while forces change at a node, or contacts hold.
 
-    Behind a step with an event too: another one is often near, and the way into a lane and out of it costs five steps.
+    Also after a step with an event: another is often near, and entering and leaving a lane costs five steps.
     """
     now, first, room = run.now[0], run.now[0].rows, keeping[1].shape[0] - run.log_rows.shape[1]
     met = now.events
@@ -260,13 +260,13 @@ def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, k
 
 @borrowing
 def waits(run: Run) -> bool:
-    """Whether forces are to be evaluated behind a node, or a contact or friction holds the state, behind every step."""
+    """Whether forces are to be evaluated after a node, or a contact or friction holds the state after every step."""
     return run.now[0].crossed != run.now[0].node or (run.touches.shape[0] > 0 and choose(run, True) > 0)
 
 
 @borrowing
 def rebase(run: Run) -> None:
-    """Let the log begin with the last row that was written."""
+    """Let the log begin with the row last written."""
     now, base = run.now[0], run.base[0]
     last = now.rows - 1 - base.rows
     for i in range(run.log_rows.shape[0]):
@@ -278,7 +278,7 @@ def rebase(run: Run) -> None:
 
 @borrowing
 def enter(run: Run, blocks: Any, lane: int) -> None:
-    """Put a run into a lane, from where it stands."""
+    """Put a run into a lane, from its current state."""
     now, plan, used, (at, y, _, p, pieces, w) = run.now[0], run.plan[0], run.plan[0].used, blocks
     w[L_T, lane], w[L_H, lane], w[L_NORM, lane], w[L_TRIED, lane] = now.t, now.h, now.norm, now.norm
     w[L_STEP, lane], w[L_STEP_LOG, lane], w[L_REJECTED, lane] = now.step, now.step_log, float(now.rejected)
@@ -293,7 +293,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
     w[L_MIN_STEP, lane], w[L_MAX_STEP, lane] = plan.min_step, plan.max_step
     w[L_LIVES, lane], w[L_ORDINARY, lane] = 1.0, 1.0
     if waits(run):
-        w[L_MOST, lane] = -1.0  # no step of a lane
+        w[L_MOST, lane] = -1.0  # not a step for a lane
     lend(run, at, y, p, pieces, lane)
     first = L_ORDINARY + 1
     for i in range(used):
@@ -301,13 +301,13 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
         w[first + 2 * used + i, lane] = run.e[i]
     watch_sides(run, w, first + 3 * used, lane)
     first = enter_kept(run, w, lane)
-    for i in range(w.shape[0] - first):  # of switches that were declared smooth
+    for i in range(w.shape[0] - first):  # of switches declared smooth
         w[first + i, lane] = run.w[run.w.shape[0] - (w.shape[0] - first) + i]
 
 
 @borrowing
 def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
-    """Tell a lane on which side of zero each event function is to stay, and how large gaps were."""
+    """Give a lane the side of zero on which each event function has to stay, and the largest gaps."""
     events = run.detectors.shape[0]
     for i in range(events):
         watch = run.watches[i]
@@ -319,7 +319,7 @@ def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
 
 @borrowing
 def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
-    """Take a run out of its lane, so that the single march goes on from where it stands; its last row is written."""
+    """Take a run out of its lane, so that the single march goes on from its state; its last row is written."""
     now, plan, used = run.now[0], run.plan[0], run.plan[0].used
     accepted = np.int64(w[L_ACCEPTED, lane])
     rejected = np.int64(w[L_DONE, lane]) - now.rows - now.trials - accepted
@@ -349,7 +349,7 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
     base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
     if not plan.simplified:
         run.kept[0].since, run.trial[0].iterations = MOVED, 0
-    now.rows -= 1  # the last row is noted, and counted, now
+    now.rows -= 1  # the last row is logged, and counted, now
     if w[L_LANDED, lane] != 0.0:  # with the forces before the node
         for i in range(run.y.shape[0]):
             run.z[i] = before[i, lane]
@@ -361,7 +361,7 @@ def leave(run: Run, y: Floats, before: Floats, w: Floats, lane: int) -> None:
 
 @borrowing
 def close(run: Run, member: int, results: Any) -> None:
-    """Keep what became of a run that is over."""
+    """Store the results of a finished run."""
     ends, lasts, largest, passed = results
     keep_last(run, lasts, member)
     ends[member] = run.now[0]
@@ -371,7 +371,7 @@ def close(run: Run, member: int, results: Any) -> None:
 
 
 def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, places: Whole, to_rows: Floats, to_flags: Flags) -> None:  # fmt: skip
-    """Put rows that came from many runs in turn one run behind the other.
+    """Sort rows of many runs, kept in turn, into one run after the other.
 
     Parameters
     ----------
@@ -379,7 +379,7 @@ def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, 
         As `march_lanes` keeps them.
     columns : ndarray of int, shape (c, 3)
     places : ndarray of int
-        Where the next row of each run goes; moved on.
+        Where the next row of each run goes; advanced.
     to_rows, to_flags : ndarray, shape (…, n)
         Filled, columns as in the log of a single march.
     """
@@ -397,12 +397,12 @@ def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, 
 
 
 def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, log: Floats, flags: Flags, parameters: Floats, factors: Floats, jobs: Whole, times: Floats, found: Floats) -> None:  # fmt: skip
-    """Make steps of many logs again, each shortened to end at a time inside it, as `entries.states_inside` does.
+    """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
 
     Parameters
     ----------
     address : int
-        Of a `Run`, contacts left out.
+        Of a `Run` without contacts.
     forces_at, propose_at : int
         Addresses of a force evaluation and of a step, in all lanes.
     table, at, y, p, pieces, z
@@ -410,9 +410,9 @@ def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, 
     log, flags : ndarray, shape (…, rows)
     parameters : ndarray, shape (runs, …)
     factors : ndarray, shape (1 + n,)
-        From internal numbers to those of the record: of time, then of the state.
+        From internal units to those of the record: of time, then of the state.
     jobs : ndarray of int, shape (3, k)
-        Row from which each step goes, row to which, and the run.
+        Row at the start of each step, row at its end, and the run.
     times : ndarray, shape (k,)
         In the unit of the record.
     found : ndarray, shape (n, k)
@@ -423,7 +423,7 @@ def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, 
     filled, current = 0, -1
     for k in range(times.shape[0]):
         row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]
-        # there and back, as a record's numbers go: the same bits
+        # to units of the record and back, for the same bits
         t, t1, h = log[0, row] * scale / scale, log[0, led_to] * scale / scale, log[1, led_to] * scale / scale
         time = times[k] / scale
         if time > t:

@@ -1,4 +1,4 @@
-"""The log of a march: blocks of rows, filled by compiled code, read as columns."""
+"""The log of a march: blocks of rows, filled by compiled code and read as columns."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from xdynamics.march.handle import noted
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
-_WIDE = 100  # columns from which on huge pages pay: a row is then spread over more pages than a processor keeps in mind
+_WIDE = 100  # columns from which huge pages pay: a row then spans more pages than the processor's TLB holds
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
-PIECES = 128  # of a table that one flag tells apart
-MOST_SUBSTEPS = 200  # of one event's bracket, where halving alone needs 60, and of the search for events in a step
+PIECES = 128  # of a table that one flag distinguishes
+MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60, and of the event search in a step
 
 
 class Log(NamedTuple):
@@ -37,12 +37,12 @@ class Log(NamedTuple):
     impulses: NDArray[np.float64]
 
     def lend(self, run: Run) -> None:
-        """Let a run write here from now on."""
+        """Have a run write to this log from now on."""
         run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
                 log_trials=self.trials, log_events=self.events, log_rates=self.rates, log_impulses=self.impulses)  # fmt: skip
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
-        """Have the system provide the memory of some rows to come in one go: one page after the other costs twice as much."""
+        """Have the system provide the memory of some rows to come at once: page by page costs twice as much."""
         for array, first, count in ((self.rows, row, rows), (self.samples, sampled * row, sampled * rows)):
             memory = _memory_of(array)
             if memory is None or not count:
@@ -52,13 +52,16 @@ class Log(NamedTuple):
                 size = min(count * array.itemsize, len(memory) - begin)
                 try:
                     memory.madvise(_POPULATE, begin, size)
-                except (OSError, ValueError):  # a system that does not know how provides it when it is written
+                except (OSError, ValueError):  # a system without it provides memory on first write
                     return
 
 
 @dataclass(frozen=True)
 class Block:
-    """A filled part of the log; `rows`, `trials`, `events`, `samples` are how much of it, `numbers` which rows of the march, where some are left out."""
+    """A filled part of the log.
+
+    `rows`, `trials`, `events`, `samples` count what is filled; `numbers` are the march's row numbers where some are left out.
+    """
 
     log: Log
     rows: int
@@ -69,7 +72,7 @@ class Block:
 
 
 class Room:
-    """Memory that is used again and again: what was taken from it before has no meaning any more.
+    """Memory that is reused: arrays taken from it before become invalid.
 
     A system provides memory page by page, which costs more than filling it.
     """
@@ -78,7 +81,7 @@ class Room:
         self._kept: dict[str, NDArray[Any]] = {}
 
     def take(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array with anything in it, under a name of its own."""
+        """Return an uninitialised array, under a name of its own."""
         size = int(np.prod(shape))
         if name not in self._kept or self._kept[name].size < size:
             self._kept[name] = np.empty(size + size // 4, dtype)
@@ -87,13 +90,13 @@ class Room:
 
 @compiled
 def most_trials(events: int) -> int:
-    """Rejected trials that a step may bring: one, and where substeps are trials those of its border, of the search, of brackets."""
+    """Return the most rejected trials of a step: one, or where substeps count, those of border, search and brackets too."""
     return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 
 @compiled
 def has_room(run: Run) -> bool:
-    """Whether one more step, with every event and node it may hold, fits the blocks."""
+    """Whether one more step, with all its possible events and nodes, fits into the blocks."""
     now, base, events = run.now[0], run.base[0], run.detectors.shape[0]
     return (
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
@@ -108,7 +111,7 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     """Write one row of the log, and count it if its energies and observables are finite."""
     now, at = run.now[0], run.at
     row = now.rows - run.base[0].rows
-    reached = h > 0.0  # by a step, which has an error
+    reached = h > 0.0  # by a step, so that there is an error
     at[T], at[H], at[NORM], at[TURNS] = t, h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
     noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
@@ -124,7 +127,7 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
 
 @compiled
 def note_sides(run: Run, row: int) -> None:
-    """Write on which side of each switch hidden in forces a row is; of a table in which piece."""
+    """Write the side of each hidden switch in a row; for a table, the number of the piece."""
     place = 2 + run.touches.shape[0]
     for i in range(run.detectors.shape[0] - run.plan[0].switches, run.detectors.shape[0]):
         detector = run.detectors[i]
@@ -150,7 +153,7 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
 
 @shared
 def first_of_group(run: Run, row: int) -> int:
-    """The first of the newest events, those behind a row of states; of runs before in the same log there are others."""
+    """Return the first of the newest events, those after a row; earlier runs may have others in the same log."""
     first, least = run.now[0].events - run.base[0].events, max(0, -run.base[0].events)
     while first > least and run.log_events[first - 1].row_before == row:
         first -= 1
@@ -159,7 +162,7 @@ def first_of_group(run: Run, row: int) -> int:
 
 @compiled
 def note_samples(run: Run, row: int) -> None:
-    """Keep the force evaluations of an accepted trial, which led to a row."""
+    """Store the force evaluations of the accepted trial that led to a row."""
     now, plan, samples = run.now[0], run.plan[0], run.log_samples
     width = samples.shape[0] - 2
     first = now.samples - run.base[0].samples
@@ -174,7 +177,7 @@ def note_samples(run: Run, row: int) -> None:
 
 @shared
 def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
-    """Keep one force evaluation that belongs to no step: at the start, and behind a node of a drive."""
+    """Store one force evaluation outside steps: at the start, or after a node of a drive."""
     now, plan, samples = run.now[0], run.plan[0], run.log_samples
     if plan.samples == 0:
         return
@@ -189,7 +192,7 @@ def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
 
 
 def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
-    """The pages that `_pages` made an array of."""
+    """Return the memory map of an array made by `_pages`, if it has one."""
     base: Any = array.base
     while isinstance(base, np.ndarray):
         base = base.base
@@ -219,27 +222,27 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) ->
 
 
 def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[np.bool_]:
-    """Tell which of the first events of a log were accepted farther from their zero than was asked for."""
+    """Return which of the first events of a log exceed their position tolerance."""
     events = log.events[:count]
     misplaced: NDArray[np.bool_] = np.abs(events["residual"]) > detectors["position"][events["detector"]]
     return misplaced
 
 
 def _acting(layout: Layout) -> int:
-    """Return how many numbers say what an event did: impulses and energy of contacts, then offsets of positions."""
+    """Return the number of columns for the effect of an event: impulses and energy of contacts, offsets of positions."""
     n = len(layout.coordinates)
     return 2 * n + 1 if layout.reactions else n if layout.resets else 0
 
 
 def most_recycled(layout: Layout) -> int:
-    """Rows of a log whose memory the next one finds again: larger ones are given back to the system and come anew."""
+    """Return the most rows of a log whose memory the next one reuses; larger logs go back to the system."""
     return max(1 << 9, _HUGE // (8 * len(layout.row)) - 8)
 
 
 def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
-    """Return an array on plain pages of memory, touched when it is filled.
+    """Return an array on plain pages of memory, which are touched when it is filled.
 
-    numpy asks the system for huge pages, and putting those together can stall a first run longer than it marches:
+    numpy asks the system for huge pages, and assembling those can stall a first run longer than it marches:
     198 ns a step instead of 60, measured on 10**7 steps of the oscillator. A row of many columns is better off with
     them: 16 ns a step and coordinate instead of 26 with 100 masses, 26 instead of 44 with 1,000.
     """
