@@ -1,1 +1,1 @@
-"""Contacts and friction: what touches, what that does to a march, and what the record is told of it."""
+"""Contacts and friction: what touches, what that does to a march, and what the record says of it."""

@@ -1,7 +1,7 @@
-"""What contacts and friction elements do at a state: open or closed, sticking or slipping; and who is told.
+"""The active set: which contacts are open or closed at a state, and which friction elements stick or slip.
 
-Contacts that touch and do not part are candidates, and the accelerations say which of them stay closed, what sticks and
-what slips.
+Contacts that touch and do not part are candidates; the accelerations decide which of them stay closed, and what sticks
+or slips.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
 from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, SETTLING, STICKING
 
-FLAT = 1e-9  # of the largest that a reaction did to its own row: a gap has no gradient there
-ALIKE = 1e-10  # of what a reaction does to its own row: what is left where others do the same
+FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
+ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
 
 
 @shared
 def derive(run: Run) -> bool:
-    """Find what contacts and friction do from the state, and say so to the forces; whether there is an answer."""
+    """Determine from the state what contacts and friction do, and inform the forces; whether there is a solution."""
     for k in range(run.touches.shape[0]):
         assign(run, k)
     solved = run.at[UNSOUND] == 0.0 and sensible(run) and solvable(run) and solve_reactions(run)
@@ -55,81 +55,83 @@ def derive(run: Run) -> bool:
 @shared
 def assign(run: Run, k: int) -> None:
     """Give a reaction its part among the forces."""
-    one, reaction = run.touches[k], run.reactions[k]
+    touch, reaction = run.touches[k], run.reactions[k]
     rate = number(run, k, RATE)
-    still = abs(rate) <= one.slack
-    one.origin, one.known, one.part = number(run, k, FREE), 0.0, ABSENT
+    still = abs(rate) <= touch.slack
+    touch.origin, touch.known, touch.part = number(run, k, FREE), 0.0, ABSENT
     if reaction.role == NORMAL:
-        settles = one.state == SETTLING and one.near and one.hit != PULL
+        settles = touch.state == SETTLING and touch.near and touch.hit != PULL
         # a method of low order may close a gap that, by its velocities, opens
-        late = one.hit == GAP and not struck(run) and rate <= abs(one.origin) * run.trial[0].h
-        if settles or (one.near and (still or late) and one.hit != PULL):
-            one.part = PRESSING
+        late = touch.hit == GAP and not struck(run) and rate <= abs(touch.origin) * run.trial[0].h
+        if settles or (touch.near and (still or late) and touch.hit != PULL):
+            touch.part = PRESSING
         return
     if reaction.role == TANGENT and run.touches[reaction.normal].part == ABSENT:
         return
-    one.way = 1 if rate > 0.0 else -1
-    if one.hit == GRIP and (still or one.state == STICKING):
-        one.way, still = (-1 if number_of_force(run, k) > 0.0 else 1), False
-    elif one.hit == SLIP:
+    touch.way = 1 if rate > 0.0 else -1
+    if touch.hit == GRIP and (still or touch.state == STICKING):
+        touch.way, still = (-1 if number_of_force(run, k) > 0.0 else 1), False
+    elif touch.hit == SLIP:
         still = True
     if still:
-        one.part, one.coefficient, one.bound = GRIPPING, number(run, k, MOST), 0.0 if reaction.role == TANGENT else number(run, k, MOST)  # fmt: skip
+        touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, MOST), 0.0 if reaction.role == TANGENT else number(run, k, MOST)  # fmt: skip
     elif reaction.role == TANGENT:
-        one.part, one.coefficient = SLIDING, number(run, k, SIZE)
+        touch.part, touch.coefficient = SLIDING, number(run, k, SIZE)
     else:
-        one.part, one.known = KNOWN, -one.way * number(run, k, SIZE)
+        touch.part, touch.known = KNOWN, -touch.way * number(run, k, SIZE)
 
 
 @shared
 def number_of_force(run: Run, k: int) -> float:
-    """The force of a reaction at the trial's state, as the last evaluation has it."""
+    """The force of a reaction at the trial's state, by the last evaluation."""
     return run.z[run.plan[0].pressed + k]
 
 
 @shared
 def sensible(run: Run) -> bool:
-    """Whether no friction pushes on, none sticks with less than it slips with, and no gap closes without a normal."""
-    found = True
+    """Whether no friction drives, none sticks with less than it slips with, and no gap closes without a normal."""
+    valid = True
     for k in range(run.touches.shape[0]):
         if run.touches[k].near:
-            found = found and gram(run, k, k) > FLAT * run.touches[k].steepest
+            valid = valid and gram(run, k, k) > FLAT * run.touches[k].steepest
         if run.reactions[k].role != NORMAL:
             size, most = number(run, k, SIZE), number(run, k, MOST)
-            found = found and size >= 0.0 and most >= size
-    return found
+            valid = valid and size >= 0.0 and most >= size
+    return valid
 
 
 @shared
 def solvable(run: Run) -> bool:
-    """Whether what slides leaves one answer: pressing harder has to push apart (Painleve, 1895)."""
+    """Whether sliding leaves a unique solution: pressing harder has to push apart (Painleve, 1895)."""
     for k in range(run.touches.shape[0]):
-        one = run.touches[k]
-        if one.part == SLIDING:
+        touch = run.touches[k]
+        if touch.part == SLIDING:
             normal = run.reactions[k].normal
-            if not gram(run, normal, normal) - one.way * one.coefficient * gram(run, normal, k) > 0.0:
+            if not gram(run, normal, normal) - touch.way * touch.coefficient * gram(run, normal, k) > 0.0:
                 return False
     return True
 
 
 @shared
 def conclude(run: Run, k: int) -> None:
-    """Say what a reaction does, from the forces and accelerations that were found."""
-    one = run.touches[k]
+    """Set what a reaction does, from the forces and accelerations just found."""
+    touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
-        if one.part != PRESSING or parts(run, k):
-            one.state = OPEN
-        elif one.state != SETTLING or one.hit == LIMIT:
-            one.state = CLOSED
+        if touch.part != PRESSING or parts(run, k):
+            touch.state = OPEN
+        elif touch.state != SETTLING or touch.hit == LIMIT:
+            touch.state = CLOSED
         return
-    if one.part == ABSENT or (run.reactions[k].role == TANGENT and run.touches[run.reactions[k].normal].state == OPEN):
-        one.state = LOOSE
-    elif one.part == GRIPPING and not slips(run, k):
-        one.state = STICKING
+    if touch.part == ABSENT or (
+        run.reactions[k].role == TANGENT and run.touches[run.reactions[k].normal].state == OPEN
+    ):
+        touch.state = LOOSE
+    elif touch.part == GRIPPING and not slips(run, k):
+        touch.state = STICKING
     else:
-        if one.part == GRIPPING:
-            one.way = 1 if one.after > 0.0 else -1
-        one.state = FORWARD if one.way > 0 else BACKWARD
+        if touch.part == GRIPPING:
+            touch.way = 1 if touch.after > 0.0 else -1
+        touch.state = FORWARD if touch.way > 0 else BACKWARD
 
 
 @shared
@@ -140,17 +142,17 @@ def parts(run: Run, k: int) -> bool:
 
 @shared
 def inform(run: Run) -> None:
-    """Put what contacts do behind the parameters, and wake the detectors of what may come next."""
+    """Store what contacts do, after the parameters, and wake the detectors of what may come next."""
     for k in range(run.touches.shape[0]):
-        one = run.touches[k]
+        touch = run.touches[k]
         if run.plan[0].stepping:
             run.modes[MODES * k], run.modes[MODES * k + 1] = 0.0, 0.0
         elif run.reactions[k].role == NORMAL:
-            run.modes[MODES * k] = 0.0 if one.state == OPEN else 1.0
-            run.modes[MODES * k + 1] = one.limit if one.state == SETTLING else 0.0
+            run.modes[MODES * k] = 0.0 if touch.state == OPEN else 1.0
+            run.modes[MODES * k + 1] = touch.limit if touch.state == SETTLING else 0.0
         else:
-            run.modes[MODES * k] = 1.0 if one.state == STICKING else 0.0
-            run.modes[MODES * k + 1] = 1.0 if one.state == FORWARD else (-1.0 if one.state == BACKWARD else 0.0)
+            run.modes[MODES * k] = 1.0 if touch.state == STICKING else 0.0
+            run.modes[MODES * k + 1] = 1.0 if touch.state == FORWARD else (-1.0 if touch.state == BACKWARD else 0.0)
     relieve(run)
     for i in range(run.detectors.shape[0]):
         wake(run, i)
@@ -158,10 +160,10 @@ def inform(run: Run) -> None:
 
 @shared
 def relieve(run: Run) -> None:
-    """Let those hold nothing that hold what others hold already.
+    """Release reactions that hold only what others hold already.
 
-    Two corners of a block on a floor both keep it from sliding, and rigid bodies do not tell which force does how much of
-    it: the motion is one, and the first of them have all of the force. Found by L D L^T of what holds.
+    Two corners of a block on a floor both keep it from sliding, and rigid bodies do not determine how they share the
+    force: the motion is unique, and the first of them take all of it. Found by L D L^T of the reactions that hold.
     """
     count = choose(run, True)
     for i in range(count):
@@ -180,19 +182,19 @@ def relieve(run: Run) -> None:
 
 @shared
 def lingers(run: Run, k: int) -> bool:
-    """Whether a contact that is open stays as good as closed: neither its rate nor its acceleration opens it in a step.
+    """Whether an open contact stays as good as closed: neither its rate nor its acceleration opens it in a step.
 
-    Where nothing presses, as between balls that hang side by side, rounding alone would make it open and close. What is
-    pulled open leaves at no rate and no acceleration, too, but for good.
+    Where nothing presses, as between balls that hang side by side, rounding alone would make it open and close. One
+    that is pulled open starts with no rate and no acceleration, too, but leaves for good.
     """
-    one, h = run.touches[k], usual_step(run)
-    touches = one.state == OPEN and one.near == 1 and one.hit != PULL and abs(number(run, k, RATE)) <= one.slack
-    return bool(touches and abs(one.after) * h * h <= spread(run, k))
+    touch, h = run.touches[k], usual_step(run)
+    touches = touch.state == OPEN and touch.near == 1 and touch.hit != PULL and abs(number(run, k, RATE)) <= touch.slack
+    return bool(touches and abs(touch.after) * h * h <= spread(run, k))
 
 
 @shared
 def wake(run: Run, i: int) -> None:
-    """Have a detector look, or sleep; a gap may not be negative, nor what presses or grips."""
+    """Wake a detector or let it sleep; a gap may not be negative, nor what presses or grips."""
     detector, watch = run.detectors[i], run.watches[i]
     if detector.reaction < 0:
         return

@@ -1,7 +1,7 @@
-"""The guards of a group of events: what contacts did to a state is held against what is recorded of it.
+"""The guards of a group of events: what contacts did to a state is checked against the record of it.
 
-Each is an identity of mechanics, whatever the law of impacts and however surfaces move, so that what it leaves is
-rounding, or what the location of events leaves. A group that breaks one ends the run.
+Each is an identity of mechanics, whatever the law of impacts and however surfaces move, so that its residual is due to
+rounding, or to the location of events. A group that breaks one ends the run.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from xdynamics.march.run import (  # fmt: skip
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
 
-LEFT = 16.0 * NOISE  # by rounding, of the energies of a group for each of its bodies and contacts
+LEFT = 16.0 * NOISE  # of the energies of a group, by rounding, for each of its bodies and contacts
 
 
 @shared
 def open_balance(run: Run) -> None:
-    """Keep the state that contacts are to change; links are those of it."""
+    """Keep the state that contacts are to change; links are at that state."""
     for i in range(2 * run.plan[0].coordinates):
         run.entry[i] = run.z[i]
     for k in range(run.touches.shape[0]):
@@ -52,14 +52,14 @@ def open_balance(run: Run) -> None:
 
 @shared
 def examine(run: Run, guard: int, owner: int, figure: float, bound: float) -> None:
-    """Take down the first guard that is broken; a figure that is no number breaks it, too."""
+    """Note the first guard that is broken; a figure that is NaN breaks it, too."""
     if run.balance[GUARD] == KEPT_ALL and not figure <= bound:
         run.balance[GUARD], run.balance[OWNER], run.balance[FIGURE], run.balance[BOUND] = guard, owner, figure, bound
 
 
 @shared
 def weigh_impulses(run: Run) -> None:
-    """Look at the gaps of contacts that acted, and at what their impulses took by the rates on either side; links are those behind."""
+    """Check the gaps of contacts that acted, and sum what impulses took by rates on both sides; links are as after."""
     for k in range(run.touches.shape[0]):
         touch, after = run.touches[k], number(run, k, RATE)
         if touch.total == 0.0:
@@ -74,12 +74,12 @@ def weigh_impulses(run: Run) -> None:
 
 @shared
 def weigh_rates(run: Run) -> None:
-    """Look at the rates that were taken from contacts which rest, and friction that sticks, with no impulse recorded."""
+    """Check the rates that were taken from resting contacts, and sticking friction, with no impulse recorded."""
     for i in range(choose(run, False)):
         k = run.chosen[i]
         touch, free = run.touches[k], abs(number(run, k, FREE))
         slow = touch.slack + (free + brake(run, k)) * within(run, k)
-        if touch.lost > 0.0:  # bounces that are skipped, of which the energy is recorded
+        if touch.lost > 0.0:  # skipped bounces, whose energy is recorded
             slow += sqrt(2.0 * gram(run, k, k) * touch.lost)
         if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `active_set.assign`
             slow += free * run.trial[0].h
@@ -88,7 +88,7 @@ def weigh_rates(run: Run) -> None:
 
 @shared
 def weigh_positions(run: Run, settling: bool) -> None:
-    """Look at how far contacts that rest have moved the state of `open_balance`: no farther than their gaps were open."""
+    """Check how far resting contacts have moved the state of `open_balance`: no farther than their gaps were open."""
     count, farthest = choose(run, settling), 0.0
     for i in range(count):
         k = run.chosen[i]
@@ -105,10 +105,10 @@ def weigh_positions(run: Run, settling: bool) -> None:
 
 @shared
 def weigh_energies(run: Run, first: int) -> None:
-    """Hold kinetic energy on both sides against the impulses of a group's rows, and their energies against the same.
+    """Check kinetic energy on both sides, and the energies of a group's rows, against the impulses of these rows.
 
-    Kinetic energy changes by each impulse times the mean, of before and behind, of its rate by velocities: for masses
-    M and impulses p with M (v1 - v0) = p it is (v1 + v0) p/2.
+    Kinetic energy changes by each impulse times the mean of its velocities before and after: for masses M and impulses
+    p with M (v1 - v0) = p it is (v1 + v0) p/2.
     """
     n, last = run.plan[0].coordinates, run.now[0].events - run.base[0].events
     work, terms, lost = 0.0, run.balance[BEFORE] + run.balance[BEHIND], 0.0
@@ -118,9 +118,9 @@ def weigh_energies(run: Run, first: int) -> None:
             impulse += run.log_impulses[i, e]
         for k in range(run.touches.shape[0]):
             impulse += row(run, k, i) * run.pulled[k]
-        before, behind = run.entry[n + i], run.z[n + i]
-        work += impulse * (before + behind) / 2.0
-        terms += abs(impulse) * (abs(before) + abs(behind))
+        before, after = run.entry[n + i], run.z[n + i]
+        work += impulse * (before + after) / 2.0
+        terms += abs(impulse) * (abs(before) + abs(after))
     for e in range(first, last):
         lost += run.log_impulses[n, e]
     bound = LEFT * (n + run.touches.shape[0]) * (terms + run.balance[TERMS])

@@ -1,8 +1,8 @@
-"""Linear complementarity problems: w = M z + q with w and z not negative and, one by one, not both positive.
+"""Linear complementarity problems: w = M z + q with w and z non-negative and, one by one, not both positive.
 
 Lemke's method, with ties broken lexicographically so that it cannot circle (Cottle, Pang, Stone, The Linear
 Complementarity Problem, 1992, section 4.4). It finds a solution where M is copositive-plus and there is one, as in
-impacts and contacts with Coulomb's friction; where it ends on a ray there is none that it could tell of.
+impacts and contacts with Coulomb's friction; where it ends on a ray, it knows of none.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.run import Run
 
-SMALL = 1e-12  # of the numbers that it is compared with: as good as zero
+SMALL = 1e-12  # relative to the numbers compared: as good as zero
 MOST_TURNS = 50  # exchanges for each unknown
 
 
 @shared
 def prepare(run: Run, n: int) -> None:
-    """Make the table of a problem of size n empty: columns of w, of z, of the artificial unknown, and q."""
+    """Clear the tableau of a problem of size n: columns of w, of z, of the artificial unknown, and q."""
     for i in range(n):
         run.basis[i] = i
         for j in range(2 * n + 2):
@@ -26,7 +26,7 @@ def prepare(run: Run, n: int) -> None:
 
 @shared
 def solve_complementarity(run: Run, n: int) -> bool:
-    """Solve the problem of size n that stands in `problem` as w - M z - z0 = q; fill `solution` with z.
+    """Solve the problem of size n that is in `problem` as w - M z - z0 = q; fill `solution` with z.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def solve_complementarity(run: Run, n: int) -> bool:
 
 @shared
 def exchange(run: Run, n: int, row: int, column: int) -> None:
-    """Solve the row for an unknown, and put it into the others."""
+    """Solve a row for an unknown, and substitute it into the others."""
     pivot = run.problem[row, column]
     for j in range(2 * n + 2):
         run.problem[row, j] /= pivot
@@ -73,23 +73,23 @@ def exchange(run: Run, n: int, row: int, column: int) -> None:
 
 @shared
 def least_ratio(run: Run, n: int, entering: int) -> int:
-    """Choose the row that limits an unknown which grows: the artificial one's if it may be, -1 if none does."""
-    largest, found = 0.0, -1
+    """Choose the row that limits a growing unknown: that of the artificial one if possible, -1 if none does."""
+    largest, best = 0.0, -1
     for i in range(n):
         largest = max(largest, abs(run.problem[i, entering]))
     for i in range(n):
-        if run.problem[i, entering] > SMALL * largest and (found < 0 or limits_before(run, n, i, found, entering)):
-            found = i
-    return found
+        if run.problem[i, entering] > SMALL * largest and (best < 0 or limits_before(run, n, i, best, entering)):
+            best = i
+    return best
 
 
 @shared
 def limits_before(run: Run, n: int, one: int, other: int, entering: int) -> bool:
     """Whether one row limits the entering unknown earlier than another."""
-    by, before = run.problem[one, entering], run.problem[other, entering]
+    pivot, other_pivot = run.problem[one, entering], run.problem[other, entering]
     for k in range(n + 1):
         j = 2 * n + 1 if k == 0 else k - 1
-        left, right = run.problem[one, j] / by, run.problem[other, j] / before
+        left, right = run.problem[one, j] / pivot, run.problem[other, j] / other_pivot
         if abs(left - right) > SMALL * max(abs(left), abs(right)):
             return left < right
         if k == 0 and (run.basis[one] == 2 * n or run.basis[other] == 2 * n):

@@ -1,9 +1,9 @@
-"""What contacts and friction elements are at a state, and the forces or impulses that they have together.
+"""Contacts and friction elements at a state, and the forces or impulses that they have together.
 
-Each reaction has a part in a problem: it presses (not negative, and what it holds apart does not approach), it grips
-(within its bound, and what it holds does not slip), it slides, or what it is is known. The same problem is posed of
-rates for impulses, and of accelerations for forces (Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical
-Systems, 2008, chapter 10).
+Each reaction has a part in a problem: it presses (is non-negative, and its contact does not approach), it grips (is
+within its bound, and does not slip), it slides, or its value is known. The same problem is posed in rates for impulses,
+and in accelerations for forces (Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008,
+chapter 10).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from xdynamics.model.reactions import TANGENT
 ABSENT, PRESSING, SLIDING, GRIPPING, KNOWN = range(5)
 GAP_OF, RATE, FREE, SIZE, MOST = range(5)  # the numbers of a reaction; `table` of `model.reactions`
 NUMBERS = 5
-NOISE = 64.0 * EPS  # of a sum's terms: what rounding may have left of it
+NOISE = 64.0 * EPS  # of a sum's terms: what rounding may leave
 
 
 @shared
@@ -40,7 +40,7 @@ def number(run: Run, k: int, which: int) -> float:
 
 @shared
 def gram(run: Run, k: int, j: int) -> float:
-    """What a unit of reaction j does to the rate, or acceleration, of k."""
+    """The effect of a unit of reaction j on the rate, or acceleration, of k."""
     m = run.touches.shape[0]
     return run.links[NUMBERS * m + k * m + j]
 
@@ -54,14 +54,14 @@ def row(run: Run, k: int, i: int) -> float:
 
 @shared
 def reach(run: Run, k: int, i: int) -> float:
-    """What a unit of a reaction does to the acceleration of coordinate i, or of an impulse to its velocity."""
+    """The effect of a unit of a reaction on the acceleration of coordinate i, or of an impulse on its velocity."""
     m, n = run.touches.shape[0], run.plan[0].coordinates
     return run.links[NUMBERS * m + m * m + m * n + k * n + i]
 
 
 @shared
 def solve_reactions(run: Run) -> bool:
-    """Find the forces or impulses from the part of each reaction; whether there are some."""
+    """Find the forces or impulses from the part of each reaction; whether they exist."""
     n = place_unknowns(run)
     prepare(run, n)
     for k in range(run.touches.shape[0]):
@@ -84,7 +84,7 @@ def solve_reactions(run: Run) -> bool:
 
 @shared
 def gained(run: Run, k: int) -> float:
-    """What all that was found does to the rate, or acceleration, of one reaction."""
+    """The effect of all reactions just found on the rate, or acceleration, of one."""
     total = 0.0
     for j in range(run.touches.shape[0]):
         total += gram(run, k, j) * run.touches[j].found
@@ -93,23 +93,23 @@ def gained(run: Run, k: int) -> float:
 
 @shared
 def add_impulses(run: Run) -> bool:
-    """Add the impulses that were found to those of the whole impact, and change the rates by them."""
+    """Add the impulses just found to those of the whole impact, and change the rates by them."""
     for j in range(run.touches.shape[0]):
         touch = run.touches[j]
         before = touch.rate
         touch.rate += gained(run, j)
         touch.total += touch.found
-        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from what is struck
+        touch.lost -= touch.found * (before + touch.rate) / 2.0  # as seen from the body that is struck
     return True
 
 
 @shared
 def place_unknowns(run: Run) -> int:
-    """Number the unknowns, and say what a unit of each adds to the reactions; return how many there are."""
+    """Number the unknowns, and note what a unit of each adds to the reactions; return how many there are."""
     n, m = 0, run.touches.shape[0]
     for k in range(m):
         touch = run.touches[k]
-        # a power of two, which takes nothing from a number
+        # a power of two, by which scaling is exact
         touch.scale = ldexp(1.0, -(frexp(gram(run, k, k))[1] // 2))
         touch.place = n
         n += 1 if touch.part == PRESSING else (3 if touch.part == GRIPPING else 0)
@@ -130,7 +130,7 @@ def place_unknowns(run: Run) -> int:
 
 @shared
 def pose_pressing(run: Run, k: int, n: int) -> None:
-    """Write: what is pressed together does not approach."""
+    """Write the row of a contact that presses: it does not approach."""
     place = run.touches[k].place
     for j in range(n):
         run.problem[place, n + j] = -answer(run, k, j)
@@ -139,7 +139,7 @@ def pose_pressing(run: Run, k: int, n: int) -> None:
 
 @shared
 def pose_gripping(run: Run, k: int, n: int) -> None:
-    """Write: what is gripped does not slip, or the grip is at its bound, against the slip."""
+    """Write the rows of a grip: there is no slip, or the grip is at its bound, against the slip."""
     touch = run.touches[k]
     place, slip = touch.place, touch.place + 2
     bound = touch.bound
@@ -160,7 +160,7 @@ def pose_gripping(run: Run, k: int, n: int) -> None:
 
 @shared
 def answer(run: Run, k: int, j: int) -> float:
-    """What a unit of unknown j does to the rate, or acceleration, of a reaction, both scaled."""
+    """The effect of a unit of unknown j on the rate, or acceleration, of a reaction, both scaled."""
     total = 0.0
     for i in range(run.touches.shape[0]):
         total += gram(run, k, i) * (run.touches[i].scale * run.effects[i, j])
@@ -169,7 +169,7 @@ def answer(run: Run, k: int, j: int) -> float:
 
 @shared
 def start(run: Run, k: int) -> float:
-    """What the rate, or acceleration, of a reaction is without the unknowns, scaled."""
+    """The rate, or acceleration, of a reaction without the unknowns, scaled."""
     total = run.touches[k].origin
     for i in range(run.touches.shape[0]):
         total += gram(run, k, i) * run.touches[i].known
@@ -178,14 +178,14 @@ def start(run: Run, k: int) -> float:
 
 @shared
 def slips(run: Run, k: int) -> bool:
-    """Whether a grip was not enough."""
+    """Whether a grip slips all the same."""
     touch = run.touches[k]
     return run.solution[touch.place + 2] > SMALL * touch.scale * terms(run, k)
 
 
 @shared
 def terms(run: Run, k: int) -> float:
-    """How large the terms are of the rate, or acceleration, that a reaction has with all that was found."""
+    """How large the terms of a reaction's rate, or acceleration, are with all reactions just found."""
     size = abs(run.touches[k].origin)
     for j in range(run.touches.shape[0]):
         size += abs(gram(run, k, j) * run.touches[j].found)

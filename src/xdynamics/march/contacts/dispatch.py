@@ -1,6 +1,6 @@
-"""What contacts ask of a march: at its start, behind every step, at every event.
+"""What contacts do in a march: at its start, after every step, at every event.
 
-Behind an event all that they do is derived again from the state; see `march.contacts.active_set`.
+After an event, all that they do is derived again from the state; see `march.contacts.active_set`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
 
 
 def touch(address: Any, t: float, what: int) -> None:
-    """Do what contacts ask for; an entry of the engine.
+    """Do what contacts need; an entry of the engine.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ def touch(address: Any, t: float, what: int) -> None:
     t : float
         The time of the trial's state; the start's where the march begins.
     what : int
-        `BEGIN`: find what touches at the start. `HOLD`: put the trial's state back on what is closed. `SETTLE`: do so
-        with the state that the march stands at, behind an event after which bounces are skipped. `RESOLVE`: change the
-        trial's state by impacts, and say what contacts do behind the events that it ends at. `INFORM`: tell the forces
-        what contacts do, which was put there. `STEP_IN_TIME`: add what contacts do over a step, for Moreau's method.
-        `WEIGH`: hold the energies behind the events against their rows.
+        `BEGIN`: find which contacts touch at the start. `HOLD`: put the trial's state back on closed contacts.
+        `SETTLE`: do so with the state of the march, after an event from which on bounces are skipped. `RESOLVE`: change
+        the trial's state by impacts, and determine what contacts do after the events at its end. `INFORM`: pass the
+        states of contacts, set by the caller, to the forces. `STEP_IN_TIME`: add what contacts do over a step, for
+        Moreau's method. `WEIGH`: check the energies after the events against their rows.
     """
     run = run_at(address)
     if what == STEP_IN_TIME:
@@ -75,19 +75,19 @@ def touch(address: Any, t: float, what: int) -> None:
 
 @shared
 def begin(run: Run, t: float) -> None:
-    """Say what contacts and friction do at the start."""
+    """Determine what contacts and friction do at the start."""
     copy(run.y, run.z)
     look_at_links(run, t)
     for k in range(run.touches.shape[0]):
-        one = run.touches[k]
-        one.state, one.limit, one.lost, one.hit, one.known = OPEN, -inf, 0.0, NONE, 0.0
-        one.speed, one.since, one.doubt, one.total, one.fastest = 0.0, t, 0.0, 0.0, 0.0
-        one.steepest = gram(run, k, k)
-        one.largest = max(0.0, number(run, k, GAP_OF))
+        contact = run.touches[k]
+        contact.state, contact.limit, contact.lost, contact.hit, contact.known = OPEN, -inf, 0.0, NONE, 0.0
+        contact.speed, contact.since, contact.doubt, contact.total, contact.fastest = 0.0, t, 0.0, 0.0, 0.0
+        contact.steepest = gram(run, k, k)
+        contact.largest = max(0.0, number(run, k, GAP_OF))
         run.swiftest[k], run.lingering[k] = 0.0, 0.0
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
-        one.held = OPEN
+        contact.held = OPEN
     if run.plan[0].stepping:
         inform(run)
         return
@@ -100,7 +100,7 @@ def begin(run: Run, t: float) -> None:
 
 @shared
 def settle(run: Run, t: float) -> None:
-    """Go on as if the bounces that are left were none."""
+    """Go on as if no bounces were left."""
     waiting = False
     for k in range(run.touches.shape[0]):
         waiting = waiting or (run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING)

@@ -1,13 +1,13 @@
-"""Impacts by the energetic coefficient of restitution: the work that restitution gives back is e**2 of what compression took.
+"""Impacts by the energetic coefficient of restitution: restitution gives back e**2 of the work of compression.
 
-The normal impulse p is the independent variable, in which rates are straight lines as long as the contact slips one way,
-or sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169,
+The normal impulse p is the independent variable, in which rates are straight lines while the contact slips one way, or
+sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169,
 doi:10.1098/rspa.1990.0125): slip that comes to rest sticks where friction can hold it and reverses where it cannot. All
-is in closed form: of each such phase the work is a parabola. No energy can be created, whatever friction does.
+is in closed form: the work is a parabola in each such phase. No energy can be created, whatever friction does.
 
 Several contacts at once are struck one by one where none acts on another that approaches. Where they do act on each
-other, how impulses are dealt out between them depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464,
-2008, 3193, doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no answer then.
+other, the distribution of impulses depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464, 2008, 3193,
+doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no solution then.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def tangent_of(run: Run, k: int) -> int:
 def strike_one(run: Run, k: int) -> bool:
     """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed.
 
-    A phase ends where slip comes to rest, where compression ends, or where the work is done that restitution gives back.
+    A phase ends where slip comes to rest, where compression ends, or where restitution has given back its work.
     """
     along, normal = tangent_of(run, k), run.touches[k]
     speed, slip = normal.rate, run.touches[along].rate if along != FRICTIONLESS else 0.0
@@ -81,7 +81,7 @@ def strike_one(run: Run, k: int) -> bool:
     for _ in range(MOST_PHASES):
         ratio, opening, sliding = slopes(run, k, along, slip)
         if not opening > NOISE * gram(run, k, k) and slip == 0.0:
-            # what sticks holds the gap too, as of a body with one coordinate: nothing moves any more
+            # sticking holds the gap too, as for a body with one coordinate: nothing moves any more
             return abs(speed) <= NOISE * abs(normal.rate) and add_impulses(run)
         reached, step = 0.0, -speed / opening if opening > 0.0 else inf
         if not compressing:
@@ -112,7 +112,7 @@ def strike_one(run: Run, k: int) -> bool:
 def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, float]:
     """How friction, the rate of the gap and the slip grow with the normal impulse.
 
-    Friction acts against the slip; without one it holds, or where that is beyond it does what it can.
+    Friction acts against the slip; without slip it holds or, where it cannot, is at its limit.
     """
     if along == FRICTIONLESS:
         return 0.0, gram(run, k, k), 0.0
@@ -127,7 +127,7 @@ def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, flo
 
 @shared
 def presses_others(run: Run, k: int) -> bool:
-    """Whether the impulses so far have another contact that touches approach."""
+    """Whether the impulses so far make another contact that touches approach."""
     for j in range(run.touches.shape[0]):
         touch = run.touches[j]
         if j != k and run.reactions[j].role == NORMAL and touch.near and not touch.part:

@@ -31,31 +31,31 @@ def note_impacts(run: Run, first: int) -> None:
 
 @shared
 def note_changes(run: Run, first: int) -> None:
-    """Note what has become of contacts and friction behind the events."""
+    """Note what contacts and friction do after the events."""
     for k in range(run.touches.shape[0]):
-        one, held = run.touches[k], run.touches[k].held
+        touch, held = run.touches[k], run.touches[k].held
         if run.reactions[k].role == NORMAL:
             note_contact(run, k, first)
-        elif one.hit in (SLIP, GRIP):
-            run.log_events[row_of(run, k, first)].kind = STUCK if one.state == STICKING else SLIPPED
-        elif STICKING in (one.state, held) and one.state != held and LOOSE not in (one.state, held):
-            run.log_events[another_row(run, k, first)].kind = STUCK if one.state == STICKING else SLIPPED
-        one.held = one.state
+        elif touch.hit in (SLIP, GRIP):
+            run.log_events[row_of(run, k, first)].kind = STUCK if touch.state == STICKING else SLIPPED
+        elif STICKING in (touch.state, held) and touch.state != held and LOOSE not in (touch.state, held):
+            run.log_events[another_row(run, k, first)].kind = STUCK if touch.state == STICKING else SLIPPED
+        touch.held = touch.state
 
 
 @shared
 def note_contact(run: Run, k: int, first: int) -> None:
     """Note that a contact came to rest, or opened."""
-    one, struck = run.touches[k], run.touches[k].total != 0.0
-    if one.hit == LIMIT and one.state == CLOSED:
+    touch, struck = run.touches[k], run.touches[k].total != 0.0
+    if touch.hit == LIMIT and touch.state == CLOSED:
         rest(run, k, row_of(run, k, first))
-    elif one.hit == PULL:
+    elif touch.hit == PULL:
         run.log_events[row_of(run, k, first)].kind = TAKEOFF
-    elif one.state == CLOSED and one.held == OPEN:
-        rest(run, k, another_row(run, k, first) if struck or one.hit == NONE else row_of(run, k, first))
-    elif one.hit == GAP and not struck:
+    elif touch.state == CLOSED and touch.held == OPEN:
+        rest(run, k, another_row(run, k, first) if struck or touch.hit == NONE else row_of(run, k, first))
+    elif touch.hit == GAP and not struck:
         run.log_events[row_of(run, k, first)].kind = TOUCH
-    elif one.state == OPEN and one.held != OPEN and not struck:
+    elif touch.state == OPEN and touch.held != OPEN and not struck:
         run.log_events[another_row(run, k, first)].kind = TAKEOFF
 
 
@@ -69,7 +69,7 @@ def rest(run: Run, k: int, e: int) -> None:
 
 @shared
 def row_of(run: Run, k: int, first: int) -> int:
-    """The row of the event that a reaction was met by; a new one where there is none."""
+    """The row of the event that a detector of a reaction met; a new one where there is none."""
     for e in range(first, run.now[0].events - run.base[0].events):
         detector = run.detectors[run.log_events[e].detector]
         if detector.role == run.touches[k].hit and detector.reaction == k:
@@ -79,18 +79,18 @@ def row_of(run: Run, k: int, first: int) -> int:
 
 @shared
 def another_row(run: Run, k: int, first: int) -> int:
-    """Write one more row of the group, of a reaction that no detector has met."""
+    """Add a row to the group, for a reaction of which no detector met an event."""
     e = run.now[0].events - run.base[0].events
-    one = run.log_events[e]
-    one.time, one.left = run.trial[0].t, run.trial[0].t
+    event = run.log_events[e]
+    event.time, event.left = run.trial[0].t, run.trial[0].t
     if e > first:
-        one.left = run.log_events[first].left
-    one.residual, one.slope, one.uncertainty, one.murk, one.substeps = 0.0, 0.0, 0.0, 0.0, 0
-    one.interpolation = 0.0
-    one.row_before, one.row_after, one.direction = run.now[0].rows - 1, run.now[0].rows, -1
+        event.left = run.log_events[first].left
+    event.residual, event.slope, event.uncertainty, event.murk, event.substeps = 0.0, 0.0, 0.0, 0.0, 0
+    event.interpolation = 0.0
+    event.row_before, event.row_after, event.direction = run.now[0].rows - 1, run.now[0].rows, -1
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].reaction == k:
-            one.detector = i
+            event.detector = i
             break
     for i in range(run.log_rates.shape[0]):
         run.log_rates[i, e] = run.slopes[run.detectors.shape[0] + i]
@@ -101,6 +101,6 @@ def another_row(run: Run, k: int, first: int) -> int:
 
 @shared
 def clear_impulses(run: Run, e: int) -> None:
-    """Say that an event had no impulse."""
+    """Set the impulses of an event to zero."""
     for i in range(run.log_impulses.shape[0]):
         run.log_impulses[i, e] = 0.0

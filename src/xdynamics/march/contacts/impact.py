@@ -35,7 +35,7 @@ ALL, AGAIN = -1, -2  # contacts that do not part; those of the phase before
 
 @shared
 def collide(run: Run) -> bool:
-    """Find the impulses of the contacts that touch, and change the trial's velocities; whether there are some."""
+    """Find the impulses of the contacts that touch, and change the trial's velocities; whether they exist."""
     law = NEWTON
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
@@ -86,11 +86,11 @@ def give_back(run: Run) -> bool:
 @shared
 def any_approaches(run: Run) -> bool:
     """Whether a contact that touches approaches by more than rounding leaves."""
-    found = False
+    approaches = False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        found = found or (run.reactions[k].role == NORMAL and touch.near == 1 and touch.rate < -noise(run, k))
-    return found
+        approaches = approaches or (run.reactions[k].role == NORMAL and touch.near == 1 and touch.rate < -noise(run, k))
+    return approaches
 
 
 @shared
@@ -128,7 +128,7 @@ def press(run: Run, only: int, share: float) -> bool:
 
 @shared
 def noise(run: Run, k: int) -> float:
-    """How far rounding may have a rate from zero after an impact."""
+    """How far from zero rounding may leave a rate after an impact."""
     size = abs(number(run, k, RATE))
     for j in range(run.touches.shape[0]):
         size += abs(gram(run, k, j) * run.touches[j].total)

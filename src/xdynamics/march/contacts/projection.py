@@ -1,7 +1,7 @@
-"""Contacts that are closed and friction that sticks hold a state: what a step has drifted off is taken back.
+"""Closed contacts and sticking friction hold a state: the drift of a step is taken back.
 
-The state is projected along the directions in which the reactions act, positions first, then velocities (Hairer, Lubich,
-Wanner, Geometric Numerical Integration, 2006, section VII.1.4): no energy is gained, and no drift grows.
+The state is projected along the directions in which the reactions act, positions first, then velocities (Hairer,
+Lubich, Wanner, Geometric Numerical Integration, 2006, section VII.1.4): no energy is gained, and no drift grows.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOST_TURNS = 10  # Newton steps to a gap of zero
 
 @shared
 def hold(run: Run, t: float, settling: bool) -> None:
-    """Put the trial's state on what holds it, where that is, and evaluate the forces there."""
+    """Put the trial's state on the constraints that hold it, if any, and evaluate the forces there."""
     run.at[UNSOUND] = 0.0
     if choose(run, settling) == 0 or not finite_state(run):
         return
@@ -33,7 +33,7 @@ def hold(run: Run, t: float, settling: bool) -> None:
 
 @shared
 def choose(run: Run, settling: bool) -> int:
-    """List the reactions that hold; contacts that are settling only where that is asked for."""
+    """List the reactions that hold, those of settling contacts only where `settling` asks for them."""
     count = 0
     for k in range(run.touches.shape[0]):
         waits = run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING and not settling
@@ -62,7 +62,7 @@ def hold_positions(run: Run, t: float, settling: bool) -> bool:
 
 @shared
 def hold_rates(run: Run, t: float, settling: bool) -> bool:
-    """Take the rates away that closed contacts and sticking friction do not have."""
+    """Remove the rates of closed contacts and sticking friction."""
     look_at_links(run, t)
     return shift(run, choose(run, settling), RATE, run.plan[0].coordinates)
 
@@ -77,7 +77,7 @@ def shift(run: Run, count: int, which: int, first: int) -> bool:
     if not solve_linear(run.square, run.column, count):
         return False
     for i in range(count):
-        if which == RATE:  # with what impulse, for who keeps the balance
+        if which == RATE:  # and by what impulse, for `march.contacts.balance`
             run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = number(run, run.chosen[i], RATE), run.column[i]
         for k in range(run.plan[0].coordinates):
             run.z[first + k] += reach(run, run.chosen[i], k) * run.column[i]

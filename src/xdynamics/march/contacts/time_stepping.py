@@ -1,7 +1,7 @@
-"""Moreau's time-stepping: what contacts do over a whole step, as impulses at its middle.
+"""Moreau's time-stepping: the action of contacts over a whole step, as impulses at its middle.
 
-The law is that of impacts, for a contact that stays as for one that is hit: after the step its rate is not less than
--e times the rate before. No event is located, and many contacts may close and open in one step.
+The law of impacts holds for a contact that stays as for one that is hit: after the step its rate is not less than -e
+times the rate before. No event is located, and many contacts may close and open in one step.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def step_in_time(run: Run, t1: float) -> None:
 
 @shared
 def close(run: Run) -> None:
-    """Find which contacts are closed in the middle of the step, and what they give back."""
+    """Find which contacts are closed in the middle of the step, and their coefficients of restitution."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         touch.near = int(run.reactions[k].role == NORMAL and number(run, k, GAP_OF) <= 0.0)
@@ -67,7 +67,7 @@ def close(run: Run) -> None:
 
 @shared
 def push(run: Run, h: float) -> bool:
-    """Find the impulses of the step; whether there are some."""
+    """Find the impulses of the step; whether they exist."""
     for k in range(run.touches.shape[0]):
         touch, reaction = run.touches[k], run.reactions[k]
         touch.part, touch.origin, touch.bound = ABSENT, number(run, k, RATE), 0.0
@@ -85,7 +85,7 @@ def push(run: Run, h: float) -> bool:
 
 @shared
 def conclude_step(run: Run, k: int) -> None:
-    """Say what a contact, or friction, did over the step."""
+    """Set what a contact, or friction, did over the step."""
     touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
         touch.state = CLOSED if touch.found > 0.0 else OPEN

@@ -1,4 +1,4 @@
-"""Locating the first event of a trial: its bracket is narrowed to the time tolerance by substeps of the method itself."""
+"""Locating the first event of a trial: substeps of the method itself narrow its bracket to the time tolerance."""
 
 from __future__ import annotations
 

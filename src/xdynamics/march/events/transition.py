@@ -383,7 +383,7 @@ def reset(run: Run, i: int, e: int) -> None:
 
 @shared
 def rearm(run: Run) -> None:
-    """Determine the side of zero of every event function after an event; one within its uncertainty has yet to leave."""
+    """Determine the side of zero of each event function after an event; one within its uncertainty has yet to leave."""
     run.at[T] = run.now[0].t
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):

@@ -1,1 +1,1 @@
-"""Steps that solve equations."""
+"""Implicit methods: steps that solve equations."""

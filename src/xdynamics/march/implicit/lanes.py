@@ -22,20 +22,20 @@ OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
 
 @borrowing
 def of_kept(run: Run) -> int:
-    """Return where a lane has what a step of Radau IIA keeps."""
+    """Return the place in a lane of what a step of Radau IIA keeps."""
     return OF_LANE + 3 * run.plan[0].used + 2 * run.detectors.shape[0]
 
 
 @borrowing
 def begin_anew(run: Run, w: Floats, lane: int) -> None:
-    """Have the next step use nothing of those before, as behind a node."""
+    """Let the next step use nothing of those before, as after a node."""
     if run.plan[0].simplified:
         w[of_kept(run) + K_SINCE, lane] = BEGUN
 
 
 @borrowing
 def enter_kept(run: Run, w: Floats, lane: int) -> int:
-    """Put what a step keeps for the next one into a lane, in the order of `collocation.lengths`; return what is behind."""
+    """Put what a step keeps for the next one into a lane, ordered as `collocation.lengths`; return the place after."""
     first, kept = of_kept(run), run.kept[0]
     if not run.plan[0].simplified:
         return first
@@ -63,7 +63,7 @@ def enter_kept(run: Run, w: Floats, lane: int) -> int:
 
 @borrowing
 def leave_kept(run: Run, w: Floats, lane: int) -> int:
-    """Take it out again, with what was counted; return what is behind."""
+    """Take what a step keeps out of a lane, with its counts; return the place after it."""
     first, kept, now = of_kept(run), run.kept[0], run.now[0]
     if not run.plan[0].simplified:
         return first

@@ -17,7 +17,7 @@ NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; wha
 
 @compiled
 def newton_step(run: Run, y: State, z: State, sample: int) -> None:
-    """Make a step by the lines of the method: solve its equations one after the other, and do what stands behind each."""
+    """Make a step by the lines of the method: solve its equations in turn, and execute what follows each."""
     called(run.law[PROPOSE], run, y, z, sample)
     run.now[0].evaluations += run.plan[0].stages
     for k in range(run.equations.shape[0]):
@@ -30,8 +30,8 @@ def newton_step(run: Run, y: State, z: State, sample: int) -> None:
 @compiled
 def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
     """Solve by Newton's method with the exact Jacobian at every iteration; return the iterations, -1 if in vain."""
-    one, w = run.equations[k], run.w
-    n, right = one.unknowns, run.right
+    equation, w = run.equations[k], run.w
+    n, right = equation.unknowns, run.right
     turns, solved = 0, n == 0
     while turns < MOST_ITERATIONS and not solved:
         turns += 1
@@ -40,31 +40,31 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
         run.now[0].jacobians += 1
         run.now[0].factorisations += 1
         for i in range(n):
-            right[i] = w[one.residuals + i]
+            right[i] = w[equation.residuals + i]
         if not solve_linear(run.matrix, right, n):
             break
         solved = True
         for i in range(n):
-            row = one.first_unknown + i
+            row = equation.first_unknown + i
             unknown, before, rate = run.unknowns[row, 0], run.unknowns[row, 1], run.unknowns[row, 2]
             w[unknown] -= right[i]
             if right[i] != 0.0:
                 size = abs(w[unknown]) + abs(y[before]) + abs(run.at[H] * y[rate])
                 solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
-    run.now[0].evaluations += max(0, turns - 1) * one.evaluations
+    run.now[0].evaluations += max(0, turns - 1) * equation.evaluations
     return turns if solved else -1
 
 
 @shared
 def assemble(run: Run, k: int) -> None:
-    """Put the matrix together: the unit matrix less what the equations have by themselves and through the forces."""
-    one, w = run.equations[k], run.w
-    n, matrix = one.unknowns, run.matrix
+    """Assemble the matrix: the unit matrix less derivatives of the equations, by themselves and through the forces."""
+    equation, w = run.equations[k], run.w
+    n, matrix = equation.unknowns, run.matrix
     for i in range(n * n):
         matrix[i] = 0.0
     for i in range(n):
         matrix[i * n + i] = 1.0
-    for i in range(one.first_entry, one.first_entry + one.entries):
+    for i in range(equation.first_entry, equation.first_entry + equation.entries):
         row, column, place, slope = run.entries[i, 0], run.entries[i, 1], run.entries[i, 2], run.entries[i, 3]
-        # an entry left out has no such term at all: a derivative that is not a number must not reach the others
+        # an entry left out has no such term at all: a derivative that is NaN must not reach the others
         matrix[row * n + column] -= w[place] if slope == DIRECT else w[place] * w[slope]

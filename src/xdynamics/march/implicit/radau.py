@@ -1,4 +1,4 @@
-"""A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, with derivatives and factors kept while they do.
+"""A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, whose derivatives are kept while they converge.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
 W = T**-1 Z, they are those of the two linear systems of `march.implicit.transformed`.
@@ -38,14 +38,14 @@ from xdynamics.methods.radau import MOST_TURNS as MOST
 from xdynamics.methods.radau import T as T_MATRIX
 
 SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
-# numbers by themselves: of tuples numba would make new ones at every use
+# single numbers: numba would build tuples anew at every use
 C1, C2, _ = NODES
 E1, E2, E3 = ERROR
 (T00, T01, T02), (T10, T11, T12), (T20, _, _) = T_MATRIX
 (A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = T_INVERSE
-MOST_TURNS = np.int64(MOST)  # no literal: of a function that is given one, numba makes a copy
+MOST_TURNS = np.int64(MOST)  # no literal: numba compiles a copy of a function for each that it is given
 MOST_SETTLING = np.int64(25)  # where the step is given
-SETTLED = 1e-15  # a correction against the size of its unknown, where the step is given
+SETTLED = 1e-15  # a correction relative to the size of its unknown, where the step is given
 ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
 NEAR = 1e-2  # below which the derivatives at an iterate serve the next ones too
 UNSOLVED_GROWTH = 0.5
@@ -81,7 +81,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
 
 @shared
 def recall(run: Run) -> None:
-    """Keep of the step that led here what this one may use: nothing behind a start, an event, a node of a drive."""
+    """Keep of the last step what this one may use: nothing after a start, an event or a node of a drive."""
     kept = run.kept[0]
     if kept.since == BEGUN:
         kept.linearised, kept.fresh, kept.factored = 0, 0, 0.0
@@ -97,21 +97,21 @@ def recall(run: Run) -> None:
 
 @compiled
 def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
-    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, with those at the iterates."""
+    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, at the iterates."""
     kept, done = run.kept[0], False
     for way in range(3):
         if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and run.plan[0].adaptive):
             continue
         prepare(run, h, way)
         done = iterate(run, t, h, y, sample, way == AT_ITERATES)
-        if way == AT_ITERATES:  # these derivatives are no other step's
+        if way == AT_ITERATES:  # these derivatives serve no other step
             kept.linearised, kept.fresh = 0, 0
     return done
 
 
 @shared
 def prepare(run: Run, h: float, way: int) -> None:
-    """Choose starting values for an iteration, and forget derivatives that are older than this way allows."""
+    """Choose starting values for an iteration, and discard derivatives that are older than this way allows."""
     kept = run.kept[0]
     guess(run, h, 0.0 if way == AT_ITERATES else kept.step)
     kept.eta = max(kept.eta, EPS)
@@ -123,9 +123,9 @@ def prepare(run: Run, h: float, way: int) -> None:
 
 @compiled
 def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool) -> bool:
-    """Correct the stages until what they lack is small enough; whether it came to that.
+    """Correct the stages until their error is small enough; whether that was reached.
 
-    Following the iterates, the derivatives are those at each one's second stage, until the solution is near.
+    When `following` the iterates, derivatives are those at the second stage of each, until the solution is near.
     """
     kept, verdict, turn = run.kept[0], OPEN, 0
     while verdict == OPEN:
@@ -145,7 +145,7 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
 
 @shared
 def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
-    """Take the derivatives at the second stage of the iterate that is followed; or at y, where there are none to keep."""
+    """Evaluate the derivatives at the second stage of the iterate that is followed, or at y where none are kept."""
     used, kept, time = run.plan[0].used, run.kept[0], t
     if kept.linearised and not following:
         return
@@ -163,7 +163,7 @@ def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
 
 @shared
 def judged(run: Run, size: float, turn: int) -> int:
-    """Judge the iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may still get there."""
+    """Judge an iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may converge."""
     kept, rtol = run.kept[0], run.plan[0].rtol
     tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
     if run.plan[0].adaptive:
@@ -180,10 +180,10 @@ def judged(run: Run, size: float, turn: int) -> int:
         if not kept.theta < DIVERGING:
             return IN_VAIN
         kept.eta = kept.theta / (1.0 - kept.theta)
-        lacking = kept.eta * size
+        remaining = kept.eta * size
         for _ in range(most - turn):
-            lacking *= kept.theta
-        if lacking > max(tolerance, rounding):
+            remaining *= kept.theta
+        if remaining > max(tolerance, rounding):
             return IN_VAIN
     kept.change, kept.turns = max(size, EPS), turn
     if kept.eta * size <= tolerance or (turn == most and size <= rounding):
@@ -193,7 +193,7 @@ def judged(run: Run, size: float, turn: int) -> int:
 
 @compiled
 def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
-    """Correct all stages once; return the largest correction against what is asked of its unknown."""
+    """Correct all stages once; return the largest correction relative to the tolerance of its unknown."""
     if run.trial[0].iterations >= 0:
         run.trial[0].iterations += 1
     slopes_at_stages(run, t, h, y, sample)
@@ -215,7 +215,7 @@ def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
 
 @shared
 def to_transformed(given: State, found: State, n: int) -> None:
-    """Multiply three vectors of n components, one behind the other, by T**-1."""
+    """Multiply three vectors of n components, stored one after the other, by T**-1."""
     for i in range(n):
         z0, z1, z2 = given[i], given[n + i], given[2 * n + i]
         found[i] = A00 * z0 + A01 * z1 + A02 * z2
@@ -225,7 +225,7 @@ def to_transformed(given: State, found: State, n: int) -> None:
 
 @shared
 def to_stages(given: State, found: State, n: int) -> None:
-    """Multiply three vectors of n components, one behind the other, by T."""
+    """Multiply three vectors of n components, stored one after the other, by T."""
     for i in range(n):
         w0, w1, w2 = given[i], given[n + i], given[2 * n + i]
         found[i] = T00 * w0 + T01 * w1 + T02 * w2
@@ -249,12 +249,12 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
 
 @shared
 def correction(run: Run, h: float, y: State) -> float:
-    """Return the largest of the last corrections: over its tolerance, or over the size of its unknown."""
+    """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown."""
     n, plan, largest = run.plan[0].used, run.plan[0], 0.0
     for i in range(n):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         moved = max(abs(run.stages[i]), abs(run.stages[n + i]), abs(run.stages[2 * n + i]))
-        if plan.follows and scale == 0.0:  # it was at rest: its move is all that there is
+        if plan.follows and scale == 0.0:  # it was at rest: its move is the only scale
             scale = plan.rtol * moved
         if not plan.adaptive:
             scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + moved
@@ -267,7 +267,7 @@ def correction(run: Run, h: float, y: State) -> float:
 
 @shared
 def guess(run: Run, h: float, before: float) -> None:
-    """Let the iteration start on the collocation polynomial of the step before; at rest, if its size is given as 0."""
+    """Start the iteration on the collocation polynomial of the step before, or at rest if its size `before` is 0."""
     n, stages, past = run.plan[0].used, run.stages, run.past
     for k in range(3):
         s = (C1 if k == 0 else C2 if k == 1 else 1.0) * (h / before) if before > 0.0 else 0.0
@@ -291,7 +291,7 @@ def keep_polynomial(run: Run) -> None:
 
 @compiled
 def estimate(run: Run, t: float, h: float, y: State) -> None:
-    """Estimate the error by the embedded formula; where it fails at a start or again, with the slopes that it leads to."""
+    """Estimate the error by the embedded formula; where that fails at a start or again, at the state it leads to."""
     n, e, kept, now = run.plan[0].used, run.e, run.kept[0], run.now[0]
     if not kept.factored > 0.0:
         return
@@ -310,7 +310,7 @@ def estimate(run: Run, t: float, h: float, y: State) -> None:
 
 @shared
 def look_ahead(run: Run, h: float) -> None:
-    """Note by which factor the next step may differ: the predictive controller where the trial passes, as RADAU5 has it."""
+    """Note by which factor the next step may differ: by the predictive controller if the trial passes, as in RADAU5."""
     plan, kept, norm = run.plan[0], run.kept[0], error_norm_apart(run)
     if not math.isfinite(norm):
         kept.growth = NONFINITE_FACTOR
@@ -319,8 +319,8 @@ def look_ahead(run: Run, h: float) -> None:
     work = 2.0 * MOST_TURNS
     kept.growth = plan.safety * min(1.0, (1.0 + work) / (run.trial[0].iterations + work)) / fourth_root(norm)
     if passed and kept.step > 0.0:
-        seen = plan.safety * (h / kept.step) * fourth_root(kept.norm / (norm * norm))
-        kept.growth = min(kept.growth, seen)
+        predicted = plan.safety * (h / kept.step) * fourth_root(kept.norm / (norm * norm))
+        kept.growth = min(kept.growth, predicted)
     kept.growth = min(plan.greatest, max(plan.least, kept.growth))
     if (kept.turns <= FEW_TURNS or kept.theta <= SLOW) and 1.0 <= kept.growth <= HELD:
         kept.growth = 1.0

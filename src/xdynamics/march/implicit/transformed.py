@@ -1,7 +1,7 @@
-"""The linear systems of Radau IIA in transformed variables, gamma/h - J and (alpha + i beta)/h - J, with J and its factors.
+"""Linear systems of Radau IIA in transformed variables: gamma/h - J and (alpha + i beta)/h - J, with J and factors.
 
-Of both, the coordinates are eliminated by their rows c dq - dv = r, so that velocities and first-order states are what
-is factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
+In both, the coordinates are eliminated by their rows c dq - dv = r, so that only velocities and first-order states are
+factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ slope_apart = apart(slope_of)
 
 @shared
 def linearise(run: Run, t: float, h: float, y: State) -> None:
-    """Evaluate the derivatives at a state; factors of others are of no use then."""
+    """Evaluate the derivatives at a state; factors of earlier ones are discarded."""
     if run.plan[0].differences:
         differentiate(run, t, h, y)
     else:
@@ -35,7 +35,7 @@ def linearise(run: Run, t: float, h: float, y: State) -> None:
 
 @shared
 def differentiate(run: Run, t: float, h: float, y: State) -> None:
-    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of what is changed."""
+    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of its variable."""
     used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
     for column in range(used):
         for i in range(used):
@@ -53,7 +53,7 @@ def differentiate(run: Run, t: float, h: float, y: State) -> None:
 
 @shared
 def factorise_both(run: Run, h: float) -> bool:
-    """Put the real and the complex matrix together for a step size, and take them apart; False if one is singular."""
+    """Assemble the real and the complex matrix for a step size, and factorise them; False if one is singular."""
     n, first, matrix = run.plan[0].coordinates, 3 * run.plan[0].used, run.matrix
     size = run.plan[0].used - n
     gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
@@ -85,7 +85,7 @@ def factorise_both(run: Run, h: float) -> bool:
 
 @shared
 def solve_real(run: Run, vector: State) -> None:
-    """Solve (gamma/h - J) d = r in place, with the factors that are there."""
+    """Solve (gamma/h - J) d = r in place, with the factors at hand."""
     n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
     gamma = GAMMA / run.kept[0].factored
     for i in range(n, used):
