@@ -1,4 +1,4 @@
-"""From a model and a method to compiled laws: programs, their texts, machine code behind addresses, the cache on disk."""
+"""Compiled laws of a model and a method: programs, their texts, machine code, and the cache on disk."""
 
 from xdynamics.kernels.law import Law, law_of
 from xdynamics.kernels.layout import Layout, layout_of

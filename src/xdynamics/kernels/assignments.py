@@ -1,4 +1,4 @@
-"""Syntax trees to instructions, in the order written; what stands twice is computed once."""
+"""Syntax trees to instructions, in the order written; a repeated part is computed once."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ Line = Compute | Load | Store
 
 
 class Assignments:
-    """Turns trees into lines.
+    """Turns syntax trees into instructions.
 
     Powers are products and square roots: ``x**3`` is ``x*x*x``, ``r**-1.5`` is ``1/(r*sqrt(r))``. Neither this nor the
-    sharing of equal parts changes a bit against computing each part where it stands.
+    sharing of equal parts changes a bit of the result.
 
     Parameters
     ----------
     find : callable
-        Called with these assignments and a name that they meet for the first time; returns its operand.
+        Called with these assignments and a name when they first meet it; returns its operand.
     prefix : str
-        What the names of parts begin with.
+        Prefix of the names of intermediate values.
     """
 
     def __init__(self, find: Callable[[Assignments, str], Operand], prefix: str = "_") -> None:
@@ -46,7 +46,7 @@ class Assignments:
         self._unnamed: set[Operand] = set()
 
     def value(self, tree: Node) -> Operand:
-        """Write what a tree needs and return what stands for it."""
+        """Write the instructions that a tree needs; return its operand."""
         match tree:
             case Number():
                 return tree.value
@@ -56,21 +56,21 @@ class Assignments:
                 return self.compute("negative", self.value(tree.operand))
             case Binary():
                 first, links = chain(tree)
-                found = self.value(first)
-                for one in links:
-                    found = self._joined(one, found)
-                return found
+                result = self.value(first)
+                for link in links:
+                    result = self._joined(link, result)
+                return result
             case Compare():
                 return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
             case Call():
                 return self._called(tree)
 
     def assign(self, name: str, tree: Node) -> Operand:
-        """Compute a tree and give it a name."""
+        """Compute a tree and name its value."""
         return self.name(name, self.value(tree))
 
     def name(self, name: str, value: Operand) -> Operand:
-        """Give a value a name, which stands in the text where nothing else named it before."""
+        """Give a value a name, which appears in the text unless the value already had one."""
         self._named[name] = value
         last = self.lines[-1] if self.lines else None
         if isinstance(last, Compute) and last.target == value and value in self._unnamed:
@@ -87,10 +87,10 @@ class Assignments:
         return self._named[name]
 
     def compute(self, operation: str, *arguments: Operand) -> Operand:
-        """Write one operation, unless its value is there already."""
-        if operation in _FOLDED and all(isinstance(one, float) for one in arguments):
+        """Write one operation, unless its value was computed before; return its operand."""
+        if operation in _FOLDED and all(isinstance(argument, float) for argument in arguments):
             folded = _FOLDED[operation](*arguments)
-            if math.isfinite(folded):  # 1/(2 - 2) is then a division by a zero that can be seen
+            if math.isfinite(folded):  # so 1/(2 - 2) becomes a visible division by a literal zero
                 return folded
         key = _key(operation, arguments)
         if key not in self._known:
@@ -100,7 +100,7 @@ class Assignments:
         return self._known[key]
 
     def load(self, place: Place, name: str = "") -> Operand:
-        """Read a place, once."""
+        """Read a place, or reuse what was read from it before."""
         if place not in self._loaded:
             self._loaded[place] = name or f"{self._prefix}l{len(self._loaded)}"
             self.lines.append(Load(self._loaded[place], place))
@@ -111,20 +111,20 @@ class Assignments:
         self.lines.append(Store(place, value))
 
     def _joined(self, node: Binary, left: Operand) -> Operand:
-        """Write a binary node behind its left operand."""
+        """Write a binary node whose left operand is already written."""
         if node.operator == "**":
             return self._power(left, exponent_of(node.right) or Fraction(0))
         return self.compute(_OPERATIONS[node.operator], left, self.value(node.right))
 
     def _called(self, tree: Call) -> Operand:
         operation = _CALLED.get(tree.function, tree.function)
-        values = [self.value(one) for one in tree.arguments]
+        values = [self.value(argument) for argument in tree.arguments]
         if tree.function not in ("min", "max"):
             return self.compute(operation, *values)
-        found = values[0]
-        for further in values[1:]:
-            found = self.compute(operation, found, further)
-        return found
+        result = values[0]
+        for value in values[1:]:
+            result = self.compute(operation, result, value)
+        return result
 
     def _power(self, base: Operand, exponent: Fraction) -> Operand:
         if exponent == 0:
@@ -140,7 +140,7 @@ class Assignments:
         return self.compute("power", base, float(exponent))
 
     def _product(self, base: Operand, times: int) -> Operand:
-        """x**2, x**3 by products, more by squaring."""
+        """Write x**2 and x**3 as products, higher powers by squaring."""
         if times == 1:
             return base
         if times <= 3:
@@ -152,5 +152,5 @@ class Assignments:
 
 
 def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
-    """What tells one computation from another: numbers as they are printed, for 0.0 equals -0.0 and is another angle."""
+    """Return the key of a computation, with numbers as printed: 0.0 equals -0.0, but atan2 tells them apart."""
     return (operation, *map(repr, arguments))

@@ -1,10 +1,10 @@
-"""Files that spare a compilation: the user's own, written whole or not at all, and believed by a keyed digest alone.
+"""Files that save a compilation: the user's own, written whole or not at all, and trusted only by a keyed digest.
 
-What is read here is executed. A folder or a file that anybody else owns or may write to is therefore no cache, whichever
-variable named it, and that is decided on the descriptors that are read, so that nothing can be exchanged between the look
-and the use. In front of every file stands the HMAC-SHA256 (RFC 2104) of its name and content under a secret of the user,
-which lies beside the default folder and never in a folder that `$XDYNAMICS_CACHE` names: what somebody else prepared is
-not believed even where the folder was once open.
+What is read here is executed. A folder or file that anybody else owns or may write to is therefore never used, no
+matter which variable named it. This is checked on the descriptors that are read, so that nothing can be exchanged
+between check and use. Every file begins with the HMAC-SHA256 (RFC 2104) of its name and content under a secret of the
+user, which lies beside the default folder and never in a folder that `$XDYNAMICS_CACHE` names: a file that somebody
+else prepared is rejected even if the folder was once open.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from pathlib import Path
 from xdynamics.faults import escaped
 
 ENVIRONMENT, LIMIT = "XDYNAMICS_CACHE", "XDYNAMICS_CACHE_LIMIT"
-MOST_MEGABYTES = 256.0  # of all that is kept, where $XDYNAMICS_CACHE_LIMIT does not say
+MOST_MEGABYTES = 256.0  # of all that is kept, unless $XDYNAMICS_CACHE_LIMIT is set
 MOST_DAYS = 180.0  # since a file was last read or written
-ROOM = 8_000_000  # bytes that are free where an engine is to be kept
-LARGEST = 500_000_000  # bytes of a file that is read at all
-ABANDONED = 3600.0  # seconds after which a part that nobody finished is nobody's
-FRESH = 3600.0  # seconds for which a file that was read need not be marked as used again
+ROOM = 8_000_000  # free bytes that keeping an engine requires
+LARGEST = 500_000_000  # bytes; larger files are not read
+ABANDONED = 3600.0  # seconds after which an unfinished part counts as abandoned
+FRESH = 3600.0  # seconds for which a file that was read is not marked as used again
 _FORMAT = "keyed digest in front"
 _PART = ".part"
 _SEAL = hashlib.sha256().digest_size
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _ADVISED: list[str] = []
-# a pipe in the place of a file would wait for its writer for ever; a link may lead anywhere
+# opening a pipe in place of a file would wait for its writer forever; a link may lead anywhere
 _FLAGS = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLOW", "O_CLOEXEC", "O_BINARY"))
 _POSIX = os.name == "posix"
 
@@ -54,34 +54,34 @@ def _default() -> Path:
         return _from_here(kept) / "xdynamics"
     try:
         return _from_here(str(Path.home())) / ".cache" / "xdynamics"
-    except RuntimeError:  # nobody's process: there is no home
+    except RuntimeError:  # a user without a home folder
         return Path(tempfile.gettempdir()) / f"xdynamics-{_user()}"
 
 
 @lru_cache
 def _from_here(chosen: str) -> Path:
-    """A path as it was meant when it was first asked for, wherever the process goes later."""
+    """Make a path absolute as of its first use, wherever the process changes its folder to later."""
     return Path(chosen).absolute()
 
 
 def digest(*parts: str) -> str:
-    """sha256 of texts, each kept apart from the next."""
+    """Return the SHA-256 digest of texts, separated by null characters."""
     return hashlib.sha256("\0".join([_FORMAT, *parts]).encode()).hexdigest()
 
 
 def read(name: str) -> bytes | None:
-    """Return what a file holds; None where it is not there, not the user's own, or not what was written.
+    """Return the content of a file; None if it is missing, not the user's own, or not what was written.
 
-    The bytes that were compared with the digest are the bytes that are returned: no later look at the file.
+    The bytes that were compared with the digest are the bytes returned: the file is read once.
     """
     try:
         with _opened(folder()) as place:
-            whole = _content(place, name)
+            sealed = _content(place, name)
     except OSError:
         return None
-    if whole is None:
+    if sealed is None:
         return None
-    seal, content = whole[:_SEAL], whole[_SEAL:]
+    seal, content = sealed[:_SEAL], sealed[_SEAL:]
     try:
         return content if hmac.compare_digest(seal, _seal(name, content, create=False)) else None
     except OSError:
@@ -89,7 +89,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, content: bytes) -> None:
-    """Keep a file with its digest in front; where that cannot be done it is said, once, and the process goes on."""
+    """Keep a file with its digest in front; if that fails, warn once and go on."""
     try:
         sealed = _seal(name, content, create=True) + content
         with _opened(folder(), create=True) as place:
@@ -110,7 +110,7 @@ def write(name: str, content: bytes) -> None:
 
 
 def obstacle() -> str:
-    """Say why no engine could be kept, before the time is spent on one; nothing where it could."""
+    """Return why no engine could be kept, before time is spent on compiling one; empty if it could."""
     try:
         _secret(create=True)
         with _opened(folder(), create=True), tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
@@ -122,7 +122,7 @@ def obstacle() -> str:
 
 
 def advise(reason: str) -> None:
-    """Say once in a process that nothing can be kept, and what helps."""
+    """Warn once per process that nothing can be kept, and say what helps."""
     if _ADVISED:
         return
     _ADVISED.append(reason)
@@ -138,12 +138,12 @@ def _reason(error: OSError) -> str:
 
 @contextmanager
 def _opened(place: Path, *, create: bool = False) -> Iterator[int]:
-    """Hold a folder open that is the user's own and that nobody else can write to.
+    """Hold a folder open that belongs to the user and that nobody else can write to.
 
     Raises
     ------
     OSError
-        Where there is none, or it is somebody else's.
+        If there is none, or it is somebody else's.
     """
     if create:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -151,19 +151,19 @@ def _opened(place: Path, *, create: bool = False) -> Iterator[int]:
         yield -1
         return
     flags = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
-    # among everybody's temporary files a link may be anybody's; a user's own link to a larger disk is meant
-    held = os.open(place, flags | (os.O_NOFOLLOW if place.parent == Path(tempfile.gettempdir()) else 0))
+    # in the shared temporary folder a link may be anybody's; elsewhere a user's own link to a larger disk is intended
+    descriptor = os.open(place, flags | (os.O_NOFOLLOW if place.parent == Path(tempfile.gettempdir()) else 0))
     try:
-        _check_own(os.fstat(held), "folder")
-        yield held
+        _check_own(os.fstat(descriptor), "folder")
+        yield descriptor
     finally:
-        os.close(held)
+        os.close(descriptor)
 
 
-def _check_own(about: os.stat_result, what: str) -> None:
-    if _POSIX and about.st_uid != _user():
-        raise PermissionError(1, f"the {what} belongs to user {about.st_uid}, not to user {_user()}")
-    if _POSIX and about.st_mode & _OTHERS:
+def _check_own(status: os.stat_result, what: str) -> None:
+    if _POSIX and status.st_uid != _user():
+        raise PermissionError(1, f"the {what} belongs to user {status.st_uid}, not to user {_user()}")
+    if _POSIX and status.st_mode & _OTHERS:
         raise PermissionError(1, f"others may write to the {what}: take that from them by `chmod go-w`")
 
 
@@ -172,27 +172,27 @@ def _at(place: int) -> dict[str, int]:
 
 
 def _content(place: int, name: str) -> bytes | None:
-    """All bytes of a regular file of the user's own; its time of use is renewed, by which old files are told."""
+    """Return all bytes of a regular file of the user's own; renew its time of use, by which files are pruned."""
     with os.fdopen(os.open(name if _POSIX else folder() / name, _FLAGS | os.O_RDONLY, **_at(place)), "rb") as file:
-        about = os.fstat(file.fileno())
-        if not stat.S_ISREG(about.st_mode) or about.st_size > LARGEST:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode) or status.st_size > LARGEST:
             return None
-        _check_own(about, "file")
-        whole = file.read()
-        if _POSIX and time.time() - about.st_mtime > FRESH:
+        _check_own(status, "file")
+        content = file.read()
+        if _POSIX and time.time() - status.st_mtime > FRESH:
             with suppress(OSError):
                 os.utime(file.fileno())
-    return whole
+    return content
 
 
 def _replace(place: int, part: str, name: str) -> None:
-    """Put a finished part where its file belongs."""
+    """Move a finished part to the place of its file."""
     if not _POSIX:
         (folder() / part).replace(folder() / name)
         return
     with suppress(FileNotFoundError):
         if stat.S_ISDIR(os.stat(name, dir_fd=place, follow_symlinks=False).st_mode):
-            shutil.rmtree(name, dir_fd=place)  # nothing else makes way for a file
+            shutil.rmtree(name, dir_fd=place)  # os.replace does not put a file over a folder
     os.replace(part, name, src_dir_fd=place, dst_dir_fd=place)
 
 
@@ -206,7 +206,7 @@ def _secret(*, create: bool) -> bytes:
     Raises
     ------
     OSError
-        Where there is none, or others may read or write it.
+        If there is none, or others may read or write it.
     """
     path = _default().with_name(f"{_default().name}.secret")
     try:
@@ -218,9 +218,9 @@ def _secret(*, create: bool) -> bytes:
         _found_secret(path)
         handle = os.open(path, _FLAGS | os.O_RDONLY)
     with os.fdopen(handle, "rb") as file:
-        about = os.fstat(file.fileno())
-        _check_own(about, f"secret '{path}'")
-        if not stat.S_ISREG(about.st_mode) or (_POSIX and about.st_mode & 0o077):
+        status = os.fstat(file.fileno())
+        _check_own(status, f"secret '{path}'")
+        if not stat.S_ISREG(status.st_mode) or (_POSIX and status.st_mode & 0o077):
             raise PermissionError(1, f"others may read '{path}': remove it, and a new secret is made")
         secret = file.read()
     if len(secret) != _SEAL:
@@ -229,7 +229,7 @@ def _secret(*, create: bool) -> bytes:
 
 
 def _found_secret(path: Path) -> None:
-    """Make a secret; of several processes that do so at once the first one's stays."""
+    """Make a secret; if several processes do so at once, the first one's stays."""
     handle, part = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name}-", suffix=_PART)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -249,20 +249,20 @@ def _user() -> int:
 
 
 def _prune(place: int, written: str) -> None:
-    """Remove what is old, the least used beyond the limit, and the parts of processes that died while they wrote."""
+    """Remove old files, the least recently used beyond the limit, and parts of processes that died while writing."""
     now, kept = time.time(), []
-    with os.scandir(place if _POSIX else folder()) as entries:
-        found = list(entries)
-    for entry in found:
+    with os.scandir(place if _POSIX else folder()) as scan:
+        entries = list(scan)
+    for entry in entries:
         try:
-            about = entry.stat(follow_symlinks=False)
+            status = entry.stat(follow_symlinks=False)
         except FileNotFoundError:  # another process has removed it since
             continue
-        age = now - about.st_mtime
+        age = now - status.st_mtime
         if entry.name.endswith(_PART) and age > ABANDONED:
             _remove(place, entry)
-        elif stat.S_ISREG(about.st_mode) and entry.name != written and not entry.name.endswith(_PART):
-            kept.append((age, about.st_size, entry))
+        elif stat.S_ISREG(status.st_mode) and entry.name != written and not entry.name.endswith(_PART):
+            kept.append((age, status.st_size, entry))
     total = 0
     for age, size, entry in sorted(kept, key=lambda row: (row[0], row[2].name)):
         total += size
@@ -279,7 +279,7 @@ def _remove(place: int, entry: os.DirEntry[str]) -> None:
 
 
 def most_megabytes() -> float:
-    """Return how much may be kept: $XDYNAMICS_CACHE_LIMIT in MB; a text that is no number of them counts as none."""
+    """Return how many MB may be kept: $XDYNAMICS_CACHE_LIMIT, or the default if that is not a valid number."""
     try:
         limit = float(os.environ.get(LIMIT, MOST_MEGABYTES))
     except ValueError:

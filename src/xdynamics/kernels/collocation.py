@@ -1,7 +1,7 @@
-"""A step of Radau IIA in every lane: its equations are solved as `march.implicit.radau` solves those of a run alone.
+"""A step of Radau IIA in every lane, solved as `march.implicit.radau` solves the equations of a single run.
 
-Each line here has the operations of one there, or in `march.implicit.transformed` and `kernels.linear`, in their order. A
-lane whose iteration is over waits for the others; one whose iteration fails is left to the single march.
+Each line here performs the operations of one there, or in `march.implicit.transformed` and `kernels.linear`, in order.
+A lane whose iteration has ended waits for the others; one whose iteration fails is left to the single march.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 
-# What a lane knows besides: as in `march.run.KEPT`; the iterations of its last step, and what is counted since it was
-# entered; of the trial at hand whether its iteration is open or was in vain, how many corrections it had, and which of its
-# derivatives, its factors and its estimate are to be made.
+# Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
+# of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
+# derivatives, its factors and its estimate have to be computed.
 LASTING = ("factored", "theta", "eta", "before", "norm_before", "linearised", "fresh", "since", "turns", "iterations", "evaluations", "jacobians", "factorisations")  # fmt: skip
 KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
 LINEARISE, FACTORISE, CORRECT, ESTIMATE = "linearise", "factorise", "correct", "estimate"
@@ -96,17 +96,17 @@ CONSTANTS: dict[str, Operand] = {
 
 
 class Collocation:
-    """The parts of a step.
+    """The parts of a Radau IIA step in lanes.
 
     Parameters
     ----------
     layout : Layout
     places : mapping of str to Place
-        Where a lane has its numbers.
+        Where a lane keeps its numbers.
     atol : int
         Where in `w` its absolute tolerances begin.
     first : int
-        Where in `w` the memory of this begins.
+        Where in `w` the memory of these parts begins.
     follows : bool
         Whether some tolerances follow their variables.
     """
@@ -125,11 +125,11 @@ class Collocation:
 
     @property
     def programs(self) -> tuple[Program, ...]:
-        """What the step calls, each behind what it calls itself."""
+        """The programs that the step calls, each after those that it calls itself."""
         return (self._linearise(), self._factorise(), self._correct(), self._estimate_again())
 
     def begin(self, known: dict[str, Operand]) -> tuple[Instruction, ...]:
-        """Write what comes before the iteration: what is kept of the step before, and the values to start from."""
+        """Write what precedes the iteration: what is kept of the previous step, and the starting values."""
         f, u, (c1, c2, _) = self._formulas("_begin_", known), self._used, NODES
         f.write(_RECALL)
         f.write("ratio = where(last_step > 0, width/last_step, 0)")
@@ -145,8 +145,8 @@ class Collocation:
                 guessed[k].append(f.known["guess"])
         self._put(f, "stages", guessed)
         self._put(f, "turned", _transformed(f, guessed))
-        told = {name: f.of(text) for name, text in _RECALLED.items()}
-        for name, value in told.items():
+        recalled = {name: f.of(text) for name, text in _RECALLED.items()}
+        for name, value in recalled.items():
             f.store(self.places[name], value)
         return tuple(f.lines)
 
@@ -172,7 +172,7 @@ class Collocation:
         return Place("w", self._first[name] + i)
 
     def _vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
-        """Read three vectors, one behind the other."""
+        """Read three vectors, stored one after the other."""
         u = self._used
         return [[f.load(self._place(name, k * u + i)) for i in range(u)] for k in range(3)]
 
@@ -182,7 +182,7 @@ class Collocation:
                 f.store(self._place(name, k * self._used + i), value)
 
     def _slope(self, i: int) -> int:
-        """Return where in a state the time derivative of the i-th number stands: `march.force_evaluation.slope_of`."""
+        """Return where in a state the time derivative of its i-th number is: `march.force_evaluation.slope_of`."""
         return self._n + i if i < self._n else self._used + i - self._n
 
     def _flushed(self, f: Formulas) -> None:
@@ -205,7 +205,7 @@ class Collocation:
         return Program(name, about, body, {}, local)
 
     def _linearise(self) -> Program:
-        """Evaluate the derivatives at the state, where they are missing: `radau.freshen`."""
+        """Evaluate the derivatives at the state in lanes that lack them: `radau.freshen`."""
         f, record, entries = self._formulas("_"), len(self._layout.record), len(self._layout.couplings)
         self._body = [
             Each(record, (Load("_state", Place("y")), Store(Place("state"), "_state"))),
@@ -218,7 +218,7 @@ class Collocation:
         return self._finished(LINEARISE, "Derivatives at the state.", f, state=record, found=max(1, entries))
 
     def _factorise(self) -> Program:
-        """Put both matrices together and take them apart: `transformed.factorise_both`."""
+        """Assemble both matrices and factorise them: `transformed.factorise_both`."""
         f, n, size = self._formulas("_"), self._n, self._size
         h = f.load(Place("at", H))
         f.write("gamma = g/h\nalpha = a/h\nbeta = b/h\nsquare = alpha*alpha + beta*beta", g=GAMMA, a=ALPHA, b=BETA, h=h)
@@ -238,21 +238,21 @@ class Collocation:
         pivots, sound = elimination.factorise(f, real)
         complex_pivots, complex_sound = elimination.factorise_complex(f, re, im)
         f.write("sound = where(one > 0, other, 0)", one=sound, other=complex_sound)
-        found = [one for plane in (real, re, im) for column in plane for one in column] + pivots + complex_pivots
-        for k, value in enumerate(found):
+        factors = [entry for plane in (real, re, im) for column in plane for entry in column] + pivots + complex_pivots
+        for k, value in enumerate(factors):
             place = self._place("matrix", k)
             f.store(place, f.of("where(unfactored > 0, new, old)", new=value, old=f.load(place)))
-        told = {
+        updates = {
             "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)", "factorisations": "factorisations + unfactored*sound",
             "open": "where(unfactored > 0, open*sound, open)", "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
         }  # fmt: skip
-        values = {name: f.of(text, h=h) for name, text in told.items()}
+        values = {name: f.of(text, h=h) for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)
         return self._finished(FACTORISE, "The factors of both matrices for the step.", f)
 
     def _matrices(self, f: Formulas) -> tuple[elimination.Columns, elimination.Columns, elimination.Columns, list[Operand], list[Operand]]:  # fmt: skip
-        """Read the factors, and which rows were exchanged."""
+        """Read the factors and the row exchanges."""
         size = self._size
         flat = [f.load(self._place("matrix", k)) for k in range(3 * size * size + 2 * size)]
         planes = [[flat[(p * size + j) * size : (p * size + j + 1) * size] for j in range(size)] for p in range(3)]
@@ -286,12 +286,12 @@ class Collocation:
                 imaginary[row] = f.of("r + slope*d", r=imaginary[row], slope=slope, d=v[column])
         elimination.substitute_complex(f, re, im, pivots, right, imaginary)
         for i in range(n):
-            one = {"u": right[i], "v": imaginary[i], "x": x, "y": y}
-            u[i], v[i] = f.of("d + (u*x - v*y)", d=u[i], **one), f.of("d + (u*y + v*x)", d=v[i], **one)
+            operands = {"u": right[i], "v": imaginary[i], "x": x, "y": y}
+            u[i], v[i] = f.of("d + (u*x - v*y)", d=u[i], **operands), f.of("d + (u*y + v*x)", d=v[i], **operands)
         return u + right, v + imaginary
 
     def _correct(self) -> Program:
-        """Correct the stages of every lane that is open once, and judge: `radau.correct`, `radau.judged`."""
+        """Correct the stages of every open lane once, and judge: `radau.correct`, `radau.judged`."""
         f, u = self._formulas("_"), self._used
         t, h = f.load(Place("at", T)), f.load(Place("at", H))
         y = [f.load(Place("y", i)) for i in range(u)]
@@ -320,7 +320,7 @@ class Collocation:
         return self._finished(CORRECT, "One simplified Newton iteration.", f, **local)
 
     def _correction(self, f: Formulas, y: list[Operand], stages: list[list[Operand]], changes: list[list[Operand]]) -> Operand:  # fmt: skip
-        """Return the largest of the last corrections over its tolerance: `radau.correction`."""
+        """Return the largest ratio of a last correction to its tolerance: `radau.correction`."""
         largest: Operand = 0.0
         for i in range(self._used):
             scale = f.of("atol + rtol*abs(y)", atol=f.load(Place("w", self._atol + i)), y=y[i])
@@ -329,40 +329,42 @@ class Collocation:
                 scale = f.of("where(scale == 0, rtol*size, scale)", scale=scale, size=size)
             for k in range(3):
                 change = f.of("abs(d)", d=changes[k][i])
-                given = {"change": change, "scale": scale, "largest": largest}
-                largest = f.of("where(change != 0, max(largest, change/scale), largest)", **given)
+                operands = {"change": change, "scale": scale, "largest": largest}
+                largest = f.of("where(change != 0, max(largest, change/scale), largest)", **operands)
         return largest
 
     def _judge(self, f: Formulas) -> None:
         """Judge the iterations by their corrections: `radau.judged`."""
         f.write("turn_now = turn + 1")
         f.write(_JUDGED)
-        for left in range(1, int(radau.MOST_TURNS) - 1):  # one for each iteration that is left
-            f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - left}, lacking*theta_now, lacking)")
+        for remaining in range(1, int(radau.MOST_TURNS) - 1):  # one for each remaining iteration
+            f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
         f.write("rounding = ten*eps/rtol\ntolerance = max(share*rounding, min(most_share, sqrt(rtol)))", ten=10.0, share=0.05, most_share=radau.SHARE)  # fmt: skip
         f.write(_VERDICT)
-        told = {
+        updates = {
             "turn": "turn_now", "theta": "where(turn_now > 1.5, theta_now, theta)", "ratio": "where(turn_now > 1.5, ratio_now, ratio)",
             "eta_tried": "where(passes > 0, eta_then, eta_tried)", "change": "where(passes > 0, max(size, eps), change)",
             "turns": "where(passes > 0, turn_now, turns)", "vain": "where(verdict == 2, 1, vain)", "open": "where(verdict == 0, open, 0)",
         }  # fmt: skip
-        values = {name: f.of(f"where(open > 0, {text}, {name})") for name, text in told.items()}
+        values = {name: f.of(f"where(open > 0, {text}, {name})") for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)
 
     def _estimate(self, f: Formulas, slopes: list[Operand], only: str = "") -> None:
-        """Put the error by the embedded formula, with some slopes, to `e`: `radau.estimate`."""
+        """Write the error by the embedded formula, with the given slopes, to `e`: `radau.estimate`."""
         stages, h = self._vectors(f, "stages"), f.load(Place("at", H))
         e1, e2, e3 = ERROR
-        given = [dict(zip(("a", "b", "c"), (stages[k][i] for k in range(3)), strict=True)) for i in range(self._used)]
-        defects = [f.of("(e1*a + e2*b + e3*c)/h", h=h, e1=e1, e2=e2, e3=e3, **one) for one in given]
+        components = [
+            dict(zip(("a", "b", "c"), (stages[k][i] for k in range(3)), strict=True)) for i in range(self._used)
+        ]
+        defects = [f.of("(e1*a + e2*b + e3*c)/h", h=h, e1=e1, e2=e2, e3=e3, **component) for component in components]
         errors = self._solve_real(f, [f.of("d + s", d=d, s=s) for d, s in zip(defects, slopes, strict=True)])
         for i, error in enumerate(errors):
             kept = f.of(f"where({only} > 0, new, old)", new=error, old=f.load(Place("e", i))) if only else error
             f.store(Place("e", i), kept)
 
     def _estimate_again(self) -> Program:
-        """Estimate with the slopes that the first estimate leads to."""
+        """Estimate again, with the slopes that the first estimate leads to."""
         f, u = self._formulas("_"), self._used
         values = [f.of("y + e", y=f.load(Place("y", i)), e=f.load(Place("e", i))) for i in range(u)]
         self._estimate(f, self._evaluate(f, "beside", f.of("t"), values), "again")
@@ -371,14 +373,14 @@ class Collocation:
 
 
 def lengths(layout: Layout) -> dict[str, int]:
-    """Return what of a lane's memory has how many numbers, behind `KEPT`; rows exchanged are behind the matrices."""
+    """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
     used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
     matrix = 3 * size * size + 2 * size
     return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
 
 
 def width(layout: Layout) -> int:
-    """Return how many numbers that is in all."""
+    """Return the length of that memory in all."""
     return len(KEPT) + sum(lengths(layout).values())
 
 
@@ -391,6 +393,8 @@ def _transformed(f: Formulas, vectors: list[list[Operand]]) -> list[list[Operand
 def _back(f: Formulas, vectors: list[list[Operand]]) -> list[list[Operand]]:
     """Multiply by T."""
     rows = [dict(zip("abc", row, strict=True)) for row in T_MATRIX[:2]]
-    found = [[f.of("a*x + b*y + c*z", x=x, y=y, z=z, **row) for x, y, z in zip(*vectors, strict=True)] for row in rows]
+    products = [
+        [f.of("a*x + b*y + c*z", x=x, y=y, z=z, **row) for x, y, z in zip(*vectors, strict=True)] for row in rows
+    ]
     last = T_MATRIX[2][0]
-    return [*found, [f.of("a*x + y", a=last, x=x, y=y) for x, y, _ in zip(*vectors, strict=True)]]
+    return [*products, [f.of("a*x + y", a=last, x=x, y=y) for x, y, _ in zip(*vectors, strict=True)]]

@@ -10,24 +10,24 @@ from numba import njit
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
 OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
-# called from compiled code only: without a way in from Python it compiles twice as fast
+# called from compiled code only: without an entry point from Python it compiles twice as fast
 _INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-# a phase of every step: it becomes part of the loop before types are known, which costs the least time in all
+# a phase of every step: inlined into the loop before type inference, which takes the least time in all
 compiled: Any = njit(inline="always", **_INNER, **OPTIONS)
-# rare, or called from several places: one copy of its own
+# rare, or called from several places: compiled as one separate copy
 shared: Any = njit(**_INNER, **OPTIONS)
-# the same of what is handed many arrays at every call: they are their owners', and none is counted. To count one up and
-# down is an atomic instruction, of which there were 140 for each step that the lanes leave to the single march
+# the same for functions that take many arrays at every call: the callers own them, and no references are counted.
+# Counting takes atomic instructions, of which there were 140 for each step that the lanes leave to the single march
 UNCOUNTED: Any = {"_nrt": False}
 borrowing: Any = njit(**UNCOUNTED, **_INNER, **OPTIONS)
 
 
 def apart(function: Any) -> Any:
-    """Return a phase of every step as one copy of its own, for the places that are not in every step."""
+    """Return a phase of every step as one separate copy, for calls that are not part of every step."""
     return shared(getattr(function, "py_func", function))
 
 
 entry: Any = njit(**OPTIONS)
 
-# where nothing is compiled, an address is a key of these: functions of the arrays of `program.ARRAYS`
+# where nothing is compiled, an address is a key of this mapping: functions of the arrays of `program.ARRAYS`
 PLAIN: dict[int, Callable[..., None]] = {}

@@ -1,7 +1,7 @@
-"""Measured tables as piecewise polynomials: one flat row of numbers, looked up by compiled laws and by plain ones.
+"""Measured tables as piecewise polynomials: one flat array, read by compiled laws and by plain ones.
 
 For drive i, ``places[3*i]`` is where its table begins in `tables`, ``places[3*i + 1]`` the number of its pieces, and
-``places[3*i + 2]`` the piece that a drive of time goes through. A table is the origins of its pieces, then their
+``places[3*i + 2]`` the piece that a drive of time is in. A table is the origins of its pieces, then their
 coefficients from the cubic one down; `model.drives.coefficients` makes it.
 """
 
@@ -20,18 +20,18 @@ Whole = NDArray[np.int64]
 
 
 def flattened(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, Whole]:
-    """Lay tables one behind the other; return them and where each begins."""
-    parts, places, first = [np.empty(0)], [], 0
+    """Concatenate tables; return them and where each begins."""
+    arrays, places, first = [np.empty(0)], [], 0
     for origin, powers in tables:
-        parts += [origin, powers.ravel()]
+        arrays += [origin, powers.ravel()]
         places += [first, origin.size, 0]
         first += origin.size + powers.size
-    return np.concatenate(parts), np.array(places, np.int64)
+    return np.concatenate(arrays), np.array(places, np.int64)
 
 
 @compiled
 def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
-    """Return the piece that holds from x on; the table's last point still belongs to its last inner piece."""
+    """Return the piece that applies from x on; the table's last point still belongs to its last inner piece."""
     low, high = 0, pieces - 1
     if x == tables[first + high]:
         return high - 1
@@ -48,7 +48,7 @@ def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
 
 @compiled
 def enter_pieces(t: float, tables: Floats, places: Whole, of_time: Whole) -> None:
-    """Note, for every drive of time, the piece that a march starting at t goes through."""
+    """Store, for every drive of time, the piece in which a march starting at t begins."""
     for k in range(of_time.shape[0]):
         i = of_time[k]
         first, last = places[3 * i], places[3 * i + 1] - 1

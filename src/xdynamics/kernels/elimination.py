@@ -1,7 +1,7 @@
 """Small linear systems written out, for lanes whose pivots differ: the operations of `kernels.linear`, in their order.
 
-Matrices are lists of columns. Where the single march leaves something out because a number is zero, a lane keeps what it
-had: to subtract a zero can change the sign of one.
+Matrices are lists of columns. Where the single march skips an operation because a number is zero, a lane keeps its old
+value: subtracting a zero can change the sign of a zero.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ Columns = list[list[Operand]]
 
 
 def factorise(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
-    """Take a matrix apart as P L U in place; return the row exchanged with each, and whether it is regular."""
+    """Factorise a matrix as P L U in place; return the row exchanged with each, and whether the matrix is regular."""
     n, pivots = len(m), list[Operand]()
     sound: Operand = 1.0
     for k in range(n):
-        sizes = [lines.compute("abs", one) for one in m[k]]
+        sizes = [lines.compute("abs", entry) for entry in m[k]]
         filled = _filled_from(lines, sizes)
         pivot: Operand = float(k)
         size = sizes[k]
@@ -31,33 +31,33 @@ def factorise(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
         for i in range(k + 1, n):
             m[k][i] = lines.compute("choose", filled[i], lines.compute("divide", m[k][i], m[k][k]), m[k][i])
         for j in range(k + 1, n):
-            there = lines.compute("unequal", m[j][k], 0.0)
+            nonzero = lines.compute("unequal", m[j][k], 0.0)
             for i in range(k + 1, n):
-                less = lines.compute("subtract", m[j][i], lines.compute("multiply", m[j][k], m[k][i]))
-                m[j][i] = _where_both(lines, there, filled[i], less, m[j][i])
+                reduced = lines.compute("subtract", m[j][i], lines.compute("multiply", m[j][k], m[k][i]))
+                m[j][i] = _where_both(lines, nonzero, filled[i], reduced, m[j][i])
     return pivots, sound
 
 
 def substitute(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Operand]) -> None:
-    """Solve with those factors; the solution takes the place of the right-hand side."""
+    """Solve with the factors of `factorise`; the solution replaces the right-hand side."""
     n = len(m)
     for k in range(n):
         _exchange(lines, [right], k, pivots[k])
     for k in range(n):
         filled = _filled_from(lines, m[k])
         for i in range(k + 1, n):
-            less = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
-            right[i] = lines.compute("choose", filled[i], less, right[i])
+            reduced = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
+            right[i] = lines.compute("choose", filled[i], reduced, right[i])
     for k in range(n - 1, -1, -1):
         right[k] = lines.compute("divide", right[k], m[k][k])
         filled = _filled_to(lines, m[k])
         for i in range(k):
-            less = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
-            right[i] = lines.compute("choose", filled[i], less, right[i])
+            reduced = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
+            right[i] = lines.compute("choose", filled[i], reduced, right[i])
 
 
 def factorise_complex(lines: Assignments, re: Columns, im: Columns) -> tuple[list[Operand], Operand]:
-    """Do what `factorise` does for a complex matrix; the diagonal of U is left inverted."""
+    """Factorise a complex matrix as `factorise` does a real one; the diagonal of U is left inverted."""
     n, pivots = len(re), list[Operand]()
     sound: Operand = 1.0
     for k in range(n):
@@ -84,19 +84,19 @@ def factorise_complex(lines: Assignments, re: Columns, im: Columns) -> tuple[lis
             im[k][i] = lines.compute("choose", filled[i], imaginary, im[k][i])
         for j in range(k + 1, n):
             u, v = re[j][k], im[j][k]
-            there = lines.compute("choose", lines.compute("unequal", u, 0.0), 1.0, lines.compute("choose", lines.compute("unequal", v, 0.0), 1.0, 0.0))  # fmt: skip
-            there = lines.compute("more", there, 0.0)
+            nonzero = lines.compute("choose", lines.compute("unequal", u, 0.0), 1.0, lines.compute("choose", lines.compute("unequal", v, 0.0), 1.0, 0.0))  # fmt: skip
+            nonzero = lines.compute("more", nonzero, 0.0)
             for i in range(k + 1, n):
                 real, imaginary = _product(lines, u, v, re[k][i], im[k][i])
-                less = lines.compute("subtract", re[j][i], real)
-                re[j][i] = _where_both(lines, there, filled[i], less, re[j][i])
-                less = lines.compute("subtract", im[j][i], imaginary)
-                im[j][i] = _where_both(lines, there, filled[i], less, im[j][i])
+                reduced = lines.compute("subtract", re[j][i], real)
+                re[j][i] = _where_both(lines, nonzero, filled[i], reduced, re[j][i])
+                reduced = lines.compute("subtract", im[j][i], imaginary)
+                im[j][i] = _where_both(lines, nonzero, filled[i], reduced, im[j][i])
     return pivots, sound
 
 
 def substitute_complex(lines: Assignments, re: Columns, im: Columns, pivots: list[Operand], right: list[Operand], imaginary: list[Operand]) -> None:  # fmt: skip
-    """Solve with those factors; both parts of the solution take the place of those of the right-hand side."""
+    """Solve with the factors of `factorise_complex`; the solution replaces both parts of the right-hand side."""
     n = len(re)
     for k in range(n):
         _exchange(lines, [right], k, pivots[k])
@@ -113,10 +113,12 @@ def substitute_complex(lines: Assignments, re: Columns, im: Columns, pivots: lis
 
 
 def _take(lines: Assignments, right: list[Operand], imaginary: list[Operand], k: int, i: int, p: Operand, q: Operand, filled: Operand) -> None:  # fmt: skip
-    """Take a multiple of the k-th unknown from the i-th equation."""
-    real, other = _product(lines, right[k], imaginary[k], p, q)
-    right[i] = lines.compute("choose", filled, lines.compute("subtract", right[i], real), right[i])
-    imaginary[i] = lines.compute("choose", filled, lines.compute("subtract", imaginary[i], other), imaginary[i])
+    """Subtract a multiple of the k-th unknown from the i-th equation."""
+    real_part, imaginary_part = _product(lines, right[k], imaginary[k], p, q)
+    right[i] = lines.compute("choose", filled, lines.compute("subtract", right[i], real_part), right[i])
+    imaginary[i] = lines.compute(
+        "choose", filled, lines.compute("subtract", imaginary[i], imaginary_part), imaginary[i]
+    )
 
 
 def _product(lines: Assignments, u: Operand, v: Operand, p: Operand, q: Operand) -> tuple[Operand, Operand]:
@@ -131,41 +133,41 @@ def _sizes(lines: Assignments, re: list[Operand], im: list[Operand]) -> list[Ope
 
 
 def _still(lines: Assignments, sound: Operand, size: Operand) -> Operand:
-    """Whether it was regular so far, and the pivot is positive and finite."""
+    """Return whether the matrix was regular so far, and the pivot is positive and finite."""
     finite = lines.compute("equal", lines.compute("subtract", size, size), 0.0)
     regular = lines.compute("choose", lines.compute("more", size, 0.0), sound, 0.0)
     return lines.compute("choose", finite, regular, 0.0)
 
 
 def _filled_from(lines: Assignments, *columns: list[Operand]) -> list[Operand]:
-    """Tell of each row whether there is a number that is not zero in it or below."""
+    """Return for each row whether it or a row below holds a nonzero number."""
     return _filled(lines, list(zip(*columns, strict=True))[::-1])[::-1]
 
 
 def _filled_to(lines: Assignments, *columns: list[Operand]) -> list[Operand]:
-    """Tell of each row whether there is a number that is not zero in it or above."""
+    """Return for each row whether it or a row above holds a nonzero number."""
     return _filled(lines, list(zip(*columns, strict=True)))
 
 
 def _filled(lines: Assignments, rows: list[tuple[Operand, ...]]) -> list[Operand]:
-    found: list[Operand] = []
-    some: Operand = 0.0
+    filled: list[Operand] = []
+    nonzero: Operand = 0.0
     for row in rows:
-        for one in row:
-            some = lines.compute("choose", lines.compute("unequal", one, 0.0), 1.0, some)
-        found.append(lines.compute("more", some, 0.0))
-    return found
+        for number in row:
+            nonzero = lines.compute("choose", lines.compute("unequal", number, 0.0), 1.0, nonzero)
+        filled.append(lines.compute("more", nonzero, 0.0))
+    return filled
 
 
-def _where_both(lines: Assignments, one: Operand, other: Operand, new: Operand, old: Operand) -> Operand:
-    return lines.compute("choose", one, lines.compute("choose", other, new, old), old)
+def _where_both(lines: Assignments, first: Operand, second: Operand, new: Operand, old: Operand) -> Operand:
+    return lines.compute("choose", first, lines.compute("choose", second, new, old), old)
 
 
 def _exchange(lines: Assignments, columns: Columns, k: int, pivot: Operand) -> None:
-    """Exchange the k-th row with the one that a lane chose."""
+    """Exchange the k-th row with the pivot row of each lane."""
     for i in range(k + 1, len(columns[0])):
-        here = lines.compute("equal", pivot, float(i))
+        chosen = lines.compute("equal", pivot, float(i))
         for column in columns:
             upper, lower = column[k], column[i]
-            column[k] = lines.compute("choose", here, lower, upper)
-            column[i] = lines.compute("choose", here, upper, lower)
+            column[k] = lines.compute("choose", chosen, lower, upper)
+            column[i] = lines.compute("choose", chosen, upper, lower)

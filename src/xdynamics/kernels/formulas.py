@@ -1,4 +1,4 @@
-"""Programs from texts of single lines, whose names are values that stand for something where they are written."""
+"""Programs written as lines of text, whose names stand for values known where they are written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xdynamics.kernels.program import Operand, Place
 
 
 class Formulas(Assignments):
-    """Lines from texts, whose names are those of values that were given or computed before, or of a lane's memory."""
+    """Turns text into instructions; names are values given or computed before, or places in a lane's memory."""
 
     def __init__(self, places: dict[str, Place], prefix: str, known: dict[str, Operand] | None = None) -> None:
         super().__init__(lambda lines, name: lines.load(places[name]), prefix)
@@ -22,14 +22,14 @@ class Formulas(Assignments):
         return self.known[name] if name in self.known else super().named(name)
 
     def of(self, text: str, **given: Operand) -> Operand:
-        """Write an expression."""
+        """Write an expression; return its operand."""
         self._given = given
-        found = self.value(parse(text))
+        operand = self.value(parse(text))
         self._given = {}
-        return found
+        return operand
 
     def write(self, text: str, **given: Operand) -> None:
-        """Write lines, whose names are known from then on."""
+        """Write lines; the names that they assign are known from then on."""
         for line in filter(None, text.split("\n")):
             target, expression = line.split(" = ")
             self.known[target] = self.of(expression, **given)

@@ -1,7 +1,7 @@
-"""Whether an event function may have a zero in a step, in every lane: what `march.events.enclosures` finds, as a program.
+"""Whether an event function may have a zero in a step, in every lane: `march.events.enclosures` as a program.
 
-The rows of `kernels.interval_program` up to the functions themselves, each as lines with the operations that the single march
-does for it, in their order: a lane that finds no zero possible has the bounds that the single march would have.
+The rows of `kernels.interval_program` up to the functions themselves, each as lines with the operations that the single
+march performs for it, in the same order: a lane that rules out a zero has the bounds of the single march.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from xdynamics.kernels.rounding_margins import ARCHED, BENT, EPS, LEAST, MOST, R
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 Line = Compute | Load | Store
-Bounds = tuple[Operand, Operand, Operand]  # what a value is not under and not over, and its flaw
+Bounds = tuple[Operand, Operand, Operand]  # lower and upper bound of a value, and its flaw
 NUMBERS: dict[str, Operand] = {
     "eps": EPS, "ulps": ULPS, "rounded": ROUNDED, "least": LEAST, "most": MOST,
     "arched": ARCHED, "bent_by": BENT, "unbounded": float(UNBOUNDED), "two_pi": 6.283185307179586, "inf": float("inf"),
 }  # fmt: skip
-# Lines that end in `low` and `high`, of what an operation is given in a_low, a_high, b_low, b_high: bounds, rounded outward
-# where `outward` comes next. What is no interval may be anything.
+# Lines that compute `low` and `high` from the operands a_low, a_high, b_low, b_high: bounds, rounded outward where
+# `_OUTWARD` follows. A result that is not an interval may be anything.
 _OUTWARD = """
 low = where(low > most, most, low - (abs(low) + least)*eps)
 high = where(high < -most, -most, high + (abs(high) + least)*eps)
@@ -97,7 +97,7 @@ low = where(a_low == 1, b_low, where(a_high == 0, c_low, min(b_low, c_low)))
 high = where(a_low == 1, b_high, where(a_high == 0, c_high, max(b_high, c_high)))
 flaw = where(a_low == 1, b_flaw, where(a_high == 0, c_flaw, max(1, max(b_flaw, c_flaw))))
 """
-# whether a comparison always holds, and whether it never does
+# whether a comparison always holds, and whether it never holds
 _COMPARISON = """
 always = {0}
 never = {1}
@@ -140,7 +140,7 @@ _ROWS = {
     "cos": _WAVE.format("cos"),
     **{name: _MONOTONE.format(name) + _OUTWARD for name in ("exp", "tanh", "sinh", "atan")},
 }
-# of a coordinate, its velocity, its acceleration; of a state and its rate: `march.events.enclosures`
+# bounds of a coordinate, its velocity, its acceleration; of a state and its rate: `march.events.enclosures`
 _ODD = """
 odd = abs((q1 - q0) - w*(v0 + v1)/2 + w*w*(a1 - a0)/12)
 even = abs(v1 - v0 - w*(a0 + a1)/2)
@@ -213,9 +213,9 @@ _KNOWN = {NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE}
 
 
 def can_be_watched(layout: Layout) -> bool:
-    """Whether all event functions are made of operations that are written here."""
-    said = enclosing(layout)
-    rows = said.rows[: said.parts[1], 0].tolist()
+    """Return whether all event functions consist of operations that this module can write."""
+    enclosures = enclosing(layout)
+    rows = enclosures.rows[: enclosures.parts[1], 0].tolist()
     return all(row in _KNOWN or (row < len(OPERATIONS) and OPERATIONS[row] in _ROWS) for row in rows)
 
 
@@ -231,22 +231,22 @@ def bounds(layout: Layout, width: Operand, end: Operand) -> tuple[list[Line], li
     Returns
     -------
     list of instruction
-    list of (operand, operand)
-        Of each function.
+    list of (operand, operand, operand)
+        Lower bound, upper bound and flaw of each function.
     """
     write = _Writing(layout, width, end)
     return write.lines, [write.known[place] for place in write.said.functions]
 
 
 class _Writing:
-    """Writes the rows, one after the other."""
+    """Writes the rows, one after another."""
 
     def __init__(self, layout: Layout, width: Operand, end: Operand) -> None:
         self.said: Enclosing = enclosing(layout)
         self.lines: list[Line] = []
         self.known: dict[int, Bounds] = {}
         self._layout, self._width, self._end, self._count = layout, width, end, 0
-        makes: dict[int, Callable[[list[int]], Bounds]] = {
+        writers: dict[int, Callable[[list[int]], Bounds]] = {
             NUMBER: lambda row: self._point(float(self.said.numbers[row[2]])),
             CONSTANT: lambda row: self._point(self._loaded(Place("p", row[2]))),
             PHASE: lambda _: self._point(self._loaded(Place("at", AT.index("regime")))),
@@ -255,7 +255,7 @@ class _Writing:
             STATE: self._state,
         }
         for row in self.said.rows[: self.said.parts[1]].tolist():
-            self.known[row[1]] = makes[row[0]](row) if row[0] in makes else self._operation(row)
+            self.known[row[1]] = writers[row[0]](row) if row[0] in writers else self._operation(row)
 
     @staticmethod
     def _point(value: Operand) -> Bounds:
@@ -265,34 +265,34 @@ class _Writing:
         name = OPERATIONS[row[0]]
         if name == "multiply" and row[2] == row[3]:
             name = "square"
-        given: dict[str, Operand] = {}
+        operands: dict[str, Operand] = {}
         for letter, place in zip("abc"[: _ARGUMENTS.get(name, 1)], row[2:], strict=False):
-            given |= dict(zip((f"{letter}_low", f"{letter}_high", f"{letter}_flaw"), self.known[place], strict=True))
-        first = "flaw = max(a_flaw, b_flaw)\n" if "b_flaw" in given else "flaw = a_flaw\n"
-        return self._written(first + _ROWS[name], given)
+            operands |= dict(zip((f"{letter}_low", f"{letter}_high", f"{letter}_flaw"), self.known[place], strict=True))
+        flaw = "flaw = max(a_flaw, b_flaw)\n" if "b_flaw" in operands else "flaw = a_flaw\n"
+        return self._written(flaw + _ROWS[name], operands)
 
     def _coordinate(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
-        given = {f"{letter}{end}": self._loaded(Place(array, first + i))
+        operands = {f"{letter}{end}": self._loaded(Place(array, first + i))
                  for end, array in enumerate("yz") for letter, first in (("q", 0), ("v", n), ("a", used))}  # fmt: skip
-        return self._written(_COORDINATE[row[3]], given)
+        return self._written(_COORDINATE[row[3]], operands)
 
     def _state(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
-        given = {f"{letter}{end}": self._loaded(Place(array, first + i))
+        operands = {f"{letter}{end}": self._loaded(Place(array, first + i))
                  for end, array in enumerate("yz") for letter, first in (("x", 2 * n), ("r", used + n))}  # fmt: skip
-        return self._written(_STATE[row[3]], given)
+        return self._written(_STATE[row[3]], operands)
 
-    def _written(self, text: str, given: dict[str, Operand]) -> Bounds:
-        """Write lines, in which a name may be given another value."""
-        known = NUMBERS | {"w": self._width, "flaw": 0.0} | given
+    def _written(self, text: str, operands: dict[str, Operand]) -> Bounds:
+        """Write lines, in which a name may be assigned again."""
+        values = NUMBERS | {"w": self._width, "flaw": 0.0} | operands
         for line in filter(None, (text + _SETTLED).split("\n")):
             target, expression = line.split(" = ")
             self._count += 1
-            write = Assignments(lambda _, name: known[name], f"_b{self._count}_")
-            known[target] = write.value(parse(expression))
+            write = Assignments(lambda _, name: values[name], f"_b{self._count}_")
+            values[target] = write.value(parse(expression))
             self.lines += write.lines
-        return known["under"], known["over"], known["flaw"]
+        return values["under"], values["over"], values["flaw"]
 
     def _loaded(self, place: Place) -> Operand:
         self._count += 1
@@ -301,10 +301,13 @@ class _Writing:
 
 
 def is_gap(layout: Layout) -> list[bool]:
-    """Tell of every event function whether it is the gap of a contact."""
-    return [one.role == GAP for one in layout.watched]
+    """Return for every event function whether it is the gap of a contact."""
+    return [detector.role == GAP for detector in layout.watched]
 
 
 def is_bounded(layout: Layout) -> list[bool]:
-    """Tell which are looked at in lanes: not those that sleep but where a reaction holds, whose steps are no lane's."""
-    return [one.role not in (PULL, LIMIT, GRIP) for one in layout.watched]
+    """Return for every event function whether lanes watch it: not those that act only while a reaction holds.
+
+    Lanes make no step with a reaction that holds.
+    """
+    return [detector.role not in (PULL, LIMIT, GRIP) for detector in layout.watched]

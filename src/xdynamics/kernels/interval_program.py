@@ -1,7 +1,7 @@
 """The event functions and their time derivatives as rows of numbers, which `march.events.enclosures` bounds.
 
-The third printing of one meaning: single assignments in the order written, as in Python and in LLVM, but of values that
-are known to lie between two numbers each. Nothing is compiled for it, so that a new model's first run does not wait.
+The third printed form, besides Python and LLVM text: single assignments in the order written, but of values known only
+to lie between two numbers. Nothing is compiled for it, so that a new model's first run does not wait.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from xdynamics.schema import acceleration, rate, velocity
 
 # the functions that are called at the ends of an interval, by their place in a run's `functions`
 CALLED = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
-# what a row says to do; a row is an operation, the place of its value, and three places or numbers
+# operations; a row is an operation, the place of its value, and three places or numbers
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt", "abs", "least", "greatest", "sign")
 COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
 OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", "positive", *CALLED)
@@ -44,14 +44,14 @@ class Enclosing:
     numbers : ndarray of float64
         The literals.
     parts : (int, int, int, int)
-        Rows up to which numbers and parameters are, and what follows from those alone; then the functions, their
-        derivatives, and those of the second order.
+        Where the rows end of numbers, parameters and what follows from those alone; of the functions; of their
+        derivatives; of their second derivatives.
     values : int
-        How many places there are for values.
+        Number of places for values.
     functions, slopes, bends : tuple of int
-        The place of each event function, of its derivative, and of a gap's second one.
+        The place of each event function, of its derivative, and of a gap's second derivative.
     of_time : tuple of bool
-        Whether each depends on nothing but time.
+        Whether each depends on time alone.
     """
 
     rows: NDArray[np.int64]
@@ -66,7 +66,7 @@ class Enclosing:
 
 @lru_cache(maxsize=64)
 def enclosing(layout: Layout) -> Enclosing:
-    """Print the event functions of a model, and their derivatives along the motion."""
+    """Print the event functions of a model, and their derivatives along the motion, as rows."""
     return _Printer(layout).printed()
 
 
@@ -84,43 +84,44 @@ class _Printer:
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(told(layout.model))
         self._python = python_values(layout.model)
         self._moving = self._variables()
-        self._inner = {one.name: one.value for one in followed(layout.model)}
+        self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
 
     def printed(self) -> Enclosing:
         """Print everything."""
         model = self._layout.model
         lines = Assignments(self._found)
         watched = self._layout.watched
-        functions = [self._taken(lines, lines.value(one.looked_at)) for one in watched]
+        functions = [self._taken(lines, lines.value(detector.looked_at)) for detector in watched]
         middle = len(self._rows)
-        slopes = [self._taken(lines, lines.value(function_rate(model, one))) for one in watched]
+        slopes = [self._taken(lines, lines.value(function_rate(model, detector))) for detector in watched]
         wide = len(self._rows)
         bends = [
-            self._taken(lines, lines.value(function_bend(model, one))) if one.role == GAP else UNUSED for one in watched
+            self._taken(lines, lines.value(function_bend(model, detector))) if detector.role == GAP else UNUSED
+            for detector in watched
         ]
         count, first = len(self._places), len(self._first)
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
         moving = {*self._layout.used, *self._layout.reactions}
-        of_time = tuple(not (one.sampled or model.reads(one.function) & moving) for one in watched)
+        of_time = tuple(not (detector.sampled or model.reads(detector.function) & moving) for detector in watched)
         return Enclosing(rows, np.array(self._numbers), (first, first + middle, first + wide, len(rows)), count, tuple(functions), tuple(slopes), tuple(bends), of_time)  # fmt: skip
 
     def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
-        """How each moving name is had: its row, given the place of its value."""
+        """Return for each moving name a function that makes its row from the place of its value."""
         layout = self._layout
-        found: dict[str, Callable[[int], tuple[int, ...]]] = {"t": lambda at: (TIME, at, 0, 0, 0)}
-        found[REGIME_NUMBER] = lambda at: (PHASE, at, 0, 0, 0)
+        makers: dict[str, Callable[[int], tuple[int, ...]]] = {"t": lambda at: (TIME, at, 0, 0, 0)}
+        makers[REGIME_NUMBER] = lambda at: (PHASE, at, 0, 0, 0)
         for i, name in enumerate(layout.coordinates):
-            for order, one in enumerate((name, velocity(name), acceleration(name))):
-                found[one] = lambda at, i=i, order=order: (COORDINATE, at, i, order, 0)  # type: ignore[misc]
+            for order, variable in enumerate((name, velocity(name), acceleration(name))):
+                makers[variable] = lambda at, i=i, order=order: (COORDINATE, at, i, order, 0)  # type: ignore[misc]
         for i, name in enumerate(layout.states):
-            for order, one in enumerate((name, rate(name))):
-                found[one] = lambda at, i=i, order=order: (STATE, at, i, order, 0)  # type: ignore[misc]
+            for order, variable in enumerate((name, rate(name))):
+                makers[variable] = lambda at, i=i, order=order: (STATE, at, i, order, 0)  # type: ignore[misc]
         for name in self._python:
-            found[name] = lambda at: (UNKNOWN, at, 0, 0, 0)
-        return found
+            makers[name] = lambda at: (UNKNOWN, at, 0, 0, 0)
+        return makers
 
     def _found(self, lines: Assignments, name: str) -> Operand:
-        """Find what an expression names."""
+        """Return the operand of a name in an expression."""
         if name in self._constants:
             return lines.load(Place("p", self._constants[name]), name)
         if name in self._moving:
@@ -160,15 +161,15 @@ class _Printer:
             row = (VALUE if line.operation == "value_at" else SLOPE, self._new(line.target), self._place(argument), int(number), int(drive.argument == "t"))  # fmt: skip
             self._rows.append(row)
             return
-        given = [self._place(argument) for argument in line.arguments]
-        rows = self._first if self._constant.issuperset(given) else self._rows
+        places = [self._place(argument) for argument in line.arguments]
+        rows = self._first if self._constant.issuperset(places) else self._rows
         target = self._new(line.target)
-        rows.append((OPERATION[line.operation], target, *given, *[0] * (3 - len(given))))
+        rows.append((OPERATION[line.operation], target, *places, *[0] * (3 - len(places))))
         if rows is self._first:
             self._constant.add(target)
 
     def _place(self, value: Operand) -> int:
-        """Return the place of a value; a number gets one when it is first met."""
+        """Return the place of a value; a number gets one when it first occurs."""
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:
             self._first.append((NUMBER, self._new(key), len(self._numbers), 0, 0))

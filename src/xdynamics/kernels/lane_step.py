@@ -1,8 +1,8 @@
-"""One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does them, without a branch.
+"""One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does, without a branch.
 
-What is not ordinary (the end, an event, a step that cannot be shortened, a number that is none) changes nothing in its
-lane and is said: there the single march makes the step. So each line here has the operations of one in `march.loop`,
-`march.acceptance` or `march.control`, in their order, and a lane has the bits of a run alone.
+A step that is not ordinary (the end, an event, a step that cannot be shortened, a number that is not finite) changes
+nothing in its lane and is reported; the single march then makes it. So each line here performs the operations of one in
+`march.loop`, `march.acceptance` or `march.control`, in the same order, and a lane has the bits of a single run.
 """
 
 from __future__ import annotations
@@ -30,13 +30,12 @@ from xdynamics.kernels.program import (
     While,
 )
 
-# What a lane knows besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
-# run goes on; `done` counts accepted and rejected trials, `most` is how many there may be; h and norm are those of the
-# last accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed`
-# where the last step came to one. Behind them stand absolute tolerances, largest values,
-# the error of that step; of each event function on which side of zero it is to stay (2: wherever, 0: it is not known),
-# and of a gap how large it was; what `collocation` keeps; of each switch that was declared smooth its side, how often it was
-# passed, and when first.
+# Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
+# run goes on; `done` counts accepted and rejected trials, `most` is their limit; h and norm are those of the last
+# accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed` where
+# the last step ended at a node. After them: absolute tolerances, largest values, the error of that step; for each event
+# function the side of zero on which it has to stay (2: either, 0: unknown), and for a gap how large it was; what
+# `collocation` keeps; for each switch declared smooth its side, how often it was passed, and when first.
 LANE = (
     "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
     "node", "snap", "inner", "landed", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
@@ -140,24 +139,24 @@ def lane_width(layout: Layout) -> int:
 
 
 def noted_width(layout: Layout) -> int:
-    """Return how many numbers a step in lanes notes besides the state: energies, observables, smooth switches."""
+    """Return how many numbers a step in lanes records besides the state: energies, observables, smooth switches."""
     return max(1, len(layout.derived) + 2 * len(layout.smooth))
 
 
 def of_collocation(layout: Layout) -> int:
-    """Return where a lane has what a step of Radau IIA keeps."""
+    """Return where in a lane's memory the numbers that a step of Radau IIA keeps begin."""
     return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
 
 
 def _of_smooth(layout: Layout) -> int:
-    """Return where a lane has what is known of switches that were declared smooth."""
+    """Return where in a lane's memory the numbers of switches declared smooth begin."""
     return of_collocation(layout) + (collocation.width(layout) if layout.implicit else 0)
 
 
 def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
-    """Write the step, and behind which it stands: what a row of the log has besides the state, which is to be finite.
+    """Write the step, after the programs that it calls; one computes what a row of the log has besides the state.
 
-    `followers` says whose absolute tolerances follow their variables; of none if it is empty.
+    `followers` says for which variables absolute tolerances follow; for none if it is empty.
     """
     write = _Writing(layout, followers)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
@@ -166,7 +165,7 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     inner = write.solve() if layout.implicit else write.propose()
     if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
-        write.body.append(Call(DERIVED, "at", "z", "samples"))  # which no step of a lane keeps: there is room
+        write.body.append(Call(DERIVED, "at", "z", "samples"))  # steps in lanes keep no samples, so there is room
     write.load("finite_row", Place("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
@@ -177,8 +176,8 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
     write.lines(control + _JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.smooth()
     write.move(adaptive=adaptive)
-    more = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if layout.implicit else "")
-    write.lines(_MOVE + more, kept=True)
+    updates = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if layout.implicit else "")
+    write.lines(_MOVE + updates, kept=True)
     local = {"norm": 1}
     if any(followers):
         local["tops"] = 1 + max(layout.kinds)
@@ -187,19 +186,19 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
 
 
 class _Writing:
-    """Writes lines of text, whose names are those of a lane or of lines before."""
+    """Writes lines of text, whose names are those of a lane or of earlier lines."""
 
     def __init__(self, layout: Layout, followers: tuple[bool, ...]) -> None:
         self.body: list[Instruction] = []
         self._layout = layout
         self._followers = followers
-        own: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
-        self._known = own | collocation.CONSTANTS
+        constants: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
+        self._known = constants | collocation.CONSTANTS
         self._places = {name: Place("w", i) for i, name in enumerate(LANE)}
         self._parts = 0
 
     def lines(self, text: str, *, kept: bool = False) -> None:
-        """Write lines; what is kept goes to the lane, and each line sees what the lane had before."""
+        """Write lines; with `kept` their values go to the lane, and each line sees what the lane had before."""
         write = self._next()
         stores = []
         for line in filter(None, text.split("\n")):
@@ -212,7 +211,7 @@ class _Writing:
         self.body += [*write.lines, *stores]
 
     def _next(self) -> Assignments:
-        """Return where the next lines are written: their names are no others'."""
+        """Begin the next lines, with names of their own."""
         self._parts += 1
         return Assignments(self._found, f"_{self._parts}_")
 
@@ -222,12 +221,14 @@ class _Writing:
         return lines.load(self._places[name], f"_{self._parts}_{name}")
 
     def load(self, name: str, place: Place) -> None:
-        """Read a number that was written since it was read last."""
-        self._known[name] = name  # printed Python puts what has an underscore where it is used, behind other lines
+        """Read a number that was written since it was last read."""
+        self._known[name] = (
+            name  # printed Python writes names with an underscore where they are used, after other lines
+        )
         self.body.append(Load(name, place))
 
     def store(self, array: str, values: dict[str, str]) -> None:
-        """Write numbers to `at`."""
+        """Write numbers to an array laid out as `at`."""
         write = self._next()
         stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
         self.body += [*write.lines, *stores]
@@ -239,7 +240,7 @@ class _Writing:
         return ()
 
     def solve(self) -> tuple[Program, ...]:
-        """Make the step by iterations in all lanes until they are over in each; return what is called for it."""
+        """Make the step by iterations in all lanes until each has ended; return the programs called for it."""
         layout, follows = self._layout, any(self._followers)
         inner = Collocation(layout, self._places, len(LANE), of_collocation(layout), follows=follows)
         self._places = inner.places
@@ -258,15 +259,15 @@ class _Writing:
         self.body.append(When(inner.places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
         write = self._next()
         numbers = [write.load(Place("z", i)) for i in range(len(layout.state))]
-        found: Operand = 0.0
-        for one in numbers:  # a number less itself is 0 where it is finite, else nan
-            found = write.compute("add", found, write.compute("subtract", one, one))
+        unsound: Operand = 0.0
+        for number in numbers:  # a number minus itself is 0 if it is finite, else nan
+            unsound = write.compute("add", unsound, write.compute("subtract", number, number))
         self.body += write.lines
-        self._known["finite_step"] = found
+        self._known["finite_step"] = unsound
         return (model_programs.linearised(layout), *inner.programs)
 
     def error_norm(self) -> None:
-        """Find the largest error over its scale: `march.control.error_norm`."""
+        """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
         first = len(LANE)
         write = self._next()
         rtol, floor, rest = write.named("rtol"), write.named("floor"), write.named("rest")
@@ -295,18 +296,18 @@ class _Writing:
             self.body.append(Each(end - begin, body))
 
     def _slope(self, i: int) -> int:
-        """Return where in a state the time derivative of the i-th number stands."""
+        """Return where in a state the time derivative of its i-th number is."""
         n, used = len(self._layout.coordinates), len(self._layout.used)
         return n + i if i < n else used + i - n
 
     def _pieces(self) -> list[tuple[int, int, int, bool]]:
-        """Return neighbours that are of one kind: first, last, kind, whether their tolerances follow; all, if none do."""
+        """Return neighbours of one kind: begin, end, kind, whether their tolerances follow; all as one if none do."""
         used = len(self._layout.used)
         if not any(self._followers):
             return [(0, used, 0, False)]
-        told = list(zip(self._layout.kinds, self._followers, strict=True))
-        cuts = [i for i in range(used) if i == 0 or told[i] != told[i - 1]]
-        return [(begin, end, *told[begin]) for begin, end in pairwise([*cuts, used])]
+        traits = list(zip(self._layout.kinds, self._followers, strict=True))
+        cuts = [i for i in range(used) if i == 0 or traits[i] != traits[i - 1]]
+        return [(begin, end, *traits[begin]) for begin, end in pairwise([*cuts, used])]
 
     def _tops(self, of: Place) -> None:
         """Find the largest absolute value of each kind: `march.tolerance_sizes.tops_of`."""
@@ -320,7 +321,7 @@ class _Writing:
             self.body.append(Each(end - begin, body))
 
     def _settle(self, first: int) -> None:
-        """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; where the lane did not move they stay what they are."""
+        """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
         write = self._next()
         rtol, floor, used = write.named("rtol"), write.named("floor"), len(self._layout.used)
         self.body += write.lines
@@ -335,24 +336,24 @@ class _Writing:
                 self.body.append(Each(end - begin, body))
 
     def watch(self) -> None:
-        """Find out whether every event function is known to keep its side: `march.events.isolation.quiet`."""
+        """Find out whether every event function certainly keeps its side: `march.events.isolation.quiet`."""
         self._known["silent"] = 1.0
         if not self._layout.watched:
             return
-        lines, found = interval_lanes.bounds(self._layout, self._known["width"], self._known["reach"])
+        lines, enclosures = interval_lanes.bounds(self._layout, self._known["width"], self._known["reach"])
         self.body += lines
         first, bounded = len(LANE) + 3 * len(self._layout.used), interval_lanes.is_bounded(self._layout)
-        for i, (under, over, _) in enumerate(found):
+        for i, (under, over, _) in enumerate(enclosures):
             self.load(f"side{i}", Place("w", first + i))
             self._known |= {"under": under, "over": over, "side": f"side{i}"}
             self.lines((_SIDE if bounded[i] else _ASLEEP).format(i))
             self._known["silent"] = self._known[f"silent{i}"]
             if interval_lanes.is_gap(self._layout)[i]:
-                self.load(f"gap{i}", Place("w", first + len(found) + i))
+                self.load(f"gap{i}", Place("w", first + len(enclosures) + i))
                 self.lines(f"gap{i}_now = max(gap{i}, under)")
 
     def smooth(self) -> None:
-        """Count what was declared smooth and passed, as a row of the log does: `kernels.model_programs.row`."""
+        """Count passages of switches declared smooth, as a row of the log does: `kernels.model_programs.row`."""
         noted, first = len(self._layout.derived), _of_smooth(self._layout)
         for i in range(len(self._layout.smooth)):
             for k, name in enumerate(("value", "decides")):
@@ -366,7 +367,7 @@ class _Writing:
             self.body += [Store(place, self._known[f"new_{name}"]) for name, place in places.items()]
 
     def move(self, *, adaptive: bool) -> None:
-        """Put the new state in the place of the old one, where the lane moves."""
+        """Replace the old state by the new one in lanes that move."""
         self.body.append(Compute("_moving", "more", (self._known["moves"], 0.0)))
         first, used = len(LANE) + len(self._layout.used), len(self._layout.used)
 

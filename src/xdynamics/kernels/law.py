@@ -1,4 +1,4 @@
-"""The law of a march: what one model and one method compute, as text and behind addresses."""
+"""The law of a march: what one model and one method compute, as text and as machine code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.step_programs import Equations, Steps
 from xdynamics.methods.scheme import EXACT, Scheme
 
-# what stands where in the addresses of a law; the programs of a step are the last
+# positions among the addresses of a law; the programs of a step come last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
 LINEARISED = PROPOSE  # of a method whose step `march.implicit.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
@@ -67,7 +67,7 @@ class Law:
 
     @cached_property
     def steps(self) -> Steps:
-        """The programs of one step; of the derivatives alone, where `march.implicit.radau` makes the step."""
+        """The programs of one step; only the derivatives where `march.implicit.radau` makes the step."""
         if self.scheme.method.simplified:
             first = 3 * len(self.layout.used)
             exact = self.scheme.jacobian == EXACT
@@ -77,7 +77,7 @@ class Law:
 
     @cached_property
     def entries(self) -> tuple[Program, ...]:
-        """What is called from outside, in the order of the addresses behind those of `CONTROL`."""
+        """The programs called from outside, in the order of their addresses, which follow those of `CONTROL`."""
         layout = self.layout
         own = (
             model_programs.forces(layout),
@@ -91,27 +91,27 @@ class Law:
 
     @cached_property
     def programs(self) -> tuple[Program, ...]:
-        """Every program, each behind those that it calls."""
+        """Every program, each after those that it calls."""
         inner = (model_programs.linearised(self.layout),) if self.steps.equations else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property
     def printed(self) -> Printed:
-        """What a march has of the law beside its machine code: kept with that, or printed now."""
+        """What a march needs of the law besides its machine code: kept with that, or printed now."""
         if self._kept is not None:
             return self._kept[0]
         title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
         source = "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
-        return Printed(source, tuple(one.name for one in self.entries), self.steps.memory, self.steps.equations)
+        return Printed(source, tuple(program.name for program in self.entries), self.steps.memory, self.steps.equations)
 
     @property
     def source(self) -> str:
-        """The law as Python: quoted in the record, and what runs where nothing is compiled."""
+        """The law as Python: quoted in the record, and run where nothing is compiled."""
         return self.printed.source
 
     @cached_property
     def _kept(self) -> tuple[Printed, bytes] | None:
-        """What a process before printed and compiled of the same form; functions in Python are of this one alone."""
+        """What an earlier process printed and compiled for the same form; None for models with Python functions."""
         return law_cache.read(self._key) if self._can_be_kept else None
 
     @cached_property
@@ -124,7 +124,7 @@ class Law:
 
     @cached_property
     def source_digest(self) -> str:
-        """sha256 of that text."""
+        """The SHA-256 digest of `source`."""
         return hashlib.sha256(self.source.encode()).hexdigest()
 
     @property
@@ -139,13 +139,13 @@ class Law:
 
     @property
     def addresses(self) -> NDArray[np.int64]:
-        """Where the programs of a march begin, compiled; without a compiler, keys of `PLAIN`."""
-        with _LOCK:  # code that a second thread compiled in vain would be freed under the first one's feet
+        """Addresses of the compiled programs of a march; without a compiler, keys of `PLAIN`."""
+        with _LOCK:  # of two threads that compile at once, one would free code that the other uses
             return self._addresses
 
     @property
     def addresses_inside(self) -> NDArray[np.int64]:
-        """The same, and where the program for times inside a step begins, which no march needs."""
+        """The same with the address of the program for times inside a step, which no march needs."""
         with _LOCK:
             return self._addresses_inside
 
@@ -153,20 +153,20 @@ class Law:
     def _addresses(self) -> NDArray[np.int64]:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
-        found = self._marching.addresses
-        return np.array([*_alone(CONTROL).addresses.values(), *(found.get(name, 0) for name in self.printed.names)], np.int64)  # fmt: skip
+        by_name = self._marching.addresses
+        return np.array([*_alone(CONTROL).addresses.values(), *(by_name.get(name, 0) for name in self.printed.names)], np.int64)  # fmt: skip
 
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
-        found = self._addresses.copy()
+        addresses = self._addresses.copy()
         if not config.DISABLE_JIT:  # type: ignore[attr-defined]
-            found[INSIDE] = self._inside.addresses[self.entries[INSIDE - FORCES].name]
-        return found
+            addresses[INSIDE] = self._inside.addresses[self.entries[INSIDE - FORCES].name]
+        return addresses
 
     @cached_property
     def plain(self) -> NDArray[np.int64]:
-        """Keys under which the programs stand in `PLAIN` as Python functions."""
-        functions = {f"_{model_programs.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
+        """Keys of the programs in `PLAIN`, as Python functions."""
+        functions = {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
@@ -180,7 +180,7 @@ class Law:
                 keys,
                 [
                     *(SETS[self.scheme.math_functions][name] for name in CONTROL),
-                    *(scope[one.name] for one in self.entries),
+                    *(scope[entry.name] for entry in self.entries),
                 ],
                 strict=True,
             )
@@ -188,19 +188,19 @@ class Law:
         return np.array(keys, np.int64)
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
-        """Return the law as LLVM text, some programs left out."""
-        functions = [(one.name, len(one.arguments)) for one in self.layout.model.python_functions]
-        programs = [one for one in self.programs if one not in without]
+        """Return the law as LLVM text, without some of the programs."""
+        functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
+        programs = [entry for entry in self.programs if entry not in without]
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
-        functions = {f"_{model_programs.PYTHON}{name}": one for name, one in self.layout.model.functions.items()}
-        names = [one.name for one in self.entries if one not in without]
+        functions = {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
+        names = [entry.name for entry in self.entries if entry not in without]
         return machine.compiled(self.text(lanes, without), names, functions)
 
     def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> int:
-        """Return where one ordinary step in so many lanes begins, compiled; see `lane_step.stride`."""
+        """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride`."""
         with _LOCK:
             form = lanes, adaptive, followers
             if form not in self._strides:
@@ -209,34 +209,35 @@ class Law:
 
     @cached_property
     def _strides(self) -> dict[tuple[int, bool, tuple[bool, ...]], machine.Code]:
-        """Code behind addresses: it lives as long as the law, which who uses them holds."""
+        """Code of those addresses: it lives as long as the law, which users of the addresses hold."""
         return {}
 
     def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
-        own = () if self.scheme.method.simplified else self.steps.programs  # whose step is made of other programs
+        # a simplified method's step is made of other programs
+        own = () if self.scheme.method.simplified else self.steps.programs
         programs = (self.entries[0], *own, *stride(self.layout, adaptive=adaptive, followers=followers))
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 
     def parting(self, lanes: int) -> tuple[int, int]:
-        """Return where a force evaluation and a step in so many lanes begin, compiled."""
+        """Return the addresses of a force evaluation and of a step in that many lanes, compiled."""
         programs = (self.entries[0], *self.steps.programs)
         names = (programs[0].name, self.entries[PROPOSE - FORCES].name)
         with _LOCK:
             if lanes not in self._parts:
                 text = llvm_of(programs, lanes, entered=names, math_functions=self.scheme.math_functions)
                 self._parts[lanes] = machine.compiled(text, names)
-            found = self._parts[lanes].addresses
-        return found[names[0]], found[names[1]]
+            addresses = self._parts[lanes].addresses
+        return addresses[names[0]], addresses[names[1]]
 
     @cached_property
     def _parts(self) -> dict[int, machine.Code]:
-        """Code behind those addresses, which lives as long."""
+        """Code of those addresses: it lives as long as the law."""
         return {}
 
     @cached_property
     def _marching(self) -> machine.Code:
-        """All but the program for times inside a step."""
+        """Code of all programs but the one for times inside a step."""
         if not self._can_be_kept:
             return self.compiled(without=[self.entries[INSIDE - FORCES]])
         names = [name for i, name in enumerate(self.printed.names, FORCES) if i != INSIDE]
@@ -248,12 +249,14 @@ class Law:
 
     @cached_property
     def _inside(self) -> machine.Code:
-        return self.compiled(without=[one for i, one in enumerate(self.entries, FORCES) if i not in (FORCES, INSIDE)])
+        return self.compiled(
+            without=[entry for i, entry in enumerate(self.entries, FORCES) if i not in (FORCES, INSIDE)]
+        )
 
 
 @lru_cache(maxsize=len(SETS))
 def called_with_intervals(math_functions: str) -> NDArray[np.int64]:
-    """Return where the functions of a set begin that event functions may call, in the order of `interval_program.CALLED`."""
+    """Return addresses of the functions of a set that event functions may call, in the order of `CALLED`."""
     with _LOCK:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             keys = [next(_KEYS) for _ in CALLED]
@@ -272,9 +275,9 @@ def _alone(names: tuple[str, ...], math_functions: str = NAME) -> machine.Code:
 
 @lru_cache(maxsize=128)
 def law_of(layout: Layout, *, sampled: bool) -> Law:
-    """Return a law, made once for all models that differ in numbers alone, for a method and what is kept.
+    """Return the law of a layout, made once for all models that differ in numbers alone.
 
-    Its layout is that of the first of them: names and places are theirs too, numbers are not.
+    Its layout is that of the first such model: names and places hold for all of them, numbers do not.
     """
     if layout.model.python_functions:
         return Law(layout, sampled)
@@ -283,7 +286,7 @@ def law_of(layout: Layout, *, sampled: bool) -> Law:
 
 @dataclass(frozen=True)
 class _Form:
-    """What a law is written from; the layout is one of those that have it."""
+    """What a law is written from, and one layout that has it."""
 
     key: tuple[Any, ...]
     layout: Layout = field(compare=False)

@@ -1,6 +1,6 @@
-"""What was printed of a law, kept with its machine code by what it is printed from: a later process prints nothing again.
+"""Printed laws, kept with their machine code under what they are printed from: a later process prints nothing again.
 
-What a program exchanges in the modules that print, while it runs, is no part of the key: it has to keep nothing either.
+What a program replaces at run time in the modules that print is not part of the key; such a program must keep nothing.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _MODULES = ("schema.py", "units.py")
 
 @dataclass(frozen=True)
 class Printed:
-    """What a march has of a law beside its machine code.
+    """What a march needs of a law besides its machine code.
 
     Attributes
     ----------
     source : str
         The law as Python.
     names : tuple of str
-        Of the programs that are called from outside, in the order of their addresses.
+        Names of the programs that are called from outside, in the order of their addresses.
     memory : int
         Numbers of the working memory of a step.
     equations : tuple of Equations
@@ -48,26 +48,26 @@ class Printed:
 
 
 def key_of(layout: Layout, *, sampled: bool) -> str:
-    """Digest of all that a law and its machine code follow from: the model's form, the method, who prints, the processor."""
+    """Return a digest of what a law and its machine code follow from: form, method, printers and processor."""
     model = layout.model
-    about = (type(model).__qualname__, model.form, repr(layout.scheme), str(sampled))
-    return cache.digest("printed", *about, _printers(), *machine.processor())
+    origin = (type(model).__qualname__, model.form, repr(layout.scheme), str(sampled))
+    return cache.digest("printed", *origin, _printers(), *machine.processor())
 
 
 def read(key: str) -> tuple[Printed, bytes] | None:
-    """Return what was printed and its machine code; None where they are not kept."""
+    """Return a printed law and its machine code; None if they are not kept."""
     content = cache.read(_name(key))
     if content is None:
         return None
     head, _, code = content.partition(b"\n")
-    said: dict[str, Any] = json.loads(head)
+    fields: dict[str, Any] = json.loads(head)
     return Printed(
-        said["source"], tuple(said["names"]), said["memory"], tuple(map(_equations, said["equations"]))
+        fields["source"], tuple(fields["names"]), fields["memory"], tuple(map(_equations, fields["equations"]))
     ), code
 
 
 def write(key: str, printed: Printed, code: bytes) -> None:
-    """Keep both."""
+    """Keep a printed law and its machine code."""
     cache.write(_name(key), json.dumps(dict(zip(_FIELDS, astuple(printed), strict=True))).encode() + b"\n" + code)
 
 
@@ -78,17 +78,17 @@ def _name(key: str) -> str:
     return f"form-{key}.o"
 
 
-def _equations(said: list[Any]) -> Equations:
-    evaluations, residuals, unknowns, entries = said
+def _equations(fields: list[Any]) -> Equations:
+    evaluations, residuals, unknowns, entries = fields
     return Equations(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)))
 
 
 @lru_cache(maxsize=1)
 def _printers() -> str:
-    """Digest of the modules that print laws."""
+    """Return a digest of the modules that print laws."""
     package = Path(__file__).parents[1]
     files = [
         *(path for room in _ROOMS for path in (package / room).rglob("*.py")),
-        *(package / one for one in _MODULES),
+        *(package / module for module in _MODULES),
     ]
     return cache.digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))

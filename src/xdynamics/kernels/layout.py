@@ -1,4 +1,4 @@
-"""Where each number of a march stands: in the state, in a force evaluation, in a row of the log."""
+"""The place of each number of a march: in the state, in a force evaluation, in a row of the log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from xdynamics.units import Dimension
 
 @lru_cache(maxsize=64)
 def layout_of(model: Model, scheme: Scheme | None = None) -> Layout:
-    """Return a layout, made once for a model and a scheme."""
+    """Return the layout of a model and a scheme, made once."""
     return Layout(model, scheme)
 
 
@@ -78,7 +78,7 @@ class Layout:
     @cached_property
     def reactions(self) -> tuple[str, ...]:
         """Names of the forces of contacts and friction elements."""
-        return tuple(one.name for one in reactions(self.model))
+        return tuple(reaction.name for reaction in reactions(self.model))
 
     @cached_property
     def drives(self) -> tuple[str, ...]:
@@ -92,11 +92,11 @@ class Layout:
 
     @cached_property
     def kinds(self) -> tuple[int, ...]:
-        """Of what is used, a number for each kind: coordinates of one dimension are of one, and so on."""
+        """A number for the kind of each used variable: coordinates of one dimension share a kind, and so on."""
         roles = (self.coordinates, self.velocities, self.states)
-        found = [(i, self.model.dimensions[name]) for i, names in enumerate(roles) for name in names]
-        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(found))}
-        return tuple(numbers[kind] for kind in found)
+        kinds = [(i, self.model.dimensions[name]) for i, names in enumerate(roles) for name in names]
+        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
+        return tuple(numbers[kind] for kind in kinds)
 
     @cached_property
     def state(self) -> tuple[str, ...]:
@@ -110,7 +110,7 @@ class Layout:
 
     @cached_property
     def carried(self) -> tuple[str, ...]:
-        """What rounding has taken from coordinates, velocities and states, where it is carried along."""
+        """Names of rounding errors of coordinates, velocities and states, where they are carried along."""
         return tuple(f"_carried_{name}" for name in self.used) if self.scheme and self.scheme.compensated else ()
 
     @cached_property
@@ -120,14 +120,18 @@ class Layout:
 
     @cached_property
     def derived(self) -> dict[str, Node]:
-        """Energies, observables and gaps, computed when a row is noted."""
+        """Energies, observables and gaps, computed when a row is logged."""
         observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
         return self._energies() | observables | self.gaps
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
         """The gap of each contact."""
-        return {schema.contact_gap(one.owner): one.gap for one in reactions(self.model) if one.sort == NORMAL}
+        return {
+            schema.contact_gap(reaction.owner): reaction.gap
+            for reaction in reactions(self.model)
+            if reaction.sort == NORMAL
+        }
 
     @cached_property
     def watched(self) -> tuple[Detector, ...]:
@@ -136,34 +140,36 @@ class Layout:
 
     @cached_property
     def switches(self) -> tuple[Detector, ...]:
-        """Of those the switches hidden in forces."""
-        return tuple(one for one in self.watched if one.role in (SWITCH, KINK))
+        """Those of `watched` that are switches in forces."""
+        return tuple(detector for detector in self.watched if detector.role in (SWITCH, KINK))
 
     @cached_property
     def flags(self) -> int:
-        """How many flags a row of the log has: kind, regime, what reactions do, on which side of each switch it is.
+        """Number of flags in a row of the log: kind, regime, what reactions do, the side of each switch.
 
-        Of the points of a table that is the piece, in three of them.
+        For the points of a table the side is a piece, which takes three flags.
         """
-        return 2 + len(self.reactions) + sum(3 if one.drive else 1 for one in self.switches)
+        return 2 + len(self.reactions) + sum(3 if switch.drive else 1 for switch in self.switches)
 
     @property
     def smooth(self) -> tuple[Switch, ...]:
-        """The switches that were declared smooth: each has its side, how often it was passed, and when first."""
+        """The switches declared smooth: each has a side, a number of passages, and the time of the first."""
         return smooth_switches(self.model)
 
     @cached_property
     def resets(self) -> tuple[tuple[str, str], ...]:
-        """Every event that sets something, and what."""
-        return tuple((name, target) for name, one in self.model.events.items() for target in one.reset)
+        """Pairs of an event and a name that it sets."""
+        return tuple((name, target) for name, event in self.model.events.items() for target in event.reset)
 
     @cached_property
     def followed(self) -> dict[str, Node]:
-        """The time derivatives of observables, for events; those of what depends on accelerations are not known."""
+        """The time derivatives of observables, for events; of those that depend on accelerations they are unknown."""
         accelerations = set(self.accelerations)
-        found = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
-        known = {name: node for name, node in found.items() if not free_names(node) & accelerations}
-        return {name: self.model.rate_of(node) for name, node in known.items()} if self.watched else {}
+        observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+        without_accelerations = {
+            name: node for name, node in observables.items() if not free_names(node) & accelerations
+        }
+        return {name: self.model.rate_of(node) for name, node in without_accelerations.items()} if self.watched else {}
 
     @cached_property
     def row(self) -> tuple[str, ...]:
@@ -186,14 +192,14 @@ class Layout:
 
     @cached_property
     def jacobian(self) -> tuple[tuple[str, str], ...]:
-        """What depends on what: pairs of a coordinate (for its acceleration) or a rate, and a name it depends on."""
+        """Dependencies: pairs of a coordinate (for its acceleration) or a rate, and a name that it depends on."""
         return tuple(motion.jacobian(self.model))
 
     @cached_property
     def couplings(self) -> tuple[tuple[int, int], ...]:
         """Row and column of each derivative: among velocities and states, and among all that is used.
 
-        Exact ones are the entries of `jacobian`; by differences there are all, column by column.
+        Exact ones are the entries of `jacobian`; by differences it is all of them, column by column.
         """
         if self.scheme is not None and self.scheme.jacobian == DIFFERENCES:
             height = len(self.used) - len(self.coordinates)
@@ -209,7 +215,7 @@ class Layout:
 
     @property
     def sample_width(self) -> int:
-        """Numbers that a step keeps of one evaluation: what `sample` names but the row and the stage."""
+        """Numbers that a step keeps of one evaluation: those of `sample` but for step and stage."""
         return len(self.sample) - 2
 
     @property
@@ -218,14 +224,14 @@ class Layout:
         from xdynamics.expressions import dimension_of
 
         known = self.model.dimensions
-        found = {
+        dimensions = {
             dimension_of(self.model.mass[i][i], known) * known[schema.velocity(name)] ** 2
             for i, name in enumerate(self.coordinates)
         }
-        return found.pop() if len(found) == 1 else None
+        return dimensions.pop() if len(dimensions) == 1 else None
 
     def _energies(self) -> dict[str, Node]:
-        """Kinetic energy, and where a potential is known potential and total energy."""
+        """Return kinetic energy and, where a potential is known, potential and total energy."""
         if self.energy_dimension is None:
             return {}
         half_square = [

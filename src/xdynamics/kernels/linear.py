@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 
-REAL, COMPLEX = np.int64(1), np.int64(2)  # no literals: of a function that is given one, numba makes a copy for each
+REAL, COMPLEX = np.int64(1), np.int64(2)  # no literals: numba compiles a copy of a function for each literal argument
 
 
 @shared
@@ -19,13 +19,13 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int
     matrix : ndarray, shape (n*n,) or longer
         Row by row; destroyed.
     right : ndarray, shape (n,) or longer
-        The right-hand side; the solution takes its place.
+        The right-hand side; the solution replaces it.
     n : int
 
     Returns
     -------
     bool
-        False where the matrix is singular or not finite; the right-hand side is then of no use.
+        False if the matrix is singular or not finite; the right-hand side is then invalid.
     """
     for k in range(n):
         pivot = k
@@ -53,9 +53,9 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int
 
 @shared
 def note_extents(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int, planes: int) -> None:
-    """Note the first and the last row of every column that is not zero, behind the rows exchanged; chains have few.
+    """Store the first and the last nonzero row of every column after the row exchanges; matrices of chains have few.
 
-    Of a real matrix there is one plane, of a complex one there are two behind it, for the real and the imaginary parts.
+    A real matrix is one plane; a complex one is two planes after it, for the real and the imaginary parts.
     """
     own = 3 * n * (planes - 1)
     for k in range(n):
@@ -71,20 +71,20 @@ def note_extents(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int,
 
 @compiled
 def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
-    """Take a matrix apart as P L U in place, with partial pivoting.
+    """Factorise a matrix as P L U in place, with partial pivoting.
 
     Parameters
     ----------
     matrix : ndarray, shape (n*n,) or longer
         Column by column.
     pivots : ndarray of int, shape (3*n,) or longer
-        Filled: the row exchanged with each, and the first and the last row of each column that is not zero.
+        Filled with the row exchanged with each, and the first and the last nonzero row of each column.
     n : int
 
     Returns
     -------
     bool
-        False where the matrix is singular or not finite.
+        False if the matrix is singular or not finite.
     """
     for k in range(n):
         pivot, column, last = k, k * n, k
@@ -112,7 +112,7 @@ def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) ->
 
 @compiled
 def substitute(matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int) -> None:
-    """Solve with the factors of `factorise`; the solution takes the place of the right-hand side."""
+    """Solve with the factors of `factorise`; the solution replaces the right-hand side."""
     for k in range(n):
         pivot = pivots[k]
         if pivot != k:
@@ -128,7 +128,7 @@ def substitute(matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: ND
 
 @compiled
 def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
-    """Do what `factorise` does for a complex matrix behind a real one; the diagonal of U is left inverted.
+    """Factorise a complex matrix stored after a real one, as `factorise` does; the diagonal of U is left inverted.
 
     Parameters
     ----------
@@ -141,15 +141,15 @@ def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n:
     Returns
     -------
     bool
-        False where the matrix is singular or not finite.
+        False if the matrix is singular or not finite.
     """
     re, im = n * n, 2 * n * n
     for k in range(n):
         pivot, column, size, last = k, k * n, -1.0, k
         for i in range(k, n):
-            one = abs(matrix[re + column + i]) + abs(matrix[im + column + i])
-            last = i if one != 0.0 else last
-            pivot, size = (i, one) if one > size else (pivot, size)
+            magnitude = abs(matrix[re + column + i]) + abs(matrix[im + column + i])
+            last = i if magnitude != 0.0 else last
+            pivot, size = (i, magnitude) if magnitude > size else (pivot, size)
         if not size > 0.0 or not np.isfinite(size):
             return False
         pivots[3 * n + k] = pivot
@@ -158,7 +158,7 @@ def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n:
                 a, b = re + j * n, im + j * n
                 matrix[a + k], matrix[a + pivot] = matrix[a + pivot], matrix[a + k]
                 matrix[b + k], matrix[b + pivot] = matrix[b + pivot], matrix[b + k]
-        # divided by their size first, so that the square neither overflows nor vanishes
+        # divided by their size first, so that the square neither overflows nor underflows
         x, y = matrix[re + column + k] / size, matrix[im + column + k] / size
         square = (x * x + y * y) * size
         x, y = x / square, -y / square
@@ -182,7 +182,7 @@ def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n:
 def substitute_complex(
     matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int
 ) -> None:
-    """Solve with the factors of `factorise_complex`; of `right` the first n numbers are real, the next n imaginary."""
+    """Solve with the factors of `factorise_complex`; `right` is n real parts followed by n imaginary ones."""
     re, im = n * n, 2 * n * n
     for k in range(n):
         pivot = pivots[3 * n + k]

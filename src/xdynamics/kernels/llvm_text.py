@@ -1,7 +1,7 @@
 """A program as LLVM text, with any number of lanes: one lane is what a single run calls.
 
-In lanes every number is a vector with one element for each run, and an operation acts on each element by itself: nothing
-is summed across lanes, contracted or reordered, so that a lane holds the bits that a run alone would have.
+In lanes every number is a vector with one element for each run, and an operation acts on each element by itself.
+Nothing is summed across lanes, contracted or reordered, so a lane holds the bits of a single run.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from xdynamics.kernels.program import (
     While,
 )
 
-UNROLLED = 8  # components up to which vectors are written out; more are a loop
-INLINED = 1500  # instructions up to which a program is put in the place of its calls
+UNROLLED = 8  # components up to which vectors are written out; longer ones are loops
+INLINED = 1500  # instructions up to which a program is inlined
 _SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
 UNSOUND = "unsound"
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
-_GIVEN = ("y", "z", "samples")  # by who calls a program from outside, who has the table besides
+_GIVEN = ("y", "z", "samples")  # by callers from outside, besides the table
 _TABLES = """
 define internal i64 @find_piece(double %x, ptr %origin, i64 %count) #1 {
   %last = sub i64 %count, 1
@@ -128,62 +128,66 @@ def llvm_of(
     Parameters
     ----------
     programs : iterable of Program
-        Each behind those that it calls.
+        Each after those that it calls.
     lanes : int
-        Runs that go side by side, each number of theirs an element of a vector.
+        Runs side by side; each number of a run is an element of a vector.
     functions : iterable of (str, int)
         Python functions that are called, with how many arguments each takes.
     entered : container of str, optional
-        Programs that are called from outside; all, where it is not given.
+        Programs that are called from outside; all by default.
     math_functions : str
         The set of elementary functions.
     """
-    known = {one.name: one for one in programs}
-    text = [declarations(lanes), _TABLES if any(map(_looks_up, known.values())) else ""]
+    parts = {part.name: part for part in programs}
+    text = [declarations(lanes), _TABLES if any(map(_looks_up, parts.values())) else ""]
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
-    weights = {name: _weight(one, lanes, math_functions) for name, one in known.items()}
-    used = sum((_used(one) for one in known.values()), Counter[str]())
+    weights = {name: _weight(part, lanes, math_functions) for name, part in parts.items()}
+    used = sum((_used(part) for part in parts.values()), Counter[str]())
     inner = {name: _size_of(name, lanes, math_functions) * n <= INLINED // 2 for name, n in used.items()}
     text.append(definitions(inner, lanes, math_functions))
-    calls = {name: sum(_calls(one, name) for one in known.values()) for name in known}
-    for one in known.values():
-        called = calls[one.name] and weights[one.name] * calls[one.name] <= INLINED
-        text.append(_Printer(one, lanes).function("#2" if called or not calls[one.name] else "#0"))
-        if entered is None or one.name in entered:
-            text.append(_Printer(one, lanes).entry())
-    # "prefer-vector-width": without it 16 lanes are made of 256 bits each where 512 are there
+    calls = {name: sum(_calls(part, name) for part in parts.values()) for name in parts}
+    for part in parts.values():
+        called = calls[part.name] and weights[part.name] * calls[part.name] <= INLINED
+        text.append(_Printer(part, lanes).function("#2" if called or not calls[part.name] else "#0"))
+        if entered is None or part.name in entered:
+            text.append(_Printer(part, lanes).entry())
+    # "prefer-vector-width": without it 16 lanes are split into vectors of 256 bits where 512 are available
     text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
     text.append("attributes #1 = { nounwind alwaysinline }")
     text.append('attributes #2 = { nounwind alwaysinline "prefer-vector-width"="512" }')
-    return "\n".join(one for one in text if one) + "\n"
+    return "\n".join(part for part in text if part) + "\n"
 
 
 def _looks_up(program: Program) -> bool:
     return any(
-        isinstance(one, Compute) and one.operation in ("value_at", "slope_at", "find_piece") for one in program.body
+        isinstance(line, Compute) and line.operation in ("value_at", "slope_at", "find_piece") for line in program.body
     )
 
 
 def _used(program: Program) -> Counter[str]:
-    """How often a program computes each elementary function."""
-    loops = [(one.count if one.count <= UNROLLED else 1, one.body) for one in program.body if isinstance(one, Each)]
-    found: Counter[str] = Counter()
+    """Return how often a program computes each elementary function."""
+    loops = [
+        (line.count if line.count <= UNROLLED else 1, line.body) for line in program.body if isinstance(line, Each)
+    ]
+    counts: Counter[str] = Counter()
     for count, body in [(1, program.body), *loops]:
         joint = _together(body)
         for pair, _ in joint:
-            found[pair] += count
-        for one in body:
-            if isinstance(one, Compute) and one.operation in FUNCTIONS:
-                alone = (PAIRS.get(one.operation, ("",))[0], one.arguments) not in joint
-                found[one.operation] += count * alone
-    return +found
+            counts[pair] += count
+        for line in body:
+            if isinstance(line, Compute) and line.operation in FUNCTIONS:
+                alone = (PAIRS.get(line.operation, ("",))[0], line.arguments) not in joint
+                counts[line.operation] += count * alone
+    return +counts
 
 
 def _together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
-    """Name what is computed together of one argument: a sine and a cosine say."""
-    computed = {(one.operation, one.arguments) for one in body if isinstance(one, Compute) and one.operation in PAIRS}
-    asked = Counter((PAIRS[name][0], arguments) for name, arguments in computed)
-    return {one for one, count in asked.items() if count == _ALL_OF[one[0]]}
+    """Return what is computed together for one argument, such as a sine and a cosine."""
+    computed = {
+        (entry.operation, entry.arguments) for entry in body if isinstance(entry, Compute) and entry.operation in PAIRS
+    }
+    counts = Counter((PAIRS[name][0], arguments) for name, arguments in computed)
+    return {entry for entry, count in counts.items() if count == _ALL_OF[entry[0]]}
 
 
 def _size_of(name: str, lanes: int, math_functions: str) -> int:
@@ -191,17 +195,17 @@ def _size_of(name: str, lanes: int, math_functions: str) -> int:
 
 
 def _weight(program: Program, lanes: int, math_functions: str) -> int:
-    """How many instructions a program has with its elementary functions put in their places."""
+    """Return the number of instructions of a program with its elementary functions inlined."""
     return program.size + sum(_size_of(name, lanes, math_functions) * count for name, count in _used(program).items())
 
 
 def _calls(program: Program, name: str) -> int:
-    called = (one.call if isinstance(one, When | While) else one for one in program.body)
-    return sum(isinstance(one, Call) and one.program == name for one in called)
+    lines = (line.call if isinstance(line, When | While) else line for line in program.body)
+    return sum(isinstance(line, Call) and line.program == name for line in lines)
 
 
 class _Printer:
-    """Prints one program; values of its own are numbered, names of the program's are kept apart by a prefix."""
+    """Prints one program; its values are numbered, and the arrays that it is given have a prefix."""
 
     def __init__(self, program: Program, lanes: int) -> None:
         self._program = program
@@ -217,21 +221,21 @@ class _Printer:
         self._pairs: dict[tuple[str, str], str] = {}
 
     def entry(self) -> str:
-        """Print the way in from outside: it finds what is not given in the table."""
+        """Print the entry point from outside, which reads from the table what its caller does not pass."""
         lines = []
         for name in (*ARRAYS, "apart"):
             if name in _GIVEN:
                 continue
-            # of the rows of the log it is the length of the last dimension: so far their elements stand apart
+            # for rows of the log, the length of the last dimension: the distance between their elements
             place = WORDS * TABLE.index(name) if name in ARRAYS else WORDS * TABLE.index("rows") + 2
             kind = "ptr" if name in ARRAYS else "i64"
             lines.append(f"%{name}_at = getelementptr i64, ptr %table, i64 {place}")
             lines.append(f"%_{name} = load {kind}, ptr %{name}_at, align 8, !invariant.load !0")
-        name, given = self._program.name, ", ".join(f"ptr noalias %_{one}" for one in _GIVEN)
+        name, parameters = self._program.name, ", ".join(f"ptr noalias %_{array}" for array in _GIVEN)
         body = "\n  ".join(lines)
-        arrays = ", ".join(f"ptr %_{one}" for one in ARRAYS)
+        arrays = ", ".join(f"ptr %_{array}" for array in ARRAYS)
         return (
-            f"define void @{name}(ptr %table, {given}) #0 {{\n  {body}\n"
+            f"define void @{name}(ptr %table, {parameters}) #0 {{\n  {body}\n"
             f"  call void @{name}.inner({arrays}, i64 %_apart)\n  ret void\n}}"
         )
 
@@ -252,7 +256,7 @@ class _Printer:
         )
 
     def _answer(self, first: int, count: int) -> None:
-        """Set `unsound`: a number less itself is 0 where it is finite, else nan."""
+        """Set `unsound`: a number minus itself is 0 if it is finite, else nan."""
         self._lines.append(f"store {self._number} {self._operand(0.0)}, ptr %{UNSOUND}, align 8")
         less_itself = (
             Load("_sum", Place(UNSOUND)),
@@ -277,42 +281,46 @@ class _Printer:
             self._print(line, "", 0)
 
     def _if_any(self, line: When | While) -> None:
-        """A call where a number is not zero in some lane, once or as long as that is so."""
+        """Print a call made if a number is nonzero in some lane, once or as long as it is."""
         self._count += 1
-        here = f"any.{self._count}"
-        self._lines += [f"br label %{here}", f"{here}:"]
+        label = f"any.{self._count}"
+        self._lines += [f"br label %{label}", f"{label}:"]
         number = self._new(f"load {self._number}, ptr {self._pointer(line.place, '', 0)}, align 8")
-        asked = self._new(f"fcmp une {self._number} {number}, {self._operand(0.0)}")
+        condition = self._new(f"fcmp une {self._number} {number}, {self._operand(0.0)}")
         if self._lanes > 1:
-            bits = self._new(f"bitcast {self._truth} {asked} to i{self._lanes}")
-            asked = self._new(f"icmp ne i{self._lanes} {bits}, 0")
-        self._lines += [f"br i1 {asked}, label %{here}call, label %{here}end", f"{here}call:"]
+            bits = self._new(f"bitcast {self._truth} {condition} to i{self._lanes}")
+            condition = self._new(f"icmp ne i{self._lanes} {bits}, 0")
+        self._lines += [f"br i1 {condition}, label %{label}call, label %{label}end", f"{label}call:"]
         self._print(line.call, "", 0)
-        self._lines += [f"br label %{here if isinstance(line, While) else f'{here}end'}", f"{here}end:"]
-        self._block = f"{here}end"
+        self._lines += [f"br label %{label if isinstance(line, While) else f'{label}end'}", f"{label}end:"]
+        self._block = f"{label}end"
 
     def _each(self, line: Each, index: str, shift: int) -> None:
         outside, joint, pairs = dict(self._values), self._joint, dict(self._pairs)
         self._joint = joint | _together(line.body)
-        for one in line.body:
-            self._print(one, index, shift)
+        for instruction in line.body:
+            self._print(instruction, index, shift)
         self._values, self._joint, self._pairs = outside, joint, pairs
 
     def _loop(self, line: Each) -> None:
-        """The lines for i from 0 to count - 1, as a loop."""
+        """Print the lines for i from 0 to count - 1, as a loop."""
         self._count += 1
-        here, before = f"each.{self._count}", self._block
+        label, previous = f"each.{self._count}", self._block
         index = f"%i.{self._count}"
-        self._lines += [f"br label %{here}", f"{here}:", f"{index} = phi i64 [ 0, %{before} ], [ {index}n, %{here} ]"]
-        self._block = here
+        self._lines += [
+            f"br label %{label}",
+            f"{label}:",
+            f"{index} = phi i64 [ 0, %{previous} ], [ {index}n, %{label} ]",
+        ]
+        self._block = label
         self._each(line, index, 0)
         self._lines += [
             f"{index}n = add i64 {index}, 1",
             f"{index}c = icmp ult i64 {index}n, {line.count}",
-            f"br i1 {index}c, label %{here}, label %{here}end",
-            f"{here}end:",
+            f"br i1 {index}c, label %{label}, label %{label}end",
+            f"{label}end:",
         ]
-        self._block = f"{here}end"
+        self._block = f"{label}end"
 
     def _print(self, line: Instruction, index: str, shift: int) -> None:
         match line:
@@ -325,14 +333,14 @@ class _Printer:
             case Compute():
                 self._values[line.target] = self._computed(line)
             case Call():
-                given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
-                arrays = (self._pointer(Place(given.get(one, one)), "", 0) for one in ARRAYS)
+                passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
+                arrays = (self._pointer(Place(passed.get(array, array)), "", 0) for array in ARRAYS)
                 self._lines.append(
-                    f"call void @{line.program}.inner({', '.join(f'ptr {one}' for one in arrays)}, i64 1)"
+                    f"call void @{line.program}.inner({', '.join(f'ptr {array}' for array in arrays)}, i64 1)"
                 )
 
     def _pointer(self, place: Place, index: str, shift: int) -> str:
-        """Return the address of an element: of an array that is given, of a view of one, or of a local array."""
+        """Return the address of an element of a given array, of a view, or of a local array."""
         if place.array == UNSOUND:
             return f"%{UNSOUND}"
         if place.same:
@@ -354,67 +362,73 @@ class _Printer:
         name, arguments, number = line.operation, line.arguments, self._number
         if name in ("value_at", "slope_at", "find_piece", "piece_of"):
             return self._looked_up(name, arguments)
-        given = [self._operand(one) for one in arguments]
+        operands = [self._operand(operand) for operand in arguments]
         if name in INFIX:
-            return self._new(f"{INFIX[name][2]} {number} {given[0]}, {given[1]}")
+            return self._new(f"{INFIX[name][2]} {number} {operands[0]}, {operands[1]}")
         if name in COMPARISONS:
-            return self._new(f"fcmp {COMPARISONS[name][1]} {number} {given[0]}, {given[1]}")
+            return self._new(f"fcmp {COMPARISONS[name][1]} {number} {operands[0]}, {operands[1]}")
         if name == "choose":
-            return self._new(f"select {self._truth} {given[0]}, {number} {given[1]}, {number} {given[2]}")
+            return self._new(f"select {self._truth} {operands[0]}, {number} {operands[1]}, {number} {operands[2]}")
         if name in INTRINSICS:
-            return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {given[0]})")
+            return self._new(f"call {number} @llvm.{INTRINSICS[name]}.{self._suffix}({number} {operands[0]})")
         if name in COMPOSED:
-            return self._composed(COMPOSED[name], given)
+            return self._composed(COMPOSED[name], operands)
         if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
-            return self._one_of(*PAIRS[name], given[0])
+            return self._one_of(*PAIRS[name], operands[0])
         if name in FUNCTIONS:
-            return self._new(f"call {number} @elementary_{name}({', '.join(f'{number} {one}' for one in given)})")
+            return self._new(
+                f"call {number} @elementary_{name}({', '.join(f'{number} {operand}' for operand in operands)})"
+            )
         return self._by_lane(
-            "double", [(number, one) for one in given], lambda scalars: f"call double @_{name}({scalars})"
+            "double", [(number, operand) for operand in operands], lambda scalars: f"call double @_{name}({scalars})"
         )
 
-    def _one_of(self, pair: str, place: int, given: str) -> str:
-        """Compute functions of one argument together, and return the one that is asked for."""
+    def _one_of(self, pair: str, place: int, argument: str) -> str:
+        """Compute functions of one argument together, and return one of them."""
         kind = struct_of(pair, self._lanes)
-        if (pair, given) not in self._pairs:
-            self._pairs[pair, given] = self._new(f"call {kind} @elementary_{pair}({self._number} {given})")
-        return self._new(f"extractvalue {kind} {self._pairs[pair, given]}, {place}")
+        if (pair, argument) not in self._pairs:
+            self._pairs[pair, argument] = self._new(f"call {kind} @elementary_{pair}({self._number} {argument})")
+        return self._new(f"extractvalue {kind} {self._pairs[pair, argument]}, {place}")
 
-    def _composed(self, lines: tuple[str, ...], given: list[str]) -> str:
+    def _composed(self, lines: tuple[str, ...], operands: list[str]) -> str:
         constants = {"zero": 0.0, "one": 1.0, "minus": -1.0, "nan": float("nan")}
-        filled = {"T": self._number, "B": self._truth} | {key: self._operand(one) for key, one in constants.items()}
+        fields = {"T": self._number, "B": self._truth} | {key: self._operand(value) for key, value in constants.items()}
         for letter, line in zip(ascii_lowercase, lines, strict=False):
-            right = line.split(" = ", 1)[1].format(*given, **filled)
-            filled[letter] = self._new(right)
-        return filled[ascii_lowercase[len(lines) - 1]]
+            right = line.split(" = ", 1)[1].format(*operands, **fields)
+            fields[letter] = self._new(right)
+        return fields[ascii_lowercase[len(lines) - 1]]
 
     def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> str:
-        """Find a piece of a table, or evaluate one; each lane may be in a piece of its own."""
+        """Find a piece of a table, or evaluate one; each lane may be in a different piece."""
         drive = arguments[-1]
         assert isinstance(drive, int)  # noqa: S101 - which table is known when the program is written
         if name == "piece_of":
             place = self._new(f"getelementptr i64, ptr %_pieces, i64 {(3 * drive + 2) * self._lanes}")
             return self._new(f"load {self._whole}, ptr {place}, align 8")
-        where = [self._new(f"getelementptr i64, ptr %_pieces, i64 {(3 * drive + k) * self._lanes}") for k in (0, 1)]
-        first, count = (self._new(f"load i64, ptr {one}, align 8") for one in where)
+        pointers = [self._new(f"getelementptr i64, ptr %_pieces, i64 {(3 * drive + k) * self._lanes}") for k in (0, 1)]
+        first, count = (self._new(f"load i64, ptr {operand}, align 8") for operand in pointers)
         origin = self._new(f"getelementptr double, ptr %_tables, i64 {first}")
         typed = [(self._number, self._operand(arguments[0]))]
-        typed += [(self._whole, self._operand(one)) for one in arguments[1:-1]]
+        typed += [(self._whole, self._operand(operand)) for operand in arguments[1:-1]]
         result = "i64" if name == "find_piece" else "double"
-        return self._by_lane(result, typed, lambda given: f"call {result} @{name}({given}, ptr {origin}, i64 {count})")
+        return self._by_lane(
+            result, typed, lambda scalars: f"call {result} @{name}({scalars}, ptr {origin}, i64 {count})"
+        )
 
-    def _by_lane(self, result: str, given: list[tuple[str, str]], call: object) -> str:
-        """Call what knows of no lanes, once for each."""
+    def _by_lane(self, result: str, operands: list[tuple[str, str]], call: object) -> str:
+        """Call a function of single numbers once for each lane."""
         assert callable(call)  # noqa: S101
         scalar = {self._number: "double", self._whole: "i64"}
         if self._lanes == 1:
-            return self._new(call(", ".join(f"{kind} {one}" for kind, one in given)))
-        found = "poison"
+            return self._new(call(", ".join(f"{kind} {operand}" for kind, operand in operands)))
+        vector = "poison"
         for lane in range(self._lanes):
-            parts = [(scalar[kind], self._new(f"extractelement {kind} {one}, i64 {lane}")) for kind, one in given]
-            value = self._new(call(", ".join(f"{kind} {one}" for kind, one in parts)))
-            found = self._new(f"insertelement <{self._lanes} x {result}> {found}, {result} {value}, i64 {lane}")
-        return found
+            scalars = [
+                (scalar[kind], self._new(f"extractelement {kind} {operand}, i64 {lane}")) for kind, operand in operands
+            ]
+            value = self._new(call(", ".join(f"{kind} {operand}" for kind, operand in scalars)))
+            vector = self._new(f"insertelement <{self._lanes} x {result}> {vector}, {result} {value}, i64 {lane}")
+        return vector
 
     def _new(self, text: str) -> str:
         self._count += 1

@@ -15,15 +15,15 @@ import llvmlite.binding as llvm
 
 from xdynamics.kernels import cache
 
-PATIENCE = 1.0  # seconds of compiling that pass without a word
-# Lines of a text from which on instructions are chosen without a look around: LLVM's scheduling of one long block takes
-# time that grows with its square, 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of
-# elementary functions twice as slow. No bit changes.
+PATIENCE = 1.0  # seconds of compiling before a warning
+# Lines of a text beyond which instructions are not scheduled: LLVM's time for one long block grows with its square,
+# to 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of elementary functions twice
+# as slow. No bit changes.
 LONG_TEXT = 12_000
 
 
 class Code:
-    """Machine code in memory, and where its functions begin.
+    """Machine code in memory, and the addresses of its functions.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Code:
 
 
 def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[..., float]] | None = None) -> Code:
-    """Compile LLVM text, or find the machine code that was kept of it.
+    """Compile LLVM text, or return the machine code that was kept of it.
 
     Parameters
     ----------
@@ -56,25 +56,25 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
         symbols = _symbols(text, functions)
         return Code(_object(symbols), names)
     key = cache.digest(text, *processor())
-    kept = cache.read(f"law-{key}.o")
-    if kept is None:
-        kept = built(text)
-        cache.write(f"law-{key}.o", kept)
-    return Code(kept, names)
+    content = cache.read(f"law-{key}.o")
+    if content is None:
+        content = built(text)
+        cache.write(f"law-{key}.o", content)
+    return Code(content, names)
 
 
 def built(text: str) -> bytes:
-    """Compile LLVM text to an object file, and say so where that takes long."""
+    """Compile LLVM text to an object file; warn if that takes long."""
     with _told(text):
         return _object(text)
 
 
 @contextmanager
 def _told(text: str) -> Iterator[None]:
-    """Say so where compiling lasts longer than a second."""
+    """Warn if compiling takes longer than `PATIENCE`."""
     lines = text.count("\n")
-    said = "xdynamics: compiling the model and its method, %d lines"
-    timer = threading.Timer(PATIENCE, logging.getLogger("xdynamics").warning, (said, lines))
+    message = "xdynamics: compiling the model and its method, %d lines"
+    timer = threading.Timer(PATIENCE, logging.getLogger("xdynamics").warning, (message, lines))
     timer.daemon = True
     timer.start()
     try:
@@ -84,7 +84,7 @@ def _told(text: str) -> Iterator[None]:
 
 
 def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:
-    """Give the functions' addresses names of this process alone, which a later text cannot mean by accident."""
+    """Name the functions by their addresses in this process, which no later text can mean by accident."""
     for name, function in functions.items():
         address = ctypes.cast(_entry(function), ctypes.c_void_p).value
         symbol = f"xdynamics_function_{address:x}"
@@ -94,7 +94,7 @@ def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:
 
 
 def _entry(function: Any) -> Any:
-    """Compile a Python function to one that takes and returns doubles; it stays as long as the process."""
+    """Compile a Python function to one that takes and returns doubles; it lives as long as the process."""
     from numba import cfunc, types
 
     from xdynamics.kernels.compiling import OPTIONS, entry
@@ -104,8 +104,8 @@ def _entry(function: Any) -> Any:
         count = inner.py_func.__code__.co_argcount
         arguments = ", ".join(f"_{i}" for i in range(count))
         scope: dict[str, Any] = {"inner": inner, "nan": math.nan}
-        # cfunc takes no *arguments: the text depends on their number alone. An exception cannot pass through machine code,
-        # which would go on with zero; nan ends the run, and the search for its cause calls the function again and raises
+        # cfunc takes no *arguments: the text depends on their number alone. Machine code would go on with zero after an
+        # exception; nan ends the run, and the search for its cause calls the function again and raises
         lines = (
             f"def called({arguments}):\n try:\n  return float(inner({arguments}))\n except Exception:\n  return nan\n"
         )
@@ -119,12 +119,12 @@ _KEPT: dict[Any, Any] = {}
 
 
 def _object(text: str) -> bytes:
-    # a context of its own: constants and types stay in theirs for ever, 0.1 MB a text in the one of the process
+    # a context of its own, with which constants and types are freed: that of the process would grow by 0.1 MB a text
     context = llvm.create_context()
     module = llvm.parse_assembly(text, context)
     module.triple = llvm.get_process_triple()
     module.verify()
-    # of its own, like that of every engine: an engine frees the one it was given
+    # a machine of its own, as for every engine: an engine frees the one that it was given
     machine = _machine(0 if text.count("\n") > LONG_TEXT else 2)
     builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
     builder.getModulePassManager().run(module, builder)
@@ -133,7 +133,7 @@ def _object(text: str) -> bytes:
 
 @lru_cache
 def processor() -> tuple[str, str, str]:
-    """What machine code depends on besides its text: LLVM's version, the processor and what it can do."""
+    """Return what machine code depends on besides its text: LLVM's version, the processor and its features."""
     version = ".".join(map(str, llvm.llvm_version_info))
     return version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 

@@ -16,11 +16,11 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, decides, jacobian, 
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 
-PYTHON = "python_"  # in front of the names of functions handed over
+PYTHON = "python_"  # prefix of the names of functions passed in
 
 
 def forces(layout: Layout) -> Program:
-    """Write M a = F: what a force evaluation gives goes behind the state that it used."""
+    """Write M a = F: the results of a force evaluation follow the state that it used."""
     lines = _moved(layout, motion(layout.model))
     first = len(layout.used)
     for i, name in enumerate(layout.evaluation):
@@ -29,7 +29,7 @@ def forces(layout: Layout) -> Program:
 
 
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
-    """Write the forces with their exact derivatives, which go to `e`, or to another array from a place on."""
+    """Write the forces with their exact derivatives, which go to `e`, or to another array from `first` on."""
     model = layout.model
     lines = _moved(layout, (*motion(model), *slopes(model)))
     used = len(layout.used)
@@ -42,63 +42,63 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
-    trees = [one.looked_at for one in layout.watched]
+    trees = [detector.looked_at for detector in layout.watched]
     return _returning("detect", "The function of every event.", layout, trees, python_values(layout.model))
 
 
 def event_rates(layout: Layout) -> Program:
     """Write the time derivatives of the event functions along the motion, and those of the observables."""
     model = layout.model
-    trees = [function_rate(model, one) for one in layout.watched]
+    trees = [function_rate(model, entry) for entry in layout.watched]
     trees += layout.followed.values()
     about = "The time derivatives of event functions and observables."
-    return _returning("slopes", about, layout, trees, {one.name: one.value for one in followed(model)})
+    return _returning("slopes", about, layout, trees, {entry.name: entry.value for entry in followed(model)})
 
 
 def touching(layout: Layout) -> Program:
-    """Write what contacts and friction elements are at a state, one table behind the other."""
+    """Write the numbers of contacts and friction elements at a state, one table after another."""
     trees = [tree for part in table(layout.model) for tree in part]
-    inner = {one.name: one.value for one in motion(layout.model)} if layout.reactions else {}
+    inner = {assignment.name: assignment.value for assignment in motion(layout.model)} if layout.reactions else {}
     about = "Gaps, rates, coefficients and matrices of contacts and friction."
     return _returning("touching", about, layout, trees, inner, layout.used)
 
 
 def resets(layout: Layout) -> Program:
-    """Write what events set the state to, one behind the other in the order of `Layout.resets`."""
+    """Write what events set the state to, in the order of `Layout.resets`."""
     trees = [layout.model.expanded(layout.model.events[name].reset[target]) for name, target in layout.resets]
     return _returning("resets", "What events set the state to.", layout, trees)
 
 
 def derived(layout: Layout) -> Program:
-    """Write energies, observables and gaps of a state, and of what was declared smooth the argument and whether it decides."""
+    """Write energies, observables and gaps of a state; of smooth switches the function and whether it decides."""
     about = "Energies, observables and gaps of a state."
     trees = [
         *layout.derived.values(),
-        *(tree for one in layout.smooth for tree in (one.function, decides(layout.model, one))),
+        *(tree for switch in layout.smooth for tree in (switch.function, decides(layout.model, switch))),
     ]
     return _returning("derived", about, layout, trees, known=layout.record)
 
 
 def _passed(lines: Assignments, layout: Layout, first: int, reached: Operand) -> None:
-    """Write down of what was declared smooth on which side a row is, how often it was passed, and when first."""
-    for i, one in enumerate(layout.smooth):
-        place = [Place("w", first + 3 * i + k) for k in range(3)]
-        side, count, time = (lines.load(each) for each in place)
-        value, matters = lines.value(one.function), lines.value(decides(layout.model, one))
+    """Write for each switch declared smooth its side, how often it was passed, and when first."""
+    for i, switch in enumerate(layout.smooth):
+        places = [Place("w", first + 3 * i + k) for k in range(3)]
+        side, count, time = (lines.load(place) for place in places)
+        value, matters = lines.value(switch.function), lines.value(decides(layout.model, switch))
         below = lines.compute("less", lines.compute("multiply", side, value), 0.0)
         passed = lines.compute("choose", reached, lines.compute("choose", below, matters, 0.0), 0.0)
         new = lines.compute("less", lines.compute("subtract", count, passed), 0.0)
-        lines.store(place[1], lines.compute("add", count, passed))
-        lines.store(place[2], lines.compute("choose", new, lines.named("t"), time))
+        lines.store(places[1], lines.compute("add", count, passed))
+        lines.store(places[2], lines.compute("choose", new, lines.named("t"), time))
         now = lines.compute("choose", lines.compute("less", value, 0.0), -1.0, side)
         now = lines.compute("choose", lines.compute("more", value, 0.0), 1.0, now)
-        lines.store(place[0], lines.compute("multiply", now, matters))
+        lines.store(places[0], lines.compute("multiply", now, matters))
 
 
 def row(layout: Layout, memory: int) -> Program:
-    """Write a row of the log: the state with energies and observables, and of a step its error and its effort.
+    """Write a row of the log: the state with energies and observables, and for a step its error and its effort.
 
-    `memory` is where `w` has what is known of switches that were declared smooth.
+    `memory` is where in `w` the numbers of switches declared smooth begin.
     """
     lines = Assignments(_Names(layout, layout.record))
     first = len(("time", "step_size"))
@@ -114,7 +114,7 @@ def row(layout: Layout, memory: int) -> Program:
     body: list[Instruction] = [copied]
     if layout.errors:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("norm"))))
-        reached = lines.compute("more", step, 0.0)  # by a step, which has an error
+        reached = lines.compute("more", step, 0.0)  # a row reached by a step, which has an error
         error = (
             Load("_error", Place("e")),
             Compute("_made", "choose", (reached, "_error", 0.0)),
@@ -140,29 +140,29 @@ def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node], inn
 
 def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:
     lines = Assignments(_Names(layout, layout.used))
-    for one in assignments:
-        if isinstance(one.value, Function):
-            lines.name(one.name, _called(lines, one.value))
+    for assignment in assignments:
+        if isinstance(assignment.value, Function):
+            lines.name(assignment.name, _called(lines, assignment.value))
         else:
-            lines.assign(one.name, one.value)
+            lines.assign(assignment.name, assignment.value)
     return lines
 
 
 def _called(lines: Assignments, function: Function) -> Operand:
-    """Call a function that was handed over."""
-    return lines.compute(PYTHON + function.name, *(lines.named(one) for one in function.arguments))
+    """Call a function that was passed in."""
+    return lines.compute(PYTHON + function.name, *(lines.named(argument) for argument in function.arguments))
 
 
 class _Names:
-    """Where a law finds what its expressions name: in `at`, in the state, among the constants, in a table.
+    """Finds what the expressions of a law name: in `at`, in the state, among the constants, in a table.
 
-    What is found in none of them is computed where it is first asked for, from the assignments `inner`.
+    Any other name is computed where it first occurs, from the assignments `inner`.
     """
 
     def __init__(self, layout: Layout, known: Iterable[str], inner: Mapping[str, Any] | None = None) -> None:
         self._layout = layout
         self._inner = inner or {}
-        self._kept = {one.drive for one in watched_by(layout.model)}
+        self._kept = {switch.drive for switch in watched_by(layout.model)}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
         self._places: Mapping[str, Place] = {
             **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
@@ -181,12 +181,12 @@ class _Names:
         number, argument = self._drives[drive], self._layout.model.drives[drive].argument
         at = lines.named(argument)
         operation = "value_at" if drive == name else "slope_at"
-        # there is one piece throughout a step where the march lands on its ends, so that a jump falls between steps
+        # where the march lands on ends of pieces, one piece holds throughout a step: a jump falls between steps
         if argument == "t" or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
             return lines.compute(operation, at, lines.compute("piece_of", number), number)
-        found = lines.compute(operation, at, lines.compute("find_piece", at, number), number)
+        looked_up = lines.compute(operation, at, lines.compute("find_piece", at, number), number)
         if drive not in self._kept:
-            return found
-        # beyond the table there is none: nan, which no 0 takes away
+            return looked_up
+        # outside the table there is no piece: the lookup is nan, and stays nan times 0
         value = lines.compute(operation, at, lines.compute("piece_of", number), number)
-        return lines.compute("add", value, lines.compute("multiply", 0.0, found))
+        return lines.compute("add", value, lines.compute("multiply", 0.0, looked_up))

@@ -1,6 +1,6 @@
-"""The operations of the laws: how each is written in Python and in LLVM, and what it is by itself.
+"""The operations of the laws: how each is written in Python and in LLVM, and how it is evaluated by itself.
 
-All are IEEE 754's own or made of those in `elementary`, and the same everywhere.
+All are operations of IEEE 754 or functions of `elementary`, and the same everywhere.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ COMPARISONS = {
 }  # fmt: skip
 INTRINSICS = {"abs": "fabs", "sqrt": "sqrt"}
 
-# what is composed of other LLVM instructions: lines with {0}, {1} for arguments, {T} for the type of numbers, {B} of truths
-# {a}, {b}, … for values of its own and {=} for the result
+# operations composed of several LLVM instructions: lines with {0}, {1} for arguments, {T} for the type of numbers, {B}
+# for that of truth values, {a}, {b}, … for intermediate values and {=} for the result
 COMPOSED = {
     "negative": ("{=} = fneg {T} {0}",),
     "sign": (
@@ -57,22 +57,24 @@ def greatest(x: float, y: float) -> float:
 
 
 def unsound(numbers: NDArray[np.float64]) -> float:
-    """0 where all numbers are finite, else nan."""
+    """Return 0 if all numbers are finite, else nan."""
     return 0.0 if np.isfinite(numbers).all() else math.nan
 
 
 def _kept(function: Callable[..., float]) -> Callable[..., float]:
-    """Give numpy's kind of float back, which divides by zero as IEEE 754 asks and not as Python does."""
+    """Make a function return NumPy floats, which divide by zero as IEEE 754 requires, unlike Python's."""
 
     @wraps(function)
     def wrapped(*arguments: float) -> Any:
-        return np.float64(function(*(float(one) for one in arguments)))
+        return np.float64(function(*(float(argument) for argument in arguments)))
 
     return wrapped
 
 
-# by the names of printed Python, where a model's own names cannot meet those with an underscore
-PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if name not in ("positive", "power")} | {
+# by their names in printed Python, where a model's own names cannot collide with those that have an underscore
+PYTHON: dict[str, Any] = {
+    name: _kept(function) for name, function in NUMERIC.items() if name not in ("positive", "power")
+} | {
     "_positive": _kept(NUMERIC["positive"]),
     "_power": _kept(NUMERIC["power"]),
     "_least": _kept(least),
@@ -83,5 +85,7 @@ PYTHON: dict[str, Any] = {name: _kept(one) for name, one in NUMERIC.items() if n
 
 def python_of_set(math_functions: str) -> dict[str, Any]:
     """Return what printed Python calls, with the elementary functions of a set."""
-    own = {f"_{name}" if name == "power" else name: _kept(one) for name, one in SETS[math_functions].items()}
-    return PYTHON | own
+    functions = {
+        f"_{name}" if name == "power" else name: _kept(function) for name, function in SETS[math_functions].items()
+    }
+    return PYTHON | functions

@@ -11,21 +11,21 @@ from dataclasses import dataclass, field
 
 Operand = str | float | int  # a value by its name, a number, or the number of a table
 
-# what every program is given: pointers to numbers, in lanes with one number a lane
+# what every program is given: pointers to numbers; in lanes, one number for each lane
 ARRAYS = ("at", "y", "p", "tables", "pieces", "z", "e", "samples", "w")
-# Who calls a law says where y, z and the samples are; the rest, and the rows of the log, it finds in a table, `WORDS`
+# Callers of a law pass y, z and the samples; the law finds the rest, and the rows of the log, in a table of `WORDS`
 # words for each array in this order: its address, the length of its first dimension, that of its last.
 TABLE = (*ARRAYS, "rows")
 WORDS = 3
-# The numbers of `at`: ends and size of a step, place in it from 0 to 1, regime; what a row of the log keeps of a step
-# besides; and `unsound`, which a program sets to 0 where the numbers that it answers for are finite, else to nan.
+# The numbers of `at`: ends and size of a step, place in it from 0 to 1, regime; what else a row of the log keeps of a
+# step; and `unsound`, which a program sets to 0 if the numbers that it answers for are finite, else to nan.
 AT = ("t", "t1", "h", "s", "regime", "norm", "turns", "unsound")
 T, T1, H, S, REGIME, NORM, TURNS, UNSOUND = range(len(AT))
 
 
 @dataclass(frozen=True)
 class Place:
-    """An element of an array or of a view; inside `Each` the element this far behind the i-th, or the same for every i."""
+    """An element of an array or of a view; inside `Each` an offset from the i-th element, or the same for every i."""
 
     array: str
     index: int = 0
@@ -34,7 +34,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Compute:
-    """``target = operation(arguments)``; the operations stand in `kernels.operations`."""
+    """``target = operation(arguments)``; the operations are in `kernels.operations`."""
 
     target: str
     operation: str
@@ -59,7 +59,7 @@ class Store:
 
 @dataclass(frozen=True)
 class Call:
-    """Another program of the same text, at another state: its `at` and `y` are given, and where it puts what it finds."""
+    """A call of another program of the same text, at another state: its `at` and `y`, and where results go."""
 
     program: str
     at: str
@@ -78,7 +78,7 @@ class Each:
 
 @dataclass(frozen=True)
 class When:
-    """A call that is made where a number is not zero; in lanes, where it is not in any of them."""
+    """A call made if a number is nonzero; in lanes, if it is nonzero in any of them."""
 
     place: Place
     call: Call
@@ -86,7 +86,7 @@ class When:
 
 @dataclass(frozen=True)
 class While:
-    """A call that is made again and again, until a number is zero; in lanes, until it is in all of them."""
+    """A call repeated until a number is zero; in lanes, until it is zero in all of them."""
 
     place: Place
     call: Call
@@ -108,11 +108,11 @@ class Program:
     views : mapping of str to (str, int, int)
         Names for parts of the arrays: array, first element, length.
     local : mapping of str to int
-        Arrays of its own, with their lengths.
+        Local arrays, with their lengths.
     sound : (int, int)
-        First and how many elements of `z` it answers for in `unsound`.
+        First and number of the elements of `z` that it answers for in `unsound`.
     spread : bool
-        Whether `z` is a row of the log, whose elements stand apart.
+        Whether `z` is a row of the log, whose elements are not contiguous.
     """
 
     name: str
@@ -125,5 +125,5 @@ class Program:
 
     @property
     def size(self) -> int:
-        """How many instructions it has when it is written out."""
-        return sum(one.count * len(one.body) if isinstance(one, Each) else 1 for one in self.body)
+        """Number of instructions when the program is written out."""
+        return sum(line.count * len(line.body) if isinstance(line, Each) else 1 for line in self.body)

@@ -11,13 +11,13 @@ from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Ope
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
 
-HIGHEST = 100  # levels of one printed expression: Python's own compiler goes down some thousand, and 200 parentheses
+HIGHEST = 100  # nesting levels of a printed expression: Python's compiler allows some thousand, and 200 parentheses
 
 Text = tuple[str, int]  # an expression and how strongly it binds
 
 
 def python_of(program: Program) -> str:
-    """Print a program as a function of arrays; values that are used once stand where they are used."""
+    """Print a program as a function of arrays; a value that is used once is written where it is used."""
     lines = [f'"""{program.about}"""']
     given = {name: view for name, view in program.views.items() if view[0] in ARRAYS}
     own = {name: view for name, view in program.views.items() if name not in given}
@@ -33,13 +33,13 @@ def python_of(program: Program) -> str:
 
 
 class _Printer:
-    """Prints lines of one scope; what is read once and has no name of its own is not given a line."""
+    """Prints the lines of one scope; an unnamed value that is read once gets no line of its own."""
 
     def __init__(self, body: tuple[object, ...], known: dict[str, Text] | None = None, index: str = "") -> None:
         self.lines: list[str] = []
         self._index = index
         self._texts: dict[str, Text] = dict(known or {})
-        self._heights: dict[Operand, int] = {}  # of what stands where it is used
+        self._heights: dict[Operand, int] = {}  # of expressions written where they are used
         self._uses = Counter(_operands(body))
         for line in body:
             self._print(line)
@@ -49,20 +49,20 @@ class _Printer:
             case Load():
                 self._define(line.target, (self._place(line.place), _ATOM))
             case Compute():
-                height = 1 + max((self._heights.get(one, 0) for one in line.arguments), default=0)
+                height = 1 + max((self._heights.get(entry, 0) for entry in line.arguments), default=0)
                 self._define(line.target, self._computed(line), height)
             case Store():
                 self.lines.append(f"{self._place(line.place)} = {self._text(line.value)}")
             case Call():
-                given = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
-                places = (given.get(one, one) for one in ARRAYS)
-                self.lines.append(f"{line.program}({', '.join(_array(one) for one in places)})")
+                passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
+                places = (passed.get(entry, entry) for entry in ARRAYS)
+                self.lines.append(f"{line.program}({', '.join(_array(entry) for entry in places)})")
             case When() | While():
                 word, inner = "while" if isinstance(line, While) else "if", _Printer((line.call,)).lines
-                self.lines += [f"{word} {self._place(line.place)}:", *(f"    {one}" for one in inner)]
+                self.lines += [f"{word} {self._place(line.place)}:", *(f"    {entry}" for entry in inner)]
             case Each() if line.count:
                 inner = _Printer(line.body, self._texts, "i").lines
-                self.lines += [f"for i in range({line.count}):", *(f"    {one}" for one in inner)]
+                self.lines += [f"for i in range({line.count}):", *(f"    {entry}" for entry in inner)]
 
     def _define(self, target: str, text: Text, height: int = 0) -> None:
         if target.startswith("_") and self._uses[target] == 1 and height < HIGHEST:
@@ -84,13 +84,13 @@ class _Printer:
         if name == "negative":
             return f"-{self._bound(arguments[0], 3)}", 3
         if name == "choose":
-            condition, yes, no = self._text(arguments[0]), *(self._bound(one, 1) for one in arguments[1:])
+            condition, yes, no = self._text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
         if name in ("find_piece", "value_at", "slope_at", "piece_of"):
-            extra = ", ".join(["_tables, _pieces", *(self._text(one) for one in arguments)])
+            extra = ", ".join(["_tables, _pieces", *(self._text(argument) for argument in arguments)])
             return f"_{name}({extra})", _ATOM
         called = name if name in PYTHON else f"_{name}"
-        return f"{called}({', '.join(self._text(one) for one in arguments)})", _ATOM
+        return f"{called}({', '.join(self._text(argument) for argument in arguments)})", _ATOM
 
     def _bound(self, operand: Operand, needed: int) -> str:
         text, strength = self._expression(operand)
@@ -126,5 +126,5 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
             case Store():
                 yield line.value
             case Each():
-                # what a loop reads from outside is computed before it
-                yield from (one for one in _operands(line.body) for _ in range(2))
+                # a value that a loop reads from outside is computed before it
+                yield from (operand for operand in _operands(line.body) for _ in range(2))

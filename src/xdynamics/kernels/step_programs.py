@@ -1,4 +1,4 @@
-"""A method's vector lines as programs: the step, the iterations of what it solves, the state inside the step."""
+"""A method's vector lines as programs: the step, the iterations of its equations, the state inside the step."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import Update
 from xdynamics.schema import rate
 
-DIRECT = -1  # in the place of a derivative: a coefficient that stands by itself
+DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by none
 
 
 @dataclass(frozen=True)
 class Equations:
-    """What Newton's method needs to know of one `solve`, as places in the working memory `w` and in the state `y`.
+    """What Newton's method needs of one `solve`, as places in the working memory `w` and in the state `y`.
 
     Attributes
     ----------
     evaluations : int
         Force evaluations of one iteration.
     residuals : int
-        Where the first residual stands; the others follow.
+        Place of the first residual; the others follow.
     unknowns : tuple of (int, int, int)
         For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
     entries : tuple of (int, int, int, int)
-        What is taken from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
+        What is subtracted from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
     """
 
     evaluations: int
@@ -47,7 +47,7 @@ class Steps:
     Attributes
     ----------
     programs : tuple of Program
-        One of an explicit method. Where equations are solved: what comes before, one iteration, what comes behind, and
+        One for an explicit method. Where equations are solved: what comes before, one iteration, what comes after, and
         so on.
     equations : tuple of Equations
     memory : int
@@ -85,12 +85,12 @@ def inside(layout: Layout, scheme: Scheme) -> Program:
 
 
 class _Stepping(Walker):
-    """Writes lines as they come; vectors are arrays, and a line of vectors is one line for each of their components."""
+    """Writes lines as they come; vectors are arrays, and a line of vectors becomes a line for each component."""
 
     def __init__(self, layout: Layout, *, sampled: bool, working: bool) -> None:
         self.layout = layout
         self.sampled = sampled
-        self.working = working  # whether vectors live in `w`, to be there in the next program too
+        self.working = working  # whether vectors live in `w`, so that the next program has them too
         self.stage = 0
         self._memory = 0
         self._views: dict[str, tuple[str, int, int]] = {}
@@ -103,7 +103,7 @@ class _Stepping(Walker):
         for name, count in zip("qvxar", self._counts("qvxar"), strict=True):
             self._views[name] = ("y", first, count)
             first += count
-        assert layout.scheme is not None  # noqa: S101 - who steps has one
+        assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
         self._updates = layout.scheme.compensated
         self._carry: dict[str, str] = {}
         first = len(layout.used) + len(layout.evaluation)
@@ -123,25 +123,25 @@ class _Stepping(Walker):
             self._each(line.target, line.expression)
 
     def evaluate(self, line: Evaluation) -> None:
-        """Evaluate the forces at a state that is put together for it."""
+        """Evaluate the forces at a state that is assembled for it."""
         self._evaluation(line, "forces")
 
     def solve(self, line: Solve) -> None:
-        """Write one iteration of Newton's method as a program of its own, and go on behind it."""
+        """Write one iteration of Newton's method as a separate program, and go on after it."""
         unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
         self._begin()
         self.walk(line.definitions)
-        slopes = [self._evaluation(one, "linearised") for one in line.evaluations]
+        slopes = [self._evaluation(part, "linearised") for part in line.evaluations]
         residuals = self._memory
-        for one in line.equations:
-            target = f"b_{one.target}"
-            self._vector(target, self._count(one.target))
-            self._each(target, one.expression, taken_from=one.target)
+        for part in line.equations:
+            target = f"b_{part.target}"
+            self._vector(target, self._count(part.target))
+            self._each(target, part.expression, taken_from=part.target)
         coupling = _Coupling(self, line, slopes)
         entries = [
             entry
             for row, target in enumerate(
-                (one.target, i) for one in line.equations for i in range(self._count(one.target))
+                (part.target, i) for part in line.equations for i in range(self._count(part.target))
             )
             for column, unknown in enumerate(unknowns)
             for entry in coupling.entries(row, column, target, unknown)
@@ -154,7 +154,7 @@ class _Stepping(Walker):
     # ------------------------------------------------------------------------------------------------------- ends
 
     def end(self) -> None:
-        """Put the new state into `z`: what the step led to, and what its last force evaluation gave."""
+        """Write the new state to `z`: the result of the step, and of its last force evaluation."""
         self.out(
             "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
         )
@@ -178,7 +178,7 @@ class _Stepping(Walker):
                 self._views[f"{name}{stage}"] = ("w", k * len(self.layout.used) + first, count)
 
     def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
-        """Copy vectors, one behind the other, into an array that was given."""
+        """Copy vectors, one after another, into a given array."""
         first = 0
         for name in vectors:
             self._copy(Place(array, first), Place(name), self._count(name))
@@ -186,19 +186,21 @@ class _Stepping(Walker):
         assert first == len(names)  # noqa: S101 - vectors and names are two spellings of one order
 
     def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
-        """Return what was written; it answers for that part of `z`."""
+        """Return the programs written; the last answers for the part `answered` of `z`."""
         self._flush()
         programs = []
         for i, body in enumerate(self._bodies):
-            own = name if not i else f"{name}{i // 2}" if i % 2 == 0 else f"iterate{i // 2}"
-            said = about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
+            label = name if not i else f"{name}{i // 2}" if i % 2 == 0 else f"iterate{i // 2}"
+            description = (
+                about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
+            )
             used = {place for line in body for place in _arrays(line)}
-            views = {one: view for one, view in self._views.items() if one in used}
+            views = {key: view for key, view in self._views.items() if key in used}
             used |= {array for array, _, _ in views.values()}
-            local = {one: count for one, count in self._local.items() if one in used}
-            # what a step comes to is behind the last equations
+            local = {key: count for key, count in self._local.items() if key in used}
+            # the result of a step follows the last equations
             sound = answered if i == len(self._bodies) - 1 else None
-            programs.append(Program(own, said, tuple(body), views, local, sound))
+            programs.append(Program(label, description, tuple(body), views, local, sound))
         return Steps(tuple(programs), tuple(self._equations), self._memory)
 
     # ---------------------------------------------------------------------------------------------------- in parts
@@ -225,9 +227,9 @@ class _Stepping(Walker):
         self._scalars.lines.clear()
 
     def _update(self, target: str, update: Update) -> None:
-        """Add to every component of a vector, and keep what rounding takes from the sum.
+        """Add to every component of a vector, and keep the rounding error of the sum.
 
-        It is put back by the last update of the step; before, forces may be evaluated a rounding error beside the sum, so
+        The last update of the step puts it back; until then forces may be evaluated a rounding error beside the sum, so
         that no evaluation waits for it.
         """
         letter, lines = target[0], self._component()
@@ -253,7 +255,7 @@ class _Stepping(Walker):
         return Assignments(find, f"_{len(self._bodies[-1])}_")
 
     def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
-        """Compute an expression for every component of a vector; or how far another vector is from it."""
+        """Compute an expression for every component of a vector, or the difference of `taken_from` from it."""
         lines = self._component()
         value = lines.value(expression)
         if taken_from:
@@ -268,7 +270,7 @@ class _Stepping(Walker):
         self._bodies[-1].append(Each(count, (Load(name, source), Store(target, name))))
 
     def _evaluation(self, line: Evaluation, program: str) -> int:
-        """Call the forces at a state; return the place of the derivatives that `linearised` gives."""
+        """Call the forces at a state; return the place of the derivatives by `linearised`."""
         self.stage += 1
         record, at = (
             self._array(f"f{self.stage}", len(self.layout.record)),
@@ -311,7 +313,7 @@ class _Stepping(Walker):
             self._array(name, self._count(name) if count is None else count)
 
     def _array(self, name: str, count: int, *, own: bool = False) -> str:
-        """Make room for an array: of the program itself, or in the working memory."""
+        """Make room for an array, local to the program or in the working memory."""
         if self.working and not own:
             self._views[name] = ("w", self._memory, count)
             self._memory += count
@@ -324,7 +326,7 @@ class _Stepping(Walker):
         self._views[name] = (outer, start + first, count)
 
     def _start(self, name: str, i: int) -> tuple[int, int]:
-        """Where the value and the slope of an unknown's component stand at the start of the step."""
+        """Return the places of value and slope of an unknown's component at the start of the step."""
         value, slope = ("x", "r") if name[0] == "x" else ("v", "a")
         return self._views[value][1] + i, self._views[slope][1] + i
 
@@ -333,42 +335,42 @@ class _Stepping(Walker):
         return len(self.layout.states) if letter in "xr" else len(self.layout.coordinates)
 
     def _counts(self, letters: str) -> list[int]:
-        return [self._count(one) for one in letters]
+        return [self._count(letter) for letter in letters]
 
 
 class _Coupling:
-    """The matrix of Newton's method: what is linear in the lines directly, the rest through the forces."""
+    """The matrix of Newton's method: direct dependence in the lines, and dependence through the forces."""
 
     def __init__(self, write: _Stepping, line: Solve, slopes: list[int]) -> None:
         self._write, self._line, self._slopes = write, line, slopes
-        self._inner: Mapping[str, Node] = {one.target: one.expression for one in line.definitions}
-        self._outer = {one.target: expand(one.expression, self._inner) for one in line.equations}
+        self._inner: Mapping[str, Node] = {statement.target: statement.expression for statement in line.definitions}
+        self._outer = {statement.target: expand(statement.expression, self._inner) for statement in line.equations}
         self._jacobian = {pair: i for i, pair in enumerate(write.layout.jacobian)}
         self._places: dict[tuple[str, ...], int | None] = {}
 
     def entries(
         self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
     ) -> list[tuple[int, int, int, int]]:
-        """Return what is taken from one entry of the unit matrix, in the order written."""
-        (name, i), (other, k) = target, unknown
-        of_state, by_state = name[0] == "x", other[0] == "x"
-        found = []
-        if i == k and of_state == by_state and (place := self._direct(name, other)) is not None:
-            found.append((row, column, place, DIRECT))
+        """Return what is subtracted from one entry of the unit matrix, in the order written."""
+        (name, i), (variable, k) = target, unknown
+        of_state, by_state = name[0] == "x", variable[0] == "x"
+        entries = []
+        if i == k and of_state == by_state and (place := self._direct(name, variable)) is not None:
+            entries.append((row, column, place, DIRECT))
         layout = self._write.layout
-        given = rate(layout.states[i]) if of_state else layout.coordinates[i]
-        for number, one in enumerate(self._line.evaluations):
-            for vector in (one.state,) if by_state else (one.position, one.velocity):
+        dependent = rate(layout.states[i]) if of_state else layout.coordinates[i]
+        for number, evaluation in enumerate(self._line.evaluations):
+            for vector in (evaluation.state,) if by_state else (evaluation.position, evaluation.velocity):
                 owner = layout.states[k] if by_state else layout.coordinates[k]
-                slope = self._jacobian.get((given, layout.argument(vector[0], owner)))
+                slope = self._jacobian.get((dependent, layout.argument(vector[0], owner)))
                 place = (
                     None
                     if slope is None
-                    else self._through(name, one.rate if of_state else one.acceleration, vector, other)
+                    else self._through(name, evaluation.rate if of_state else evaluation.acceleration, vector, variable)
                 )
                 if slope is not None and place is not None:
-                    found.append((row, column, place, self._slopes[number] + slope))
-        return found
+                    entries.append((row, column, place, self._slopes[number] + slope))
+        return entries
 
     def _direct(self, name: str, unknown: str) -> int | None:
         return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
@@ -379,7 +381,7 @@ class _Coupling:
         return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
 
     def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
-        """Return where a coefficient stands; None where it is zero."""
+        """Return the place of a coefficient; None if it is zero."""
         if key not in self._places:
             zero = weight == Number(0.0)
             self._places[key] = None if zero else self._write.coefficient(weight, inside)
@@ -393,7 +395,7 @@ def _arrays(line: Instruction) -> set[str]:
         case Call():
             return {line.at, line.y, line.z, line.e}
         case Each() if line.count:
-            return {array for one in line.body for array in _arrays(one)}
+            return {array for inner in line.body for array in _arrays(inner)}
         case _:
             return set()
 
