@@ -35,7 +35,7 @@ from xdynamics.march.run import (  # fmt: skip
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
 
-LEFT = 16.0 * NOISE  # of the energies of a group, by rounding, for each of its bodies and contacts
+LEFT = 16.0 * NOISE  # of the energies of a group: what rounding may leave for each of its bodies and contacts
 
 
 @shared
@@ -59,7 +59,7 @@ def examine(run: Run, guard: int, owner: int, figure: float, bound: float) -> No
 
 @shared
 def weigh_impulses(run: Run) -> None:
-    """Check the gaps of contacts that acted, and sum what impulses took by rates on both sides; links are as after."""
+    """Check the gaps of contacts that acted, and sum the energy that impulses took; links are those after them."""
     for k in range(run.touches.shape[0]):
         touch, after = run.touches[k], number(run, k, RATE)
         if touch.total == 0.0:

@@ -2,7 +2,7 @@
 
 Lemke's method, with ties broken lexicographically so that it cannot circle (Cottle, Pang, Stone, The Linear
 Complementarity Problem, 1992, section 4.4). It finds a solution where M is copositive-plus and there is one, as in
-impacts and contacts with Coulomb's friction; where it ends on a ray, it knows of none.
+impacts and contacts with Coulomb's friction; where it ends on a ray, it has found none.
 """
 
 from __future__ import annotations

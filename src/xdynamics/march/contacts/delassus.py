@@ -185,7 +185,7 @@ def slips(run: Run, k: int) -> bool:
 
 @shared
 def terms(run: Run, k: int) -> float:
-    """How large the terms of a reaction's rate, or acceleration, are with all reactions just found."""
+    """The size of the terms of a reaction's rate, or acceleration, with all reactions just found."""
     size = abs(run.touches[k].origin)
     for j in range(run.touches.shape[0]):
         size += abs(gram(run, k, j) * run.touches[j].found)

@@ -48,7 +48,7 @@ def touch(address: Any, t: float, what: int) -> None:
         The time of the trial's state; the start's where the march begins.
     what : int
         `BEGIN`: find which contacts touch at the start. `HOLD`: put the trial's state back on closed contacts.
-        `SETTLE`: do so with the state of the march, after an event from which on bounces are skipped. `RESOLVE`: change
+        `SETTLE`: do so with the state of the march, after an event whose further bounces are skipped. `RESOLVE`: change
         the trial's state by impacts, and determine what contacts do after the events at its end. `INFORM`: pass the
         states of contacts, set by the caller, to the forces. `STEP_IN_TIME`: add what contacts do over a step, for
         Moreau's method. `WEIGH`: check the energies after the events against their rows.

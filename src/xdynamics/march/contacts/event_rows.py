@@ -69,7 +69,7 @@ def rest(run: Run, k: int, e: int) -> None:
 
 @shared
 def row_of(run: Run, k: int, first: int) -> int:
-    """The row of the event that a detector of a reaction met; a new one where there is none."""
+    """The row of the event that a detector of a reaction located; a new one where there is none."""
     for e in range(first, run.now[0].events - run.base[0].events):
         detector = run.detectors[run.log_events[e].detector]
         if detector.role == run.touches[k].hit and detector.reaction == k:
@@ -79,7 +79,7 @@ def row_of(run: Run, k: int, first: int) -> int:
 
 @shared
 def another_row(run: Run, k: int, first: int) -> int:
-    """Add a row to the group, for a reaction of which no detector met an event."""
+    """Add a row to the group, for a reaction of which no detector located an event."""
     e = run.now[0].events - run.base[0].events
     event = run.log_events[e]
     event.time, event.left = run.trial[0].t, run.trial[0].t

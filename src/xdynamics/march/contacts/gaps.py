@@ -17,7 +17,7 @@ BLUR = 16.0 * EPS  # of the numbers whose difference a gap is, or of t: less is 
 
 @shared
 def hear(run: Run) -> None:
-    """Note which detector met an event of each reaction."""
+    """Note which detector has located an event of each reaction."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         touch.hit, touch.total = NONE, 0.0
@@ -31,7 +31,7 @@ def hear(run: Run) -> None:
 
 @shared
 def width(run: Run, k: int) -> float:
-    """How wide rounding alone may leave a gap, or its rate within the time tolerance."""
+    """How wide a gap may be by rounding alone, or by its rate within the time tolerance."""
     return max(NOISE * size_of_gap(run, k), abs(number(run, k, RATE)) * run.reactions[k].tolerance)
 
 
@@ -39,7 +39,7 @@ def width(run: Run, k: int) -> float:
 def spread(run: Run, k: int) -> float:
     """How far from zero impacts may have left a gap: each is located within the time tolerance, or the spacing of t.
 
-    Bodies that stay together after one are apart, or overlap, by as much: that is neither flight nor penetration.
+    Bodies that stay together after an impact are apart, or overlap, by as much: that is neither flight nor penetration.
     """
     return run.swiftest[k] * within(run, k)
 

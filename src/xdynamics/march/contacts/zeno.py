@@ -1,4 +1,4 @@
-"""Contacts whose bounces shrink: when the bounces end, and from which on they are skipped."""
+"""Contacts whose bounces shrink: when the bounces end, and when skipping them begins."""
 
 from __future__ import annotations
 
@@ -72,16 +72,15 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
     """
     touch, reaction = run.touches[k], run.reactions[k]
     rate, fall = number(run, k, RATE), -touch.after
-    before, last_bounce = touch.speed, t - touch.since
+    before, last_duration = touch.speed, t - touch.since
     touch.speed, touch.since = rate, t
     if not (fall > 0.0 and 0.0 < rate < before):
         touch.limit = -inf
         return False
     q, height = rate / before, rate * rate / (2.0 * fall)
-    next_bounce = (
-        2.0 * rate / fall if touch.hit == GAP else last_bounce * q
-    )  # its flight, or with those of the other corners
-    rest, size = next_bounce / (1.0 - q), size_of_gap(run, k)
+    # of the next bounce: a flight, or the other corners' flights too
+    duration = 2.0 * rate / fall if touch.hit == GAP else last_duration * q
+    rest, size = duration / (1.0 - q), size_of_gap(run, k)
     limit = t + rest
     touch.doubt = min(rest, abs(limit - touch.limit))
     touch.limit = limit

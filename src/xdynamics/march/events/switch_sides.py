@@ -203,9 +203,7 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     run.places[3 * drive + 2] = piece
     run.watches[i].guard = 1
     low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
-    if piece == count - 1 and alone(
-        run, i
-    ):  # such a value is passed together with the piece before it, from beyond too
+    if piece == count - 1 and alone(run, i):  # from beyond, too, such a value is passed with the piece before it
         low = high = run.tables[first + count - 2]
     inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
     constant = first + 4 * count + piece  # the value at the beginning of a piece

@@ -1,4 +1,4 @@
-"""A step by Radau IIA as RADAU5 makes it: simplified Newton iterations, whose derivatives are kept while they converge.
+"""A step by Radau IIA as RADAU5 makes it: simplified Newton; derivatives and factors are kept while it converges.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
 W = T**-1 Z, they are those of the two linear systems of `march.implicit.transformed`.
