@@ -44,8 +44,8 @@ class Enclosing:
     numbers : ndarray of float64
         The literals.
     parts : (int, int, int, int)
-        Where the rows end of numbers, parameters and what follows from those alone; of the functions; of their
-        derivatives; of their second derivatives.
+        Where in `rows` these end: numbers, parameters and what follows from them alone; the functions; their
+        derivatives; their second derivatives.
     values : int
         Number of places for values.
     functions, slopes, bends : tuple of int

@@ -154,9 +154,9 @@ def _of_smooth(layout: Layout) -> int:
 
 
 def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
-    """Write the step, after the programs that it calls; one computes what a row of the log has besides the state.
+    """Write the step, after the programs that it calls; one gives the finite numbers of a row besides the state.
 
-    `followers` says for which variables absolute tolerances follow; for none if it is empty.
+    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty.
     """
     write = _Writing(layout, followers)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
@@ -222,9 +222,8 @@ class _Writing:
 
     def load(self, name: str, place: Place) -> None:
         """Read a number that was written since it was last read."""
-        self._known[name] = (
-            name  # printed Python writes names with an underscore where they are used, after other lines
-        )
+        # no underscore: printed Python writes names with one where they are used, after other lines
+        self._known[name] = name
         self.body.append(Load(name, place))
 
     def store(self, array: str, values: dict[str, str]) -> None:
