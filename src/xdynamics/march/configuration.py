@@ -204,7 +204,7 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
 
 
 def _switches(model: Model, choice: str) -> str:
-    """Return how hidden switches are treated: located only where there are any, everywhere only where some are nested."""
+    """Return how to treat hidden switches: located only if there are any, everywhere only if some are nested."""
     watched = watched_switches(model)
     if choice == LOCATED_EVERYWHERE and not any(switch.nested for switch in watched):
         choice = LOCATED

@@ -92,7 +92,7 @@ class PartsAbreast:
     model : Model
         Without contacts.
     settings : Settings
-        Of a method of one step.
+        As for a single step.
     law : Law
     factors : ndarray, shape (n,)
         From internal units to those of the record.

@@ -20,7 +20,7 @@ LEAST = 1e-9  # of the work of an impact's impulses: less may be rounding
 
 
 class Gains(NamedTuple):
-    """How many groups of impacts created energy, and of the largest gain: energy, time, detector, number of the event."""
+    """How many groups of impacts created energy, and of the largest gain: energy, time, detector, event number."""
 
     groups: float = 0.0
     energy: float = 0.0

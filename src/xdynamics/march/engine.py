@@ -256,7 +256,7 @@ _LANES = (
 
 
 def _key() -> str:
-    """Digest of everything that is compiled into the engine: sources, the schema's flags, Python, numba, the processor."""
+    """Digest of everything compiled into the engine: sources, the schema's flags, Python, numba, the processor."""
     import numba
     from llvmlite import binding
 

@@ -90,7 +90,7 @@ class Room:
 
 @compiled
 def most_trials(events: int) -> int:
-    """Return the most rejected trials of a step: one, or where substeps count, those of border, search and brackets too."""
+    """Return the most rejected trials of a step: one; where substeps count, those of border, search and brackets too."""
     return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 
@@ -201,7 +201,7 @@ def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
 
 
 def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) -> Log:
-    """Return an empty log for `rows` rows, with `sampled` force samples a step; substeps are trials where events are located `apart`."""
+    """Return an empty log for `rows` rows, with `sampled` force samples a step; if `apart`, substeps are trials too."""
     events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
     rows = (rows + 4) | 1
@@ -229,7 +229,7 @@ def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[n
 
 
 def _acting(layout: Layout) -> int:
-    """Return the number of columns for the effect of an event: impulses and energy of contacts, offsets of positions."""
+    """Return the number of columns for an event's effect: impulses and energy of contacts, offsets of positions."""
     n = len(layout.coordinates)
     return 2 * n + 1 if layout.reactions else n if layout.resets else 0
 

@@ -1,7 +1,7 @@
-"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `march.events.transition` goes on.
+"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `events.transition` takes over.
 
-Each phase is a procedure on a run and says only what changes. Compiled once for all models: what a model and a method
-compute stands behind the addresses of `run.law`.
+Each phase is a procedure on a run and states only what changes. Compiled once for all models: the code of a model and
+a method is called by the addresses in `run.law`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from xdynamics.schema import (
     STEP,
 )
 
-_INITIAL = np.int64(INITIAL)  # no literal: of a function that is given one, numba makes a copy for each
+_INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 note_apart = apart(note)
 
 
@@ -55,7 +55,7 @@ def march(address: Any, rows: int) -> None:
     Parameters
     ----------
     address : int
-        Of a `Run`. With no rows yet, the march begins; with status RUNNING afterwards it can go on.
+        Of a `Run`. If it has no rows, the march begins; if its status is RUNNING afterwards, it can go on.
     rows : int
         Rows after which to return.
     """
@@ -88,16 +88,16 @@ def march(address: Any, rows: int) -> None:
 
 @shared
 def start(run: Run) -> None:
-    """Evaluate and note the initial state; choose the first step."""
+    """Evaluate and log the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
     run.at[REGIME] = now.regime  # until an event changes it
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     if plan.switches > 0:
         entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
-    if plan.reactions > 0:  # what closes and sticks goes by forces that know their sides
+    if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
         entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
-    if plan.reactions > 0 and plan.switches > 0:  # and where those are to decide at a zero, by what closed
+    if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed
         entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
@@ -116,7 +116,7 @@ def start(run: Run) -> None:
         now.status = REASON_EVENT_FUNCTION
     elif not noted:
         now.status = NONFINITE_OBSERVABLE
-    now.rows = 1  # there is no run without an initial row, be it as it may
+    now.rows = 1  # every run has an initial row, whatever it holds
     longest = begin_sizes(run) if plan.follows and now.status == RUNNING else np.inf
     if plan.adaptive and now.status == RUNNING:
         now.step = plan.first_step if plan.first_step > 0.0 else min(longest, first_step(run))
@@ -127,7 +127,7 @@ def start(run: Run) -> None:
 
 @compiled
 def aim(run: Run) -> None:
-    """Choose where the next step ends, and its size; end the run where it cannot advance, or may not."""
+    """Choose the end and size of the next step; end the run where it cannot or may not advance."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
     if plan.adaptive:
@@ -142,7 +142,7 @@ def aim(run: Run) -> None:
 
 @compiled
 def aim_at_grid(run: Run, node: float) -> None:
-    """Aim at the next grid time or an earlier node; from a grid time the step is the grid's, to the bit."""
+    """Aim at the next grid time or an earlier node; from a grid time the step is that of the grid, to the bit."""
     now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], run.snaps[run.now[0].node]
     if plan.step_size > 0.0:
         time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
@@ -161,7 +161,7 @@ def aim_at_grid(run: Run, node: float) -> None:
 
 @compiled
 def aim_freely(run: Run, node: float) -> None:
-    """Take the step that control proposes, or what is left to the next node."""
+    """Take the step that control proposes, or the rest up to the next node."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     remaining = node - now.t
     trial.t = now.t + now.step
@@ -173,14 +173,14 @@ def aim_freely(run: Run, node: float) -> None:
 
 @shared
 def reject(run: Run, reason: int) -> None:
-    """Note a trial that failed; repeat it shorter from the unchanged state, or end the run."""
+    """Log a rejected trial; repeat it with a shorter step from the unchanged state, or end the run."""
     now, plan, h = run.now[0], run.plan[0], run.trial[0].h
     note_trial(run, h, now.norm, reason)
     if not plan.adaptive:
         end(run, reason)
         return
     least = shortest(run)
-    if min(h, now.step) > least:  # h has the rounding of t + h, the proposal has not
+    if min(h, now.step) > least:  # h includes the rounding of t + h, the proposal does not
         reduce(run, h, reason == REASON_ERROR)
     elif reason == REASON_ERROR and plan.min_step < least:
         end(run, STEP_TOO_SMALL)
@@ -190,7 +190,7 @@ def reject(run: Run, reason: int) -> None:
 
 @compiled
 def accept(run: Run) -> None:
-    """Note an accepted state and go on from it."""
+    """Log an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
     kind = NODE if trial.landing in (AT_NODE, AT_BOTH) and inner else STEP
@@ -206,7 +206,7 @@ def accept(run: Run) -> None:
 
 @shared
 def cross_node(run: Run) -> None:
-    """Behind a node, evaluate the forces on its far side; the next step starts with those."""
+    """After a node, evaluate the forces on its far side, with which the next step starts."""
     now = run.now[0]
     now.crossed = now.node
     end_region(run)

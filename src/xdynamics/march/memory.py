@@ -1,4 +1,4 @@
-"""What a march goes on from: its arrays by name anywhere, or behind its end the few numbers that a record keeps."""
+"""The memory to continue a march: all its arrays by name, or after its end the few numbers that a record keeps."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from xdynamics.march.run import CHANGING, Run
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
-# behind a node forces are evaluated anew, and a method starts as it does at the beginning: nothing of these is asked for
+# after a node forces are evaluated anew, and a method starts as at the beginning: none of these are needed
 _OF_A_STEP = (
     "at", "z", "e", "region", "piece", "resets", "near", "full", "full_e", "near_g", "far", "far_g", "entered", "pending", "branches", "under", "over", "flaws", "samples", "w", "trial", "located", "g1", "half", "whole", "located_z", "located_e", "located_g",
     "located_samples", "slopes", "places", "matrix", "right", "kept", "stage", "shifted", "stages", "turned",
     "defects", "past", "pivots", "links", "problem", "basis", "solution", "effects", "square", "column", "chosen", "entry", "approach", "slowed", "pulled", "balance",
 )  # fmt: skip
 _OF_CONTACTS = ("modes", "touches")
-# of contacts, behind all others: archives of 0.2 have none of them, and go on as if nothing had moved before
+# of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
 AT_END = tuple(name for name in CHANGING if name not in (*_OF_A_STEP, *LATER))
 
 
 def arrays_of(run: Run) -> dict[str, Array]:
-    """Return a copy of every array that a march changes, but its log."""
+    """Return a copy of every array that a march changes, except its log."""
     return {name: getattr(run, name).copy() for name in CHANGING}
 
 
 def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
-    """Put such arrays into a run of the same model and settings; it goes on from there to the same bits.
+    """Restore such arrays in a run of the same model and settings, which then goes on the same, to the bit.
 
     Raises
     ------
     InputError
-        Naming the first array that has another form there.
+        If an array has a different form; the message names the first one.
     """
     for name in CHANGING:
         target, source = getattr(run, name), arrays.get(name)
@@ -50,7 +50,7 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
 
 
 def numbers_at_end(run: Run) -> tuple[str, Floats]:
-    """Return what a march needs to go on behind its end, and the names of its arrays and their fields."""
+    """Return the numbers that a march needs to go on after its end, and the names of their arrays and fields."""
     names, parts = [], []
     for name in _at_end(run):
         array = getattr(run, name)
@@ -61,12 +61,12 @@ def numbers_at_end(run: Run) -> tuple[str, Floats]:
 
 
 def go_on(run: Run, names: str, numbers: Floats) -> None:
-    """Set a run where another one of its model ended, which is a node of this one.
+    """Set a run to the end of another one of its model; the end is a node of this one.
 
     Raises
     ------
     InputError
-        If the numbers are of a run of another form.
+        If the numbers belong to a run of a different form.
     """
     expected, kept = numbers_at_end(run)
     short = sum(getattr(run, name).size for name in LATER)
@@ -86,7 +86,7 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
 
 
 def _at_end(run: Run) -> list[str]:
-    """Return the arrays that a record keeps the end of; those of contacts and switches where there are any."""
+    """Return the arrays whose final values a record keeps; those of contacts and switches where there are any."""
     names = [name for name in AT_END if name not in _OF_CONTACTS or getattr(run, name).size]
     names += ["places"] if (run.detectors["drive"] >= 0).any() else []
     return [*names, *LATER] if run.touches.size else names

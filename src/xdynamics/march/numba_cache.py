@@ -1,7 +1,7 @@
-"""What numba compiled, as the content of one file.
+"""Compiled functions of numba as the content of one file.
 
-numba's own cache keeps several files and opens them by name, some time after anybody looked whether they are whole. Here
-it is given bytes: those whose digest was compared.
+numba's own cache keeps several files and opens them by name, some time after anything verified them. Here
+it is given bytes whose digest was verified.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ _dumps: Any = dumps
 
 
 class Kept:
-    """Functions by name, each as numba serialises what it compiled.
+    """Functions by name, as numba serialises them.
 
     Parameters
     ----------
     content : bytes, optional
-        What `content` gave in another process: every function is taken from it, and none is compiled.
+        The `content` of another process: every function is loaded from it, and none is compiled.
     """
 
     def __init__(self, content: bytes | None = None) -> None:
-        # numba keeps functions as pickles. These are this process's own, or were written by this user's and verified
+        # numba keeps functions as pickles; these are this process's own, or this user's, and verified
         self._functions: dict[str, bytes] = {} if content is None else pickle.loads(content)  # noqa: S301
         self._complete = content is not None
 
     @property
     def content(self) -> bytes:
-        """All functions, to be kept."""
+        """All functions, serialised."""
         return pickle.dumps(self._functions)
 
     def callback(self, function: Any, signature: Any) -> Any:
-        """Compile a function that is called by its address, or take what was kept of it."""
+        """Compile a function that is called by its address, or load it."""
         compiled = _Callback(function, (signature.args, signature.return_type), locals={}, options=dict(OPTIONS))
         compiled.take(_Place(self._functions, function.__name__, complete=self._complete))
         return compiled
 
     def function(self, function: Any, signature: Any, **options: Any) -> Any:
-        """Compile a function that is called from Python, or take what was kept of it."""
+        """Compile a function that is called from Python, or load it."""
         dispatcher: Any = njit(**OPTIONS, **options)(function)
         dispatcher._cache = _Place(self._functions, function.__name__, complete=self._complete)  # noqa: SLF001 - as its `enable_caching` does
         dispatcher.compile(signature)
@@ -60,7 +60,7 @@ class _Callback(CFunc):
 
 
 class _Place(NullCache):
-    """Where numba looks for one function, and lays it down."""
+    """Where numba loads one function from, and saves it to."""
 
     def __init__(self, functions: dict[str, bytes], name: str, *, complete: bool) -> None:
         self._functions, self._name, self._complete = functions, name, complete

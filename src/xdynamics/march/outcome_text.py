@@ -1,4 +1,4 @@
-"""How a run ended, in words: its outcome, and of a step that failed the first thing that was not finite, by name."""
+"""How a run ended, in words: its outcome, and the name of the first quantity that was not finite in a failed step."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from xdynamics.schema import (
 )
 from xdynamics.units import TIME, UNSCALED, behind
 
-FEWEST = 6  # digits of a time at which a run could not go on
+FEWEST = 6  # digits of the time at which a run failed
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Ending:
 
 
 def ending(march: March) -> Ending:
-    """Say how a march ended."""
+    """Return how a march ended."""
     now, scale = march.now, march.settings.scales.of(TIME)
     failure = Failure(march.outcome, march.stopping_event)
     if now.status != RUNNING and not march.outcome.good:
@@ -68,14 +68,14 @@ def ending(march: March) -> Ending:
     t, h = float(now.t) * scale, float(now.h) * scale
     second = behind(march.model.time_unit)
     text = failure.outcome.sentence.format(t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)  # fmt: skip
-    # a run that got on, or ran out of steps, has something to say about its steps
+    # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
     return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, of_smooth_switches(march), advice))))
 
 
 def _digits(march: March, t: float, h: float) -> int:
-    """Return how many digits of the last time bear what is known: of an asked end all, of an event's what its location and the run leave."""
+    """Return the significant digits of the last time: all of a requested end; of an event, those located and known."""
     status, events = march.now.status, march.model.events
     if status == COMPLETED:
         return MOST
@@ -90,17 +90,17 @@ def _digits(march: March, t: float, h: float) -> int:
 
 @dataclass(frozen=True)
 class Failure:
-    """A bad outcome with its cause."""
+    """An unsuccessful outcome with its cause."""
 
     outcome: Outcome
     cause: str
 
 
 def diagnose(march: March) -> Failure:
-    """Name what ended a run.
+    """Find the cause that ended a run.
 
-    The step that failed is made again in plain numbers, and the first thing in it that is not finite tells. Where that
-    is not possible, in equations that are solved, the state that was proposed has to do.
+    The failed step is repeated in plain numbers; the first quantity that is not finite is the cause. Where that
+    is not possible, because equations are solved, the proposed state is examined instead.
     """
     status = int(march.now.status)
     if status == REASON_EVENT_FUNCTION:
@@ -131,7 +131,7 @@ def diagnose(march: March) -> Failure:
 
 
 def _sliding(march: March) -> str:
-    """Name the switch whose both sides drive the motion back to it."""
+    """Name the switch to which both sides drive the motion back."""
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
     owner, function = switch.name.split(".")
@@ -147,7 +147,7 @@ def _sliding(march: March) -> str:
 
 
 def _cause(march: March) -> str:
-    """Say in words why a march that met nothing infinite cannot go on."""
+    """Say why a march cannot go on though everything is finite."""
     norm, plan = float(march.now.norm), march.run.plan[0]
     match int(march.now.status):
         case status if status == REASON_ERROR:
@@ -180,7 +180,7 @@ def _cause(march: March) -> str:
 
 
 def _in_row(march: March) -> Failure:
-    """Name the energy or observable of the row that was noted last and not kept."""
+    """Name the energy or observable that is not finite in the last row, which was not kept."""
     column = march.bad_values
     bad = ", ".join(f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name]))
     for name in march.layout.drives:
@@ -190,7 +190,7 @@ def _in_row(march: March) -> Failure:
 
 
 def _asked(march: March, name: str) -> float:
-    """What a drive is asked at, at the end of the step last tried, in internal units; without a state, by the old velocity."""
+    """Return a drive's argument after the last trial, in internal units; without a state, from the old velocity."""
     now, layout, argument = march.now, march.layout, march.model.drives[name].argument
     if argument == "t":
         return float(now.t + now.h)
@@ -207,7 +207,7 @@ def _leaves(march: March, name: str) -> bool:
 
 
 def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
-    """Judge one force evaluation: the state it used, the drives, the force terms, the rates."""
+    """Examine one force evaluation: the state it used, the drives, the force terms, the rates."""
     layout, model = march.layout, march.model
     when = (
         f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{behind(march.model.time_unit)}"
@@ -219,7 +219,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
         if not isfinite(values[name]):
             return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
     for reaction in reactions(model):
-        # finite forces, and reactions that are not: their matrix has no positive pivots
+        # reactions that are not finite with finite forces: their matrix has no positive pivots
         if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
             owner = reactions(model)[reaction.normal]
             sliding = next((one for one in reactions(model) if one.sort == TANGENT and one.owner == owner.owner), None)
@@ -234,7 +234,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     for name, tree in trees.items():
         if not isfinite(values[name]):
             why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)
-            why = why if march.settings.scales == UNSCALED else ""  # in SI numbers, or not at all
+            why = why if march.settings.scales == UNSCALED else ""  # only if numbers are SI
             return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
     return None
 
@@ -250,7 +250,7 @@ def _outside(march: March, name: str, value: float) -> str:
 
 
 def _in_state(march: March, state: dict[str, float]) -> Failure:
-    """Judge a proposed state: drives, forces, then accelerations and what follows from them."""
+    """Examine a proposed state: drives, forces, then accelerations and what follows from them."""
     layout = march.layout
     for name in layout.drives:
         if _leaves(march, name):

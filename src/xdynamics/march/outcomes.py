@@ -15,8 +15,8 @@ from xdynamics.schema import (
 )
 
 SOUND, RUNNING = -1, -1
-BEGIN = -2  # in the place of a reason: the march begins
-# what ends a run without a trial that was rejected; the reasons of trials stand before them
+BEGIN = -2  # in place of a reason: the march begins
+# ends of a run without a rejected trial; numbered after the reasons of trials
 (
     COMPLETED,
     STOPPED,
@@ -38,11 +38,11 @@ class Outcome:
     Attributes
     ----------
     word : str
-        What stands in `run_outcome`.
+        Value of `run_outcome`.
     sentence : str
-        What stands in `run_outcome_text`, with fields to fill.
+        Template of `run_outcome_text`.
     good : bool
-        Whether the run did what was asked.
+        Whether the run did what was requested.
     """
 
     word: str
@@ -54,7 +54,7 @@ _FINITE = "at t = {t}, h = {h}: {cause}; the last finite state is kept"
 _ACCEPTED = "at t = {t}, h = {h}: {cause}; the last accepted state is kept"
 NONFINITE = Outcome("nonfinite_state", _FINITE)
 
-# by what ended the run: the reason of a trial that could not be repeated, or what stands above
+# by what ended the run: the reason of a trial that could not be repeated, or one of the numbers above
 OUTCOMES: dict[int, Outcome] = {
     REASON_ERROR: Outcome("error_test_at_minimum_step", _ACCEPTED),
     REASON_NONFINITE: NONFINITE,
@@ -76,7 +76,7 @@ OUTCOMES: dict[int, Outcome] = {
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),
 }
 
-# refinements of a state that is not finite, told apart after the march from the step that failed
+# refinements of a state that is not finite, distinguished after the march from the failed step
 NONFINITE_FORCE = Outcome("nonfinite_force", _FINITE)
 OUTSIDE_TABLE = Outcome("outside_drive_table", _FINITE)
 

@@ -1,7 +1,7 @@
-"""How an error in a state grows along a run: two marches side by side from one of its rows, and how far they come apart.
+"""Growth of an error in a state along a run: two marches side by side from one of its rows, and their distance.
 
-Both take the same steps of Bogacki's and Shampine's pair of order 3 and 2 (1989, Applied Mathematics Letters 2, 321), as
-long as two digits of their distance ask for: it is the product of the motion's tangent map and a vector, by differences.
+Both take the same steps of the Bogacki-Shampine pair of order 3 and 2 (1989, Applied Mathematics Letters 2, 321), as
+long as two digits of their distance allow: the distance is the tangent map of the motion times a vector, by differences.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ State = NDArray[Any]
 Floats = NDArray[Any]
 
 STATES = 12  # two states, their ends, four slopes of each
-EVALUATIONS = 6  # of a step
-SHORT = 2.0**-20  # of the sizes, that the two are apart at first: ten digits of their distance are no rounding
-FAR = 2.0**10  # times that, from which on they are not followed
-ROUGH = 1e-3  # of the sizes, that a step may err by in a state
-ROUGHER = 1e-2  # of the distance, that it may err by in that
-FIRST = 1e-2  # of a time scale from sizes and slopes, that the first step is
-SPARE = 1.0 / 16.0  # of the error that is allowed: below it the next step is twice as long
+EVALUATIONS = 6  # per step
+SHORT = 2.0**-20  # of the sizes: initial distance, of which ten digits are free of rounding
+FAR = 2.0**10  # times that: distance at which they are no longer followed
+ROUGH = 1e-3  # of the sizes: allowed error of a step in a state
+ROUGHER = 1e-2  # of the distance: allowed error of a step in the distance
+FIRST = 1e-2  # of a time scale from sizes and slopes: the first step
+SPARE = 1.0 / 16.0  # of the allowed error, below which the next step is twice as long
 
 
 @shared
 def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: int) -> None:
-    """Put times, and how far states are apart over how far they were, into two rows of `found`, as far as these reach.
+    """Fill two rows of `found` with times and ratios of the states' distance to the initial one, as far as they reach.
 
     Parameters
     ----------
     run : Run
-        Stands at the state to begin at, with its slopes, and elsewhere afterwards.
+        At the initial state, with its slopes; its state is changed.
     t : float
     moves : ndarray, shape (1 + n, 2)
-        The time of the end; behind it by how much the second state is moved, and the size of each variable.
+        First the final time; then the displacement of the second state, and the size of each variable.
     work : ndarray, shape (12, n)
     found : ndarray, shape (…, k)
-        Filled as far as there is something to be put there.
+        Filled as far as the states were followed.
     row : int
     """
     used, near = run.plan[0].used, 0.0
@@ -81,7 +81,7 @@ def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: 
 
 @shared
 def slopes_at(run: Run, t: float, state: State, slopes: Floats) -> None:
-    """Put the time derivatives at a state into `slopes`."""
+    """Fill `slopes` with the time derivatives at a state."""
     for i in range(run.plan[0].used):
         run.probe[i] = state[i]
     evaluate(run, t, run.probe)
@@ -91,7 +91,7 @@ def slopes_at(run: Run, t: float, state: State, slopes: Floats) -> None:
 
 @shared
 def advance(run: Run, t: float, h: float, work: Floats, first: int) -> None:
-    """Make a step: from row `first` of `work` to the next, with slopes in the four behind it."""
+    """Make a step from row `first` of `work` to the next row, with slopes in the four rows after that."""
     used, y, end = run.plan[0].used, work[first], work[first + 1]
     a, b, c, d = work[first + 2], work[first + 3], work[first + 4], work[first + 5]
     for i in range(used):
@@ -107,7 +107,7 @@ def advance(run: Run, t: float, h: float, work: Floats, first: int) -> None:
 
 @shared
 def misfit(run: Run, h: float, work: Floats, far: float, moves: Floats) -> float:
-    """Return the error of a step over what it may be, the largest of all variables; inf where something is no number."""
+    """Return the largest ratio of a step's error to the allowed one; inf where something is not finite."""
     largest = 0.0
     for i in range(run.plan[0].used):
         error = error_of(work, 0, h, i)
@@ -127,7 +127,7 @@ def error_of(work: Floats, first: int, h: float, i: int) -> float:
 
 @shared
 def apart_by(run: Run, one: State, other: State, moves: Floats) -> float:
-    """Return how far two states are apart, over the sizes, in the variable where that is most."""
+    """Return the distance of two states, as the largest of their differences over the sizes."""
     distance = 0.0
     for i in range(run.plan[0].used):
         distance = max(distance, abs(other[i] - one[i]) / moves[1 + i, 1])

@@ -1,7 +1,7 @@
-"""All that a march knows, in flat arrays: phases of the loop change it in place.
+"""The state of a march in flat arrays, which phases of the loop change in place.
 
-Rows of numbers with names are arrays of one record, because compiled code cannot hand records about; their fields are
-read and set as ``run.now[0].t``. The bytes of everything but the log and the law's addresses are a march's whole memory.
+Named numbers are fields of arrays of one record, because compiled code cannot pass records around; fields are
+read and set as ``run.now[0].t``. The bytes of everything except the log and addresses are a march's whole memory.
 """
 
 from __future__ import annotations
@@ -20,73 +20,81 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
     return np.dtype((np.record, fields))
 
 
-# What a march does not change. step_size is 0 where the grid is given or steps are chosen; a grid time that differs from
-# a node by `snap` of its size is that node; `floor` is what an absolute tolerance that follows is at least, over the largest of
-# its kind, and `rest` a time over which the slope of what was at rest counts; `apart` says that events are located one by one, as version 0.2 did; `margin` is added to what rounding widens an interval by; order is k of an error that falls as h**k; divisor is 2**order - 1 of the method.
+# What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
+# from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
+# largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
+# are located one by one, as in version 0.2; `margin` is added to the rounding by which an interval is widened; `order`
+# is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor margin",
     "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
 )
-# Where it stands: step is to be tried next, step_log the logarithm of the error norm of the last accepted step, h the step last tried;
-# `node` counts the nodes landed on, `crossed` those behind which forces were evaluated.
+# Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
+# the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
 NOW = _record(
     "t h norm step step_log first_step",
     "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
-# A step that was made and is yet to be judged; iterations are -1 where Newton's method did not converge; `unsound` is 0
-# where its state, and `unsound_events` where its event functions are finite, else nan.
+# A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
+# where its state is finite, and `unsound_events` where its event functions are, else nan.
 TRIAL = _record("t h unsound unsound_events", "landing iterations")
-# How to look for each event: `tolerance` of its time, and how far from zero its function may be then; `role` is one of `model.detectors`, of the reaction with that number. A switch at the next
-# points of a table has the number of its drive, else -1, and where its argument, that one's rate and
-# acceleration stand in a state; of a velocity the rate stands for that too.
+# How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
+# `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
+# the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
+# `turn` equals `rate`.
 DETECTOR = _record(
     "tolerance position",
     "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate turn",
 )
-# What is known of an event function. `armed` is the side on which it was since it left zero, 0 until it does, `began` what
-# it was before the trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the trial at
-# hand: whether it may have a zero there (`alive`), its bounds and those of its slope on the piece looked at, since where it
-# is too small to be told from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked
-# for; `guard` is the side that it may not leave, a gap's, say, by more than `floor`.
+# The state of an event function. `armed` is its side since it left zero, 0 until it does, `began` the value before the
+# trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the current trial: whether
+# it may have a zero there (`alive`), its bounds and those of its slope on the current piece, from where it cannot be
+# distinguished from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked for;
+# `guard` is the side that it, for instance a gap, may not leave by more than `floor`.
 WATCH = _record(
     "low high down up least_bend most_bend floor zone clear left right before greatest drift",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
-# A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step are to be looked at too.
-# `full` is the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds of positions and so on, `part` says that it is not the whole trial, `cut` says that substeps were made in a trial that is accepted all the same, `substeps` how many were made since its search began.
+# A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step count too. `full` is
+# the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds
+# of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
+# accepted nonetheless; `substeps` counts those made since its search began.
 PIECE = _record("start end width wide full", "cut rough part verdict substeps")
-# What Newton's method solves: unknowns and entries of the matrix stand in lists of their own, first to last.
+# What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
-# What `march.implicit.radau` keeps from step to step. The factors are those of the step size `factored`, 0 if there are none;
-# change and ratio are of Newton's last correction, theta and eta how it converged; step and norm, 0 behind a start, those
-# of the accepted step before; growth is what the trial means for the next step. `linearised` says whether the derivatives
-# may be used, `fresh` whether they are those at the state itself, `since` what has become of the march since the last trial.
+# What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
+# none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
+# after a start, those of the previous accepted step; `growth` is the factor for the next step. `linearised` is whether
+# the derivatives may be used, `fresh` whether they are those at the state itself, `since` what the march did since the
+# last trial.
 KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
-# What is known of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how low bounces are
-# that may be skipped; relative to the largest gap so far where `rest_height` is negative.
+# The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
+# low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
 REACTION = _record("tolerance rest_height", "role normal law")
-# What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest that a unit of it did to its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how fast it opened last, and `since` when, `lost` the
-# energy that an impact takes, or bounces that are skipped, `bounce` its coefficient of restitution in the last impact. The rest is of the
-# problem at hand: its part there (`contact.ABSENT`, …), the rate or acceleration it starts from, what of it is known,
-# coefficient and bound of friction, scale, place among the unknowns, its force or impulse and what the rate or acceleration
-# is then, all impulses of an impact and the rate behind them; `near` tells that a contact touches, `hit` which detector
-# has met it, `held` what it did before the event, `slack` what a rate is uncertain by.
+# What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest effect
+# of a unit of it on its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how
+# fast it opened last, and `since` when, `lost` the energy that an impact takes, or bounces that are skipped, `bounce`
+# its coefficient of restitution in the last impact. The rest is of the current problem: its part there
+# (`contacts.delassus.ABSENT`, …), the rate or acceleration it starts from, its known part, coefficient and bound of
+# friction, scale, place among the unknowns, its force or impulse and the resulting rate or acceleration, all impulses
+# of an impact and the rate after them; `near` is 1 where a contact touches, `hit` is the detector that met it, `held`
+# what it did before the event, `slack` the uncertainty of a rate.
 TOUCH = _record(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
     "state part place way hit near held",
 )
-# Entries of the engine, behind the elementary functions in `functions`.
+# Entries of the engine, after the elementary functions in `functions`.
 ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
-ALL, ALIVE = -1, -2  # event functions that enclosures are asked for; else the number of one
+ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
-SIDES = -3  # in the place of a reason: look on which side of each switch the march is
-# numbers of `Run.balance`: which guard was broken, by which contact or coordinate, a figure and its bound; kinetic
-# energy before contacts act and behind; what impulses took by the rates of their contacts, with the size of the terms;
+SIDES = -3  # in place of a reason: find the side of each switch on which the march is
+# numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
+# energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
 GUARD, OWNER, FIGURE, BOUND, BEFORE, BEHIND, TAKEN, TERMS, SKIPPED = range(9)
 BALANCE = 9
-KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard was broken: none
+KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard failed, if any
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
@@ -123,15 +131,15 @@ FLEETING = (
     "law",
     "functions",
     "base",
-)  # no part of the memory, nor what begins with log_: addresses belong to a process
-# what the model and the settings say, or follows from the rest whenever it is needed
+)  # not part of the memory, like everything that begins with log_: addresses belong to a process
+# given by the model and the settings, or computed from the rest when needed
 FIXED = (
     "plan", "p", "tables", "of_time", "leaves", "reactions", "wanted", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
 )  # fmt: skip
 
 
 class Twins(NamedTuple):
-    """Runs that compiled code alone sees: where their tables stand, and the memory of both."""
+    """Runs that only compiled code sees: the addresses of their tables, and the memory of both."""
 
     addresses: NDArray[np.int64]
     memory: NDArray[np.uint8]
@@ -139,36 +147,36 @@ class Twins(NamedTuple):
 
 
 class Run:
-    """A march of one model by one method. States are in the order of `Layout.record`.
+    """The march of one model by one method. States are in the order of `Layout.record`.
 
     Parameters
     ----------
     **arrays : ndarray
-        All of the below, contiguous.
+        All of the attributes below, contiguous.
     """
 
-    # what laws are given, in the order of `program.TABLE`
-    at: Floats  # `program.AT`: what a law is told of a step
+    # given to laws, in the order of `program.TABLE`
+    at: Floats  # `program.AT`: what a law reads of a step
     y: Floats  # the state at now.t
     p: Floats  # parameters, unit constants, pi
     tables: Floats
-    places: Whole  # of the tables, and the piece that a drive of time goes through
+    places: Whole  # of the tables, and the current piece of a drive of time
     z: Floats  # the state that the trial led to
     e: Floats  # its error
-    samples: Floats  # force evaluations of the trial, one behind the other
+    samples: Floats  # force evaluations of the trial, one after the other
     w: Floats  # vectors of an implicit method; of `march.implicit.radau` the states of its stages and the derivatives
     log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
-    # what the march has besides
+    # used by the march alone
     plan: Plans
     now: Nows
     trial: Trials
     located: Trials  # the trial that ends at an event
     g: Floats  # event functions at y
     g1: Floats  # at z
-    region: Floats  # `events.event_free_region`, and what its box is of: the sort, the coordinate or row, the place of its bounds
+    region: Floats  # `events.event_free_region`; of its box the sort, the coordinate or row, the place of its bounds
     leaves: Lists
     half: Floats  # the state after half a step
-    whole: Floats  # the state after a whole one, to judge two halves by
+    whole: Floats  # the state after a whole one, to judge two halves
     located_z: Floats
     located_e: Floats
     located_g: Floats
@@ -184,9 +192,9 @@ class Run:
     far: Floats
     far_g: Floats
     entered: Floats  # the side of every event function where the piece begins
-    pending: Floats  # how long before the step its zero may be, where another event was landed on beside it
-    branches: Columns  # right ends of pieces that are still to be looked at: step, state, event functions
-    rows: Lists  # what `kernels.interval_program` printed: the event functions, to be computed with intervals
+    pending: Floats  # how long before the step its zero may be, where the march landed on another event near it
+    branches: Columns  # right ends of pieces still to be searched: step, state, event functions
+    rows: Lists  # by `kernels.interval_program`: the event functions, to be computed with intervals
     numbers: Floats
     parts: Whole
     under: Floats  # the intervals
@@ -197,16 +205,16 @@ class Run:
     reactions: Reactions
     touches: Touches
     swiftest: Floats  # the largest sum of the terms of each reaction's rate so far, at events
-    entry: Floats  # positions and velocities that contacts begin with at an event
-    approach: Floats  # rate of each reaction then
-    slowed: Floats  # rate that holding took from each
-    pulled: Floats  # with what impulse
-    balance: Floats  # what they did, as the guards see it; see `march.contacts.balance`
-    lingering: Floats  # how far from zero the gap of an open contact is as good as closed
+    entry: Floats  # positions and velocities before contacts act at an event
+    approach: Floats  # rate of each reaction there
+    slowed: Floats  # rate that holding removed from each
+    pulled: Floats  # the impulse that did so
+    balance: Floats  # their effect as the guards see it; see `march.contacts.balance`
+    lingering: Floats  # gap up to which an open contact counts as closed
     modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
-    links: Floats  # what `touching` says of a state: tables one behind the other
+    links: Floats  # contact tables at a state, one after the other; see `march.contacts.delassus`
     problem: Columns  # a complementarity problem; see `march.contacts.complementarity`
-    basis: Whole  # of it
+    basis: Whole  # of the problem
     solution: Floats
     effects: Columns  # what each unknown adds to each reaction
     square: Floats  # a linear system, and which reactions are in it
@@ -214,14 +222,14 @@ class Run:
     chosen: Whole
     of_time: Whole  # drives of time
     atol: Floats
-    followers: Whole  # 1 where it follows the size of its variable
-    kinds: Whole  # of each variable: coordinates, velocities, states of one dimension are of one
+    followers: Whole  # 1 where the tolerance follows the size of its variable
+    kinds: Whole  # of each variable: coordinates, velocities, or states of one dimension
     tops: Floats  # the largest of each kind, then of their slopes
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
-    probe: Floats  # a state at which forces are asked for scales alone
-    turning: Floats  # sizes, slopes and directions for that; see `sizes`
+    probe: Floats  # a state at which forces are evaluated only for scales
+    turning: Floats  # sizes, slopes and directions for that; see `tolerance_sizes`
     nodes: Floats  # times to land on between start and end
-    snaps: Floats  # how far rounding alone may set a grid time apart from each, and from the end
+    snaps: Floats  # how far a grid time may differ from each, and from the end, by rounding alone
     grid: Floats  # times of a given grid
     steps: Floats  # the step to each of them
     detectors: Detectors
@@ -232,31 +240,29 @@ class Run:
     entries: Lists
     kept: Kepts
     stage: Floats  # a state at which forces are evaluated
-    shifted: Floats  # a state beside it, for differences
-    stages: Floats  # Z: increments of the stages, one behind the other
+    shifted: Floats  # a state next to it, for differences
+    stages: Floats  # Z: increments of the stages, one after the other
     turned: Floats  # W: the same in transformed variables
-    defects: Floats  # what the transformed equations lack, and the corrections that follow
-    past: Floats  # differences of the collocation polynomial of the step before
+    defects: Floats  # residuals of the transformed equations, and the resulting corrections
+    past: Floats  # differences of the previous step's collocation polynomial
     pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
     law: Whole  # addresses
     functions: Whole  # of the elementary functions, for intervals
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime
-    log_samples: Columns  # `Layout.sample`: time, step, stage, what was used, what was found
+    log_samples: Columns  # `Layout.sample`: time, step, stage, state, results
     log_trials: TrialRows
     log_events: EventRows
     log_rates: Columns  # of observables at the events
-    log_impulses: (
-        Columns  # of contacts at the events, by coordinate, the energy that an impact took, offsets of positions
-    )
+    log_impulses: Columns  # of contacts at the events, by coordinate; energy that an impact took, offsets of positions
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
-        self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # where compiled code finds them; see `handle`
+        self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
         self.address = int(self._table.ctypes.data)
         self.put(**arrays)
 
     def twins(self, count: int) -> Twins:
-        """Return runs like this one, to be marched beside each other: what changes is copied, the rest is shared."""
+        """Return runs like this one, to be marched side by side: what changes is copied, the rest is shared."""
         names = [name for name in ARRAYS if name not in SHARED]
         arrays = [getattr(self, name) for name in names]
         sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in arrays])
@@ -266,13 +272,13 @@ class Run:
             memory[:, begin : begin + part.nbytes] = np.frombuffer(part.tobytes(), np.uint8)
         begins = memory.ctypes.data + memory.shape[1] * np.arange(count)[:, None] + offsets[:-1]
         tables[:, [_PLACES[name] for name in names], 0] = begins
-        # modes are the end of the parameters, and not an array of their own
+        # modes are the end of the parameters, not a separate array
         end = self.p.nbytes - self.modes.nbytes
         tables[:, _PLACES["modes"], 0] = tables[:, _PLACES["p"], 0] + end
         return Twins(tables.ctypes.data + tables[0].nbytes * np.arange(count), memory, tables)
 
     def put(self, **arrays: NDArray[Any]) -> None:
-        """Put arrays in their places, for compiled code too; new blocks of a log, say."""
+        """Set arrays, for compiled code too; for instance new blocks of a log."""
         for name, array in arrays.items():
             setattr(self, name, array)
         places = [_PLACES[name] for name in arrays]

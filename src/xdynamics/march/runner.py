@@ -1,4 +1,4 @@
-"""Driving a march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps."""
+"""Drive a march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from xdynamics.model import Model
 from xdynamics.schema import EVENT_AFTER, error
 from xdynamics.units import TIME
 
-PAUSE_ROWS = 250_000  # between two looks at the clock and the keyboard
-LOOK = 0.5  # s, the same where steps are slow
+PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
+LOOK = 0.5  # s between two checks where steps are slow
 LARGEST_BLOCK = 1 << 24
 MOST_WITNESSES = 50
 SHORTEST_PART = 1 << 12
-FIRST_PART = 1 << 6  # rows, where the clock matters and nobody knows how long one takes
-FIRST_BLOCK = 1 << 9  # rows, where nobody knows how many there will be
+FIRST_PART = 1 << 6  # rows, where the clock matters and the time of one is unknown
+FIRST_BLOCK = 1 << 9  # rows, where their number is unknown
 THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
-COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each a piece of memory that goes back to the system
+COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each in memory that goes back to the system
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
 
@@ -54,12 +54,12 @@ class March:
     progress : callable, optional
         Called between parts of a block with the fraction done, the time in s and the rows so far.
     times : ndarray, s, optional
-        Around which alone rows are kept.
+        If given, rows are kept only around these times.
 
     Raises
     ------
     InputError
-        If the settings cannot be used or a Python force is not at hand or cannot be compiled.
+        If the settings are invalid, or a Python force is missing or cannot be compiled.
     """
 
     def __init__(
@@ -80,8 +80,8 @@ class March:
         self.interrupted = False
         self.stopping_event = ""
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
-        self.doubts: list[str] = []  # what speaks against its numbers, once it is over; see `ending`
-        self.atol_effect = ""  # what errors of given absolute tolerances come to, in words, once it is over
+        self.doubts: list[str] = []  # doubts about its accuracy, once it is over; see `outcome_text.ending`
+        self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
         self.event_pairs = 0
         self.gains = Gains()  # energy that impacts created
         self.misplaced = np.zeros(
@@ -92,12 +92,12 @@ class March:
 
     @cached_property
     def run(self) -> Run:
-        """All that the march knows; its log is lent to it block by block."""
+        """The state of the march; its log is lent to it block by block."""
         return posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), self._addresses())
 
     @cached_property
     def thinning(self) -> Thinning | None:
-        """What leaves rows out; none where all are kept."""
+        """The choice of rows; None where all are kept."""
         if self.times is not None:
             return Around(self.times, self.settings.scales.of(TIME))
         nodes = np.array(self.settings.nodes) / self.settings.scales.of(TIME)
@@ -105,12 +105,12 @@ class March:
 
     @property
     def now(self) -> Any:
-        """Where the march stands, with a field for each number."""
+        """The current numbers of the march, as named fields."""
         return self.run.now[0]
 
     @cached_property
     def estimated(self) -> list[int]:
-        """Return the columns of a log that estimate errors of variables, where given absolute tolerances are judged by them."""
+        """Return the columns of a log with estimated errors, by which given absolute tolerances are judged."""
         tolerances, used = self.settings.tolerances, self.layout.used
         if not self.settings.adaptive or tolerances is None or not any(tolerances.of(name) for name in used):
             return []
@@ -126,28 +126,28 @@ class March:
         return int(steps) + inner + 4
 
     def blocks(self, rows: int | None = None, patience: float = inf) -> Iterator[Block]:
-        """March to the end, handing over one block after the other.
+        """March to the end and yield one block after the other.
 
         Parameters
         ----------
         rows : int, optional
-            Rows a block holds. Two logs are filled in turn, so a block may be used until the next but one is asked
-            for. Without it every block is new, and one holds the run if it can; where rows or columns are left
-            out they are small, and filled in turn.
+            Rows of a block. Two logs are filled in turn, so a block may be used until the next but one is requested.
+            By default every block is new, and one holds the run if possible; where rows or columns are left
+            out, blocks are small and filled in turn.
         patience : float, s
-            After about this time a block is handed over as it is.
+            After about this time a block is yielded as it is.
         """
         thinning = self.thinning
         rows = rows or (THINNED_BLOCK if thinning else COPIED_BLOCK if self.settings.partial else None)
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
-            while not self.is_over or not self.now.rows:  # interrupted at once, there is the initial row
+            while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
                 if rows is None or len(kept) < 2:
                     log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples), apart=self.settings.apart)
                     kept = [*kept, log] if rows else []
                 else:
-                    log = kept[0]  # the one filled longer ago
+                    log = kept[0]  # the older one
                     kept.reverse()
                 block = self._filled(log, patience)
                 self._remember(block)
@@ -158,28 +158,28 @@ class March:
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
 
     def rest(self) -> Block | None:
-        """Return the last row of a march that was interrupted, where it is one that is left out of a march that goes on."""
+        """Return the last row of an interrupted march, if a march that goes on would leave it out."""
         return self.thinning.rest(self.run) if self.thinning else None
 
     @property
     def waits(self) -> bool:
-        """Whether there is such a row."""
+        """Whether a row waits to be returned by `rest`."""
         return self.thinning is not None and self.thinning.waiting is not None
 
     @property
     def accepted(self) -> int:
-        """How many steps were accepted; an event's second row is none."""
+        """Number of accepted steps; an event's second row does not count."""
         return max(0, int(self.now.rows) - 1 - self.event_pairs)
 
     @property
     def passed(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """How often each switch that was declared smooth was passed, and the time of the first state behind it, else nan."""
+        """How often each switch declared smooth was passed, and the time of the first state after it, else nan."""
         counts = self.run.w[self.run.w.size - 3 * len(self.layout.smooth) :].reshape(-1, 3)
         return counts[:, 1].astype(np.int64), np.where(counts[:, 1] > 0.0, counts[:, 2], np.nan)
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended, as the loop knows it; `outcome_text.ending` says what failed."""
+        """How the run ended, as the loop reports it; `outcome_text.ending` says what failed."""
         return OUTCOMES[INTERRUPTED if self.now.status == RUNNING else int(self.now.status)]
 
     @property
@@ -189,11 +189,11 @@ class March:
 
     @property
     def unfinished(self) -> bool:
-        """Whether there is more to march: it was interrupted, or has not been asked for its blocks."""
+        """Whether there is more to march: it was interrupted, or its blocks have not been requested."""
         return _status(self.run) == RUNNING
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return all that it takes to go on from here, by name."""
+        """Return everything needed to go on from here, by name."""
         kept = {
             "witnesses": self.witnesses,
             "errors": self.errors,
@@ -204,16 +204,16 @@ class March:
         return arrays_of(self.run) | kept | (self.thinning.memory() if self.thinning else {})
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Go on where a march of the same model and settings stood.
+        """Continue from the memory of a march of the same model and settings.
 
         Raises
         ------
         InputError
-            If it is of another version.
+            If it belongs to another version.
         """
         put_back(self.run, memory)
         self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
-        if "gains" in memory:  # version 0.2 kept none; what is empty is not kept
+        if "gains" in memory:  # version 0.2 kept none, and empty arrays are not kept
             self.gains = Gains(*memory["gains"].tolist())
         self.misplaced = memory.get("misplaced", self.misplaced).copy()
         self.errors = memory.get("errors", np.full((len(self.estimated), self.witnesses.shape[1]), np.nan))
@@ -221,7 +221,7 @@ class March:
             self.thinning.go_on_from(memory)
 
     def _filled(self, log: Log, patience: float) -> Block:
-        """Fill one log, looking up now and then."""
+        """Fill one log, with checks of clock and keyboard now and then."""
         first, before, march = _counts(self.run), None, engine().march
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
@@ -244,7 +244,7 @@ class March:
         return Block(log, rows, trials, events, samples)
 
     def _remember(self, block: Block) -> None:
-        """Keep some rows of the whole run, the same whatever its blocks: those whose number a power of two divides."""
+        """Keep some rows of the whole run, independent of its blocks: those whose number a power of two divides."""
         rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
         first = rows - block.rows
         stride = self.stride(rows)
@@ -265,11 +265,11 @@ class March:
 
     @staticmethod
     def stride(rows: int) -> int:
-        """Return how far apart the witnesses of so many rows are."""
+        """Return the spacing of the witnesses of a number of rows."""
         return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
 
     def _look_at_the_end(self, block: Block) -> None:
-        """Find out, while its log is at hand, which event stopped the run or what was not finite."""
+        """Find out, while the log is available, which event stopped the run or what was not finite."""
         status = _status(self.run)
         if status == STOPPED:
             events = block.log.events[: block.events]
@@ -282,18 +282,18 @@ class March:
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))
 
     def _judge_events(self, block: Block) -> None:
-        """Find events that are farther from their zero than asked, and impacts that create energy."""
+        """Find events outside their position tolerance, and impacts that create energy."""
         log, count = block.log, block.events
         if not count:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
-        # of most runs no event has won energy
+        # in most runs no event gains energy
         if self.layout.reactions and log.impulses[len(self.layout.coordinates), :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 
     def _addresses(self) -> NDArray[np.int64]:
-        """Compile the law, or find it."""
+        """Compile the law, or load it."""
         from numba.core.errors import NumbaError
 
         try:
@@ -306,7 +306,7 @@ class March:
 
     @contextmanager
     def _watching_keyboard(self) -> Iterator[None]:
-        """Let the first Ctrl-C end the run as an outcome; a second one raises as always."""
+        """Let the first Ctrl-C end the run as an outcome; a second one raises as usual."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -322,19 +322,19 @@ class March:
             signal.signal(signal.SIGINT, previous)
 
 
-# numpy takes microseconds to read a field of a record by its name: all of them as one tuple cost less than one
+# numpy takes microseconds to read one field of a record by name: all fields as one tuple cost less
 _of_counts = itemgetter(*((NOW.names or ()).index(name) for name in BASE.names or ()))
 _of_status = itemgetter((NOW.names or ()).index("status"))
 
 
 def _counts(run: Run) -> tuple[int, int, int, int]:
-    """How many rows, trials, events and force samples there are."""
+    """Return the numbers of rows, trials, events and force samples."""
     counts: tuple[int, int, int, int] = _of_counts(run.now.tolist()[0])
     return counts
 
 
 def _rows_to_come(pause: int, rows: int, took: float) -> int:
-    """Choose after how many rows to look up again: not so many that much is made ready in vain, or that it takes long."""
+    """Choose the rows up to the next check: few enough to be quick, and that little memory is prepared in vain."""
     if took > LOOK:
         return max(1, int(pause * LOOK / took))
     return min(PAUSE_ROWS, max(SHORTEST_PART, rows // 4), 4 * pause)

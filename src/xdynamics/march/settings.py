@@ -1,4 +1,4 @@
-"""What is asked of a march, checked before anything is computed."""
+"""The settings of a march, checked before anything is computed."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, behind
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
-MOST_APART = 2**53  # rows, from one that is kept to the next
+MOST_APART = 2**53  # rows from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 EARLIEST_FIRST, ONE_BY_ONE = "earliest first", "one by one"
-ROOT_METHODS = {  # how events are located, and what a record says of it; version 0.2 had the second alone
+ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the second
     EARLIEST_FIRST: (
         "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
         " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
@@ -40,7 +40,7 @@ ROOT_METHODS = {  # how events are located, and what a record says of it; versio
 
 
 def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:
-    """Return the times that steps lead to, one after the other; one as close to the end as rounding goes is the end."""
+    """Return the times that steps lead to, in turn; a time that differs from the end only by rounding is the end."""
     times, t = [], start
     slack = 4 * EPS * len(steps) * max(abs(start), abs(end))
     for step in steps:
@@ -51,9 +51,9 @@ def given_times(start: float, steps: tuple[float, ...], end: float) -> list[floa
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What a step's error is allowed to be: atol + rtol*|value|, for every coordinate, velocity and state.
+    """The allowed error of a step, atol + rtol*|value|, for every coordinate, velocity and state.
 
-    An absolute tolerance that is not given follows the size of its variable along the run; see `sizes`.
+    An absolute tolerance that is not given follows the size of its variable along the run; see `tolerance_sizes`.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Tolerances:
     atol : dict of str to float
         SI units, by name.
     units : dict of str to Unit
-        Of every coordinate, velocity and state: its own declared unit, or where a march has scales theirs.
+        Of every coordinate, velocity and state: its declared unit, or that of the march's scales.
     bare : float, optional
-        What has no tolerance of its own has this number in its unit.
+        Tolerance, in its unit, of each variable without one of its own.
     """
 
     rtol: float
@@ -75,13 +75,13 @@ class Tolerances:
         return hash((self.rtol, self.bare, *sorted(self.atol.items())))
 
     def of(self, name: str) -> float | None:
-        """Return the absolute tolerance that a coordinate, velocity or state is given, SI; None where it follows."""
+        """Return the absolute tolerance given for a coordinate, velocity or state, SI; None if it follows the size."""
         if name in self.atol:
             return self.atol[name]
         return None if self.bare is None else self.units[name].to_si(self.bare)
 
     def faults(self, model: Model) -> list[str]:
-        """List what no error test could use."""
+        """List everything that an error test could not use."""
         faults = []
         if not LEAST_RTOL <= self.rtol < 1:
             faults.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
@@ -112,9 +112,9 @@ class Pacing:
     safety : float
         Factor on the step that the error estimate would allow.
     growth_limits : tuple of float
-        Least and greatest factor from one step to the next.
+        Least and greatest ratio of a step to the one before.
     min_step, max_step : float
-        s; the longest is the span where none is given.
+        s; by default the longest step is the span.
     max_steps : int
         Accepted and rejected steps after which the run ends as `step_limit`.
     """
@@ -126,7 +126,7 @@ class Pacing:
     max_steps: int = MOST_STEPS
 
     def faults(self, second: str) -> list[str]:
-        """List what cannot be used; `second` is what stands behind a time."""
+        """List what cannot be used; `second` is the unit text that follows a time."""
         faults = []
         least, greatest = self.growth_limits
         if not 0 < self.safety < 1:
@@ -148,7 +148,7 @@ class Pacing:
 
 @dataclass(frozen=True)
 class Settings:
-    """What was asked of a march.
+    """The settings of a march.
 
     Attributes
     ----------
@@ -165,23 +165,23 @@ class Settings:
     samples : bool
         Whether every force evaluation of an accepted step is logged.
     scales : Scales
-        Scales of the nondimensional variables marched in.
+        Scales of the nondimensional variables of the march.
     jacobian : str
-        Where `radau_iia` has the derivatives of the forces from: exact ones, or differences.
+        How `radau_iia` gets the derivatives of the forces: exactly, or by differences.
     summation : str
-        Whether what rounding takes from the state is carried along.
+        Whether the rounding error of the state is carried along.
     switches : str
         Whether switches hidden in forces are located, or stepped over.
     nodes : tuple of float
         Times to land on besides the breakpoints of drives, s, ascending.
     time_tolerance : float
-        How well events, impacts and switches are located that do not say so themselves, s.
+        Time tolerance of events, impacts and switches without one of their own, s.
     math_functions : str
         The set of elementary functions.
     keep_every : int
-        Rows of the grid from one that is recorded to the next.
+        Rows of the grid from one that is recorded to the next one.
     log : str or tuple of str
-        Which columns are recorded: all, those of the state, or some by name.
+        Which columns are recorded: all, those of the state, or those named.
     compress : bool
         Whether the archive is compressed.
     event_root_method : str
@@ -213,7 +213,7 @@ class Settings:
         return self.keep_every > 1 or self.log != FULL
 
     def located_within(self, asked: Quantity | None) -> float:
-        """Return how well a time is located, s: as well as is asked for, or as well as all others."""
+        """Return a time tolerance, s: the requested one, or by default that of all events."""
         return self.time_tolerance if asked is None else asked.si
 
     @property
@@ -232,16 +232,16 @@ class Settings:
         return Scheme(self.method, self.estimator, self.jacobian, self.summation, self.math_functions)
 
     def layout(self, model: Model) -> Layout:
-        """Return where each number of the march stands."""
+        """Return the layout of the march's numbers."""
         return layout_of(sided(model, self.switches), self.scheme)
 
     def check(self, model: Model) -> None:
-        """Refuse what no march could use.
+        """Refuse settings that a march could not use.
 
         Raises
         ------
         InputError
-            With every fault: the value and what was needed.
+            If settings are invalid; with every fault, its value and what is needed.
         """
         start, second = model.initial["t"].si, behind(model.time_unit)
         faults = [
@@ -322,7 +322,7 @@ class Settings:
         return []
 
     def _inner_faults(self, rtol: float) -> list[str]:
-        """Refuse what step control could not keep to: a relative tolerance of a step below rounding."""
+        """Refuse a relative tolerance that step control could not keep: that of a step would be below rounding."""
         used = self.scheme.inner(rtol) if self.estimator in ESTIMATORS else rtol
         if used >= LEAST_RTOL:
             return []

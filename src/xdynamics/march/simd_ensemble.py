@@ -1,4 +1,4 @@
-"""Many runs side by side: which go so, and what they are given; `march.lanes` marches them."""
+"""Many runs side by side: which of them can be, and their arrays; `march.lanes` marches them."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from xdynamics.march.settings import Settings
 from xdynamics.methods.scheme import EXACT
 from xdynamics.model import Model
 
-LANE_ROWS = 1 << 5  # of the log of a lane, which the single march writes to now and then
+LANE_ROWS = 1 << 5  # of a lane's log, to which the single march writes now and then
 EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
-ROW_ROOM = 1 << 12  # rows of all lanes likewise
-FEWEST_A_LANE = 4  # runs from which on lanes pay
-MOST_FACTORISED = 5  # velocities and states up to which they do where equations are solved: factors are written out
+ROW_ROOM = 1 << 12  # rows of all lanes before they are taken out
+FEWEST_A_LANE = 4  # runs from which lanes pay
+MOST_FACTORISED = 5  # velocities and states up to which they pay where equations are solved: factors are written out
 
 
 def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
-    """Return how many runs may go side by side: one, where a step is more than a program, or nothing is gained."""
+    """Return how many runs may go side by side: one where a step is more than a program, or nothing is gained."""
     scheme, layout = law.scheme, law.layout
     written = not scheme.method.implicit or (settings.adaptive and _can_be_solved(layout))
     plain = written and not (scheme.halved or scheme.method.stepping or isinstance(settings.step, tuple))
@@ -45,7 +45,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
 
 
 def _can_be_solved(layout: Layout) -> bool:
-    """Whether steps that are chosen are solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
+    """Whether chosen steps can be solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
     scheme = layout.scheme
     small = len(layout.used) - len(layout.coordinates) <= MOST_FACTORISED
     return small and scheme is not None and scheme.predictive and scheme.jacobian == EXACT and not layout.carried
@@ -54,7 +54,7 @@ def _can_be_solved(layout: Layout) -> bool:
 def march_abreast(
     model: Model, settings: Settings, law: Law, arrays: Arrays, lanes: int, columns: Sequence[str], room: Room
 ) -> Part:
-    """March runs side by side, and keep some columns of their logs, in a room."""
+    """March runs side by side, and keep some columns of their logs in a room."""
     n, layout = len(next(iter(arrays.values()))), law.layout
     log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart)
     one = posed(model, settings, law, log, addresses_of(law))
@@ -86,14 +86,14 @@ def march_abreast(
             rows.append(kept.first(int(standing[ROWS])))
             kept, standing[ROWS] = kept if finished else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
     together = [np.concatenate(pieces, axis=-1) for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)]  # fmt: skip
-    order = np.argsort(np.concatenate(event_owners), kind="stable")  # a run's own stand in their order
+    order = np.argsort(np.concatenate(event_owners), kind="stable")  # events of a run keep their order
     events = _events(event_log._replace(events=together[0], rates=together[1], impulses=together[2]), order)
     part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
     return part
 
 
 class _Rows(NamedTuple):
-    """Rows of many runs as they come, and which run each is of."""
+    """Rows of many runs in the order of acceptance, and the run of each."""
 
     rows: NDArray[np.float64]
     flags: NDArray[np.int8]
@@ -101,19 +101,19 @@ class _Rows(NamedTuple):
 
     @classmethod
     def of(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
-        """Return room for rows; for none, where nothing of them is kept."""
+        """Return room for rows, or for none where no columns are kept."""
         count = ROW_ROOM if len(sources) else 0
         shapes = {"rows": (count, len(sources), lanes), "flags": (count, flags, lanes), "owners": (count, lanes)}
         kinds = {"rows": np.float64, "flags": np.int8, "owners": np.int64}
         return cls(**{name: room.take(f"{name} {number}", shape, kinds[name]) for name, shape in shapes.items()})
 
     def first(self, count: int) -> _Rows:
-        """Return so many of them."""
+        """Return the first rows."""
         return _Rows(self.rows[:count], self.flags[:count], self.owners[:count])
 
 
 def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
-    """Return of columns of the log their numbers, and where a lane has them."""
+    """Return the numbers of columns of the log, and where a lane holds them."""
     state, errors = layout.row[2 : 2 + len(layout.state)], len(LANE) + 2 * len(layout.used)
     places = {"time": (OF_LANE, LANE.index("t")), "step_size": (OF_LANE, LANE.index("h"))}
     places |= {name: (OF_STATE, i) for i, name in enumerate(state)}
@@ -125,7 +125,7 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
 
 
 def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room) -> Log:  # fmt: skip
-    """Put the rows of every run into a log, one run behind the other; columns that were not kept have no meaning."""
+    """Put the rows of all runs into a log, one run after the other; columns that were not kept are undefined."""
     places, total = np.concatenate([[0], np.cumsum(counts)[:-1]]), int(counts.sum())
     rows, flags = (
         room.take("log", (len(layout.row), total), np.float64),
@@ -138,7 +138,7 @@ def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDA
 
 
 def _room(log: Log, events: int) -> Log:
-    """Return a log for so many events, and nothing else."""
+    """Return a log with room for events alone."""
     return Log(
         log.base, log.rows[:, :0], log.flags[:, :0], log.samples[:, :0], log.trials[:0], np.zeros(events, EVENT_ROW),
         np.zeros((len(log.rates), events)), np.zeros((len(log.impulses), events)),
@@ -146,12 +146,12 @@ def _room(log: Log, events: int) -> Log:
 
 
 def _events(log: Log, indices: NDArray[np.int64]) -> Log:
-    """Take some events out of a log."""
+    """Return a log with some of the events."""
     return log._replace(events=log.events[indices], rates=log.rates[:, indices], impulses=log.impulses[:, indices])
 
 
 def table_of(blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
-    """Return where a program in lanes finds its arrays."""
+    """Return the addresses of the arrays of a program in lanes."""
     table = np.zeros(WORDS * len(TABLE), np.int64)
     for i, name in enumerate(TABLE):
         if name in blocks:

@@ -1,4 +1,4 @@
-"""A step that failed, made again in plain numbers: every force evaluation with what it used and what it gave."""
+"""A failed step repeated in plain numbers: every force evaluation with its state and its results."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Values = dict[str, float]
 
 
 def retraced(march: March) -> Iterator[Values]:
-    """Yield the force evaluations of the step last tried, in internal units.
+    """Yield the force evaluations of the last trial, in internal units.
 
-    Each is a mapping with `t`, what was used, drives, force components, accelerations and rates. Where half steps go on,
-    they follow the whole one; of equations that are solved there is the first iteration, and nothing behind them.
+    Each is a mapping with `t`, the state, drives, force components, accelerations and rates. Half steps, if any,
+    follow the whole one; where equations are solved, only their first iteration is made, and nothing after it.
     """
     state = dict(zip(march.layout.record, march.run.y.tolist(), strict=True))
     t, h, regime = float(march.now.t), float(march.now.h), float(march.now.regime)
@@ -55,12 +55,12 @@ def retraced(march: March) -> Iterator[Values]:
 
 
 class _Retrace(Walker):
-    """Runs a method's lines on one number for each component."""
+    """Walk a method's lines with one number for each component."""
 
     def __init__(self, march: March, forces: object, t: float, h: float, state: Values) -> None:
         assert callable(forces)  # noqa: S101
         self.found: list[Values] = []
-        self.whole = True  # until equations are met
+        self.whole = True  # until equations have to be solved
         self._forces = forces
         self._layout = layout = march.layout
         self._scalars = {"t": t, "h": h, "t1": t + h}
@@ -103,14 +103,14 @@ class _Retrace(Walker):
         vectors[line.rate] = {name: result[rate(name)] for name in layout.states}
 
     def solve(self, line: Solve) -> None:
-        """Make the first iteration; what follows would start from numbers that solve nothing."""
+        """Make the first iteration; anything after it would start from unsolved equations."""
         if self.whole:
             self.walk((*line.definitions, *line.evaluations))
             self.whole = False
 
 
 def undefined_part(node: Node, values: Values) -> str:
-    """Name the function of an expression that has no value at its argument; empty where there is none."""
+    """Describe the function of an expression that is undefined at its argument; empty where there is none."""
     if not limits_domain(node):
         return ""
     first, links = chain(node)
@@ -125,11 +125,11 @@ def undefined_part(node: Node, values: Values) -> str:
 
 
 def _undefined(node: Node, values: Values) -> str:
-    """Say so where a function or power has no value, and its argument has."""
+    """Describe a function or power that is undefined though its argument is finite; else return nothing."""
     power = isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
     if not power and not isinstance(node, Call):
         return ""
-    assert isinstance(node, Call | Binary)  # noqa: S101 - what `power` says
+    assert isinstance(node, Call | Binary)  # noqa: S101 - by `power`
     argument = node.arguments[0] if isinstance(node, Call) else node.left
     if isfinite(evaluate(node, values)) or not isfinite(at := evaluate(argument, values)):
         return ""

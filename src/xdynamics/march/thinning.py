@@ -1,7 +1,7 @@
-"""Which rows of a march are kept: every n-th of its grid, those of events and of wanted nodes, and both ends.
+"""Rows of a march that are kept: every n-th of its grid, those of events and requested nodes, and both ends.
 
-The march fills every row of its blocks, and rows are left out before they become a record: those that are kept have the
-bits of the whole march.
+The march fills every row of its blocks, and rows are left out before they become a record: the rows that are kept have
+the bits of the whole march.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NOWHERE = -1  # the place of a row that is left out
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of a log with what belongs to them: force evaluations that led to them, trials that started from them."""
+    """Rows of a log with the force evaluations that led to them and the trials that started from them."""
 
     rows: Array
     flags: Array
@@ -32,11 +32,11 @@ class Part:
     trials: Array
 
     def chosen(self, rows: Array, samples: Array, trials: Array) -> Part:
-        """Copy what is chosen: the log's memory is filled again."""
+        """Copy a selection, since the log's memory is filled again."""
         return Part(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
 
     def of_rows(self, wanted: Array, places: Array, begin: int) -> Part:
-        """Return the rows that are wanted, and with their places in the record what belongs to those; `places` begins before row `begin`."""
+        """Return the wanted rows and what belongs to them, with places in the record; `places` starts before row `begin`."""
         sampled = places[self.samples[1].astype(np.int64) - begin + 1]
         tried = places[self.trials["step"] - begin + 1]
         part = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))
@@ -44,20 +44,20 @@ class Part:
         return part
 
     def last(self, number: int) -> Part:
-        """Return the last row, if there is one, and what belongs to the row with a number."""
+        """Return the last row, if there is one, and what belongs to the row of a given number."""
         selected = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
         return self.chosen(np.arange(self.rows.shape[1])[-1:], *selected)
 
 
 class Thinning:
-    """What is kept of a march so far; the newest row waits until it is known whether it is the last.
+    """The rows of a march kept so far; the newest row waits until it is known whether it is the last.
 
     Parameters
     ----------
     every : int
         Rows of the grid from one that is kept to the next.
     nodes : ndarray, in the march's own time
-        Times at which a row was asked for.
+        Times at which a row was requested.
     """
 
     def __init__(self, every: int, nodes: NDArray[np.float64]) -> None:
@@ -66,23 +66,23 @@ class Thinning:
         self.waiting: Part | None = None
 
     def memory(self) -> dict[str, Array]:
-        """Return all that it takes to go on from here, by name."""
+        """Return everything needed to go on from here, by name."""
         waiting = {} if self.waiting is None else vars(self.waiting)
         return {"kept_rows": np.array([self.kept])} | {f"waiting_{name}": array for name, array in waiting.items()}
 
     def go_on_from(self, memory: Mapping[str, Array]) -> None:
-        """Go on where the thinning of the same march stood."""
+        """Continue from the memory of the same march's thinning."""
         self.kept = int(memory["kept_rows"][0])
         names = ("rows", "flags", "samples", "trials")
         is_waiting = "waiting_rows" in memory
         self.waiting = Part(*(memory[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
 
     def stand_behind(self, kept: int) -> None:
-        """Go on behind a record of so many rows, of which the last one is an end and kept."""
+        """Go on after a record of `kept` rows, of which the last one is an end."""
         self.kept, self.waiting = kept, None
 
     def thinned(self, run: Run, block: Block, *, last: bool) -> Block:
-        """Return what is kept of a block, in memory of its own; `last` says that the march is over, and its last row an end."""
+        """Return a copy of the kept part of a block; with `last` the march is over, and its last row an end."""
         log, first = block.log, int(block.log.base[0]["rows"])
         new = Part(log.rows[:, : block.rows], log.flags[:, : block.rows], log.samples[:, : block.samples], log.trials[: block.trials])  # fmt: skip
         parts = [new] if self.waiting is None else [self.waiting, new]
@@ -94,7 +94,7 @@ class Thinning:
         for rows in ends.values():
             wanted[rows[rows >= 0]] = True
         wanted[-1:] |= last
-        # of every row from the one before, which is kept if it does not wait
+        # of every row, from the one before on, which is kept if it does not wait
         places = np.concatenate([[self.kept - 1], np.where(wanted, self.kept + np.cumsum(wanted) - 1, NOWHERE)])
         for name, rows in ends.items():
             events[name] = places[rows + 1]
@@ -111,7 +111,7 @@ class Thinning:
         return Block(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
 
     def rest(self, run: Run) -> Block | None:
-        """Return the row that still waits, where a march was interrupted behind it."""
+        """Return the row that still waits when a march is interrupted after it."""
         if (waiting := self.waiting) is None:
             return None
         base = np.zeros(1, BASE)
@@ -121,7 +121,7 @@ class Thinning:
         return self.thinned(run, Block(empty, 0, 0, 0, 0), last=True)
 
     def _want(self, marks: Array, run: Run, parts: list[Part], begin: int) -> None:
-        """Mark the rows of the grid that are kept, of events, of nodes that were asked for, and the first; not the one that waited."""
+        """Mark the first row and those of the kept grid, events and requested nodes; not the one that waited."""
         part, first = parts[-1], begin + len(parts) - 1
         wanted = marks[len(parts) - 1 :]
         plan, now, t = run.plan[0], run.now[0], part.rows[0]
@@ -140,13 +140,13 @@ class Thinning:
 
 
 class Around(Thinning):
-    """Rows on both sides of wanted times, from which the states there are made; the newest waits for its next.
+    """Rows on both sides of wanted times, from which the states there are made; the newest waits for the next one.
 
     Parameters
     ----------
     times : ndarray, s
     scale : float
-        Seconds of a unit of the march's own time.
+        Seconds per unit of the march's own time.
     """
 
     def __init__(self, times: NDArray[np.float64], scale: float) -> None:
@@ -154,7 +154,7 @@ class Around(Thinning):
         self.times, self.scale = np.unique(times), scale
 
     def _want(self, marks: Array, _run: Run, parts: list[Part], _begin: int) -> None:
-        """Mark the last row up to each time, and the one behind it; times that are passed are done with."""
+        """Mark the last row up to each time, and the one after it; times that were passed are dropped."""
         t = np.concatenate([part.rows[0] for part in parts])
         t = t if self.scale == 1.0 else t * self.scale  # as the record has it
         if not t.size:
@@ -167,7 +167,7 @@ class Around(Thinning):
 
 
 def _joined(parts: list[Part], rows: int | None = None) -> Part:
-    """Return parts behind each other, of their rows the last ones."""
+    """Concatenate parts, and keep all or only the last of their rows."""
     if len(parts) == 1:
         return parts[0]
     wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples")}

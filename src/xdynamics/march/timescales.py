@@ -1,4 +1,4 @@
-"""How fast the motion of a march is, at its start and at a few of its rows: once it is over, from its compiled forces."""
+"""Time scales of a finished march, at its start and at a few of its rows, from its compiled forces."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
 
-FEWEST, MOST = 3, 16  # rows that are looked at besides the start
-SHARE = 200  # evaluations of a march for each of them, which takes seven
-FEW = 12  # numbers of a state of which all eigenvalues are looked for
-SLOW = 1e-5  # of the fastest rate, below which differences tell none
-DIGITS = 3  # of eigenvalues that are no program's: a library's last bits are in no digest
+FEWEST, MOST = 3, 16  # rows that are examined besides the start
+SHARE = 200  # evaluations of a march for each such row, which takes seven
+FEW = 12  # numbers of a state up to which all eigenvalues are computed
+SLOW = 1e-5  # of the fastest rate, below which differences resolve none
+DIGITS = 3  # of eigenvalues, so that the last bits of a library enter no digest
 _STEP_SIZE = (PLAN.names or ()).index("step_size")
 _STANDING = (
     "y",
     "at",
     "places",
     "now",
-)  # what an evaluation elsewhere changes, where nothing is watched and nothing touches
+)  # what an evaluation at another state changes, where there are neither events nor contacts
 RULE = (
     "omega: the fastest rate, estimated by six products of the Jacobian and a vector, contacts open; at the"
     " start with the first step, and at {rows} rows spread over the run with the step that led to them"
@@ -37,20 +37,20 @@ RULE = (
 
 @dataclass(frozen=True)
 class TimeScales:
-    """Rates of a motion, s-1, and steps times these.
+    """Rates of a motion, s-1, and their products with steps.
 
     Attributes
     ----------
     rate : float
-        The fastest at the start.
+        The fastest rate at the start.
     start : float
-        That times the first step.
+        That rate times the first step.
     largest : float
         The largest such product.
     rows : int
-        How many rows it was looked for at.
+        Number of rows examined besides the start.
     period : float
-        The slowest of oscillations about the start, s; nan where it was not looked for, inf where nothing oscillates.
+        The longest period of oscillations about the start, s; nan where not computed, inf where nothing oscillates.
     """
 
     rate: float
@@ -61,7 +61,7 @@ class TimeScales:
 
 
 def time_scales(march: March) -> TimeScales | None:
-    """Return how fast the motion is; None where forces cannot be evaluated at the start."""
+    """Return the time scales of the motion; None where forces cannot be evaluated at the start."""
     witnesses, run, n = march.witnesses, march.run, len(march.layout.used)
     if not witnesses.shape[1]:
         return None
@@ -83,9 +83,9 @@ def time_scales(march: March) -> TimeScales | None:
 
 
 def jacobian_at(march: March, row: int) -> Floats:
-    """Return the derivatives of the state's rates by the state at one row, each over its size, by differences.
+    """Return the derivatives of the state's rates by the state at one row, scaled by sizes, by differences.
 
-    It has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, by the forces of the first regime.
+    The matrix has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, for the first regime.
     """
     n = len(march.layout.used)
     derivatives = np.zeros((1 + n, n))
@@ -103,7 +103,7 @@ def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
 
 
 def _chosen(march: March) -> list[int]:
-    """Return the start and some rows, the same however a march was cut into parts; of several regimes the start alone."""
+    """Return the start and some rows, independent of a march's parts; with several regimes only the start."""
     rows = march.witnesses.shape[1]
     if len(march.model.regimes) > 1:
         return [0]
@@ -112,7 +112,7 @@ def _chosen(march: March) -> list[int]:
 
 
 def slowest_period(matrix: Floats) -> float:
-    """Return the longest period of what oscillates by a matrix, to a few digits; inf of none."""
+    """Return the longest period of the oscillating eigenmodes of a matrix, to a few digits; inf if there are none."""
     if not matrix.size or not np.isfinite(matrix).all():
         return np.nan
     if len(matrix) == 2:  # one coordinate: most models that are marched for a moment
@@ -129,7 +129,7 @@ def slowest_period(matrix: Floats) -> float:
 
 @contextmanager
 def put_aside(march: March) -> Iterator[None]:
-    """Have a march stand afterwards where it stood."""
+    """Restore a march's current numbers afterwards."""
     run = march.run
     plain = not (len(run.detectors) or len(run.touches))
     kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*CHANGING, "p"))}

@@ -1,6 +1,6 @@
-"""Sizes of variables and the fastest time scale of the motion, in no units: what tolerances that follow are measured by.
+"""Sizes of variables and the fastest time scale of the motion, without units, as measures for tolerances that follow.
 
-A size is the largest absolute value so far. What starts at rest or at zero has none yet: there a size is what the forces
+A size is the largest absolute value so far. What starts at rest or at zero has none yet: its size is what the forces
 about the start make of it in the fastest time scale, and never less than a small part of the largest of its kind.
 """
 
@@ -25,14 +25,14 @@ ATOL_RULE = (
 State = NDArray[Any]
 Floats = NDArray[Any]
 
-FLOOR = 1e-6  # of the largest of its kind, that a size is at least
-ROUNDED = 10.0  # spacings of that, which rounding alone may do
+FLOOR = 1e-6  # of the largest of its kind: the least size
+ROUNDED = 10.0  # spacings of that, which may be due to rounding alone
 PRODUCTS = 6  # of the Jacobian and a vector
 DIFFERENCE = 2.0**-10  # of the sizes: rounding leaves twelve digits, and a scale needs three
-LITTLE = 1e-3  # of its kind, that a direction has of each variable
-BEGINNING = 1e-2  # of the time to the first node or the end, where nothing tells a time
+LITTLE = 1e-3  # of its kind: the least component of a direction
+BEGINNING = 1e-2  # of the time to the first node or the end, where there is no other time scale
 GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, are spread evenly
-PARALLEL = 1e-6  # square of the angle between vectors that are one
+PARALLEL = 1e-6  # square of the angle below which vectors count as parallel
 
 
 @shared
@@ -46,7 +46,7 @@ def tops_of(run: Run, state: State) -> None:
 
 @shared
 def settle_tolerances(run: Run) -> None:
-    """Let the absolute tolerances that follow be `rtol` times the sizes so far, at least `floor` times the largest of their kind."""
+    """Set tolerances that follow to `rtol` times the sizes so far, at least `floor` times the largest of their kind."""
     tops_of(run, run.largest)
     for i in range(run.plan[0].used):
         if run.followers[i]:
@@ -55,9 +55,9 @@ def settle_tolerances(run: Run) -> None:
 
 @shared
 def begin_sizes(run: Run) -> float:
-    """Give sizes to what starts at rest or at zero, and return how long the first step may be.
+    """Give sizes to variables that start at rest or at zero, and return the longest first step.
 
-    Until it is chosen, tolerances are those of the whole natural sizes.
+    Until it is chosen, tolerances are those of the full natural sizes.
     """
     plan, used, turning = run.plan[0], run.plan[0].used, run.turning
     time = natural_sizes(run, run.y)
@@ -77,13 +77,13 @@ def begin_sizes(run: Run) -> float:
 
 @shared
 def natural_sizes(run: Run, y: State) -> float:
-    """Put into `turning` how large each variable is, or would be after a time of the motion's own; return that time."""
+    """Fill `turning` with the size of each variable, now or after a time scale of the motion; return that time."""
     n, used, turning = run.plan[0].coordinates, run.plan[0].used, run.turning
     time = time_at(run, y)
     for i in range(used):
         slope, second = abs(slope_of(run, y, i)), abs(slope_of(run, y, n + i)) if i < n else 0.0
         turning[i] = max(abs(y[i]), slope * time, second * time * time)
-    for i in range(n):  # a body at rest in an equilibrium is to be moved, too
+    for i in range(n):  # a body at rest in equilibrium needs a direction, too
         turning[i] = max(turning[i], LITTLE * turning[n + i] * time)
         turning[n + i] = max(turning[n + i], LITTLE * turning[i] / time)
     tops_of(run, turning)
@@ -95,7 +95,7 @@ def natural_sizes(run: Run, y: State) -> float:
 
 @shared
 def time_at(run: Run, y: State) -> float:
-    """Return a time scale from the sizes of state and slopes alone: of what is fastest, kind by kind."""
+    """Return a time scale from the sizes of state and slopes alone: that of the fastest kind."""
     plan, n, tops = run.plan[0], run.plan[0].coordinates, run.tops
     kinds, span, shortest = run.tops.shape[0] // 2, plan.rest / BEGINNING, 0.0
     tops_of(run, y)
@@ -118,9 +118,9 @@ def time_at(run: Run, y: State) -> float:
 def fastest_rate(run: Run, t: float, y: State) -> float:
     """Estimate the size of the fastest eigenvalue of the motion about a state, the sizes of which are in `turning`.
 
-    From a few products of the Jacobian and a vector, by differences of the forces: the last three vectors are put into
-    one recurrence, whose roots are the eigenvalues (Krylov; Saad, Numerical Methods for Large Eigenvalue Problems,
-    chapter 6). Exact for one oscillator or two decays; of many modes an estimate, mostly from below. 0 where it is not
+    A few products of the Jacobian and a vector, by differences of the forces: the last three vectors are fitted by
+    a recurrence whose roots are the eigenvalues (Krylov; Saad, Numerical Methods for Large Eigenvalue Problems,
+    chapter 6). Exact for one oscillator or two decays; for many modes an estimate, mostly from below. 0 where it is not
     known.
     """
     used, turning, rate, before = run.plan[0].used, run.turning, 0.0, 2 * run.plan[0].used
@@ -173,7 +173,7 @@ def recurred(run: Run, y: State, amount: float, k: int) -> float:
 
 @shared
 def derivatives(run: Run, t: float, y: State, found: Floats) -> None:
-    """Put the derivatives of slopes by the state, each over its size, behind the first row of `found`, column by column."""
+    """Fill `found`, after its first row, with the derivatives of slopes by the state, scaled by sizes, by columns."""
     used, turning = run.plan[0].used, run.turning
     for column in range(used):
         for i in range(used):

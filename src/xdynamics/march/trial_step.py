@@ -1,4 +1,4 @@
-"""One trial: the method's step, with step doubling where it is asked for."""
+"""One trial: the method's step, with step doubling where it is requested."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from xdynamics.march.run import HOLD, STEP_IN_TIME, SUBSTEP, TOUCHED, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
-_FIRST = int64(0)  # no literal: of a function that is given one, numba makes a copy
+_FIRST = int64(0)  # no literal: numba compiles a copy of a function for every literal argument
 
 
 @compiled
 def propose(run: Run, t1: float, h: float) -> None:
-    """Make one step from the state where the march stands, which stays as it is."""
+    """Make one step from the current state, which stays unchanged."""
     trial = run.trial[0]
     trial.t, trial.h, trial.iterations = t1, h, 0
     if run.plan[0].halved:
@@ -37,7 +37,7 @@ def propose(run: Run, t1: float, h: float) -> None:
 
 @compiled
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
-    """Make one step by the lines of the method, its force evaluations kept from place `sample` on."""
+    """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
     run.at[T], run.at[T1], run.at[H] = t, t1, h
     if run.plan[0].implicit:
         stepped_by(run.law[run.law.shape[0] - 1], run, t, t1, h, y, z, sample)
@@ -51,13 +51,13 @@ advance_apart = apart(advance)
 
 @shared
 def double(run: Run, t1: float, h: float) -> None:
-    """Make two half steps, and a whole one to judge them by: their difference over 2**p - 1 is the error of the two."""
+    """Make two half steps, and a whole one for comparison: the difference over 2**p - 1 is the error of the two."""
     plan, t = run.plan[0], run.now[0].t
     width = plan.stages * (run.log_samples.shape[0] - 2)
     middle = t + h / 2.0
     advance_apart(run, t, t1, h, run.y, run.whole, _FIRST)
     advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
-    run.kept[0].fresh = 0  # derivatives are those of the first half
+    run.kept[0].fresh = 0  # derivatives belong to the first half
     advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
     run.kept[0].fresh = 0
     for i in range(plan.used):
@@ -75,7 +75,7 @@ propose_apart = apart(propose)
 
 @shared
 def usual_step(run: Run) -> float:
-    """How long steps are where nothing cuts them."""
+    """Return the length of a step that nothing cuts."""
     now, plan = run.now[0], run.plan[0]
     if plan.adaptive or plan.step_size > 0.0:
         return now.step if plan.adaptive else plan.step_size
@@ -92,19 +92,19 @@ def look(run: Run) -> None:
 
 @shared
 def substep(run: Run, s: float) -> None:
-    """Make a part of the step, and look at the event functions there."""
+    """Make a part of the step, and evaluate the event functions at its end."""
     entered_by(run.functions[SUBSTEP], run, s, 0)
 
 
 def part_of_step(address: Any, s: float, _count: int) -> None:
-    """Do so, for who calls by address: no caller compiles it again.
+    """Make a part of the step as an entry; callers use its address, so that they need not compile it again.
 
     Parameters
     ----------
     address : int
         Of a `Run`.
     s : float
-        The part, as a step from where the march stands.
+        The part, as a step from the current state.
     """
     run = run_at(address)
     run.piece[0].substeps += 1
@@ -116,7 +116,7 @@ def part_of_step(address: Any, s: float, _count: int) -> None:
 
 @shared
 def keep(run: Run) -> None:
-    """Put the trial aside, for instance as the one that ends at an event."""
+    """Store the trial, for instance as the one that ends at an event."""
     copy_trial(run.trial, run.located)
     copy(run.z, run.located_z)
     copy(run.e, run.located_e)
@@ -126,7 +126,7 @@ def keep(run: Run) -> None:
 
 @shared
 def take(run: Run) -> None:
-    """Go back to the trial that was put aside: it is not made a second time."""
+    """Restore the stored trial, so that it need not be made again."""
     copy_trial(run.located, run.trial)
     copy(run.located_z, run.z)
     copy(run.located_e, run.e)

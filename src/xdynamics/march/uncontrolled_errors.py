@@ -1,4 +1,4 @@
-"""What given absolute tolerances let pass: of which variables errors that matter to the state over the run."""
+"""Errors that given absolute tolerances do not control, and the variables in which they matter over the run."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from xdynamics.march.timescales import put_aside, states_of
 
 Floats = NDArray[np.float64]
 
-LOSS = 0.03  # of a variable, that errors of its absolute tolerance in every step may come to
-NOISE = 1e3 * EPS  # of the largest of its kind: what is smaller is left by rounding
-COMPARABLE = 10.0  # ratio of absolute to relative tolerance of a value up to which the relative one was meant so
-SHARE = 16  # evaluations of a march for each that follows an error
-FEWEST, SMALL = 240, 48  # evaluations of a march of a small state that cost nothing beside its record
-MOST_FOLLOWED = 1000  # steps; the rest of a long run is drawn on from there
+LOSS = 0.03  # of a variable: allowed sum of errors of its absolute tolerance in every step
+NOISE = 1e3 * EPS  # of the largest of its kind: smaller values are due to rounding
+COMPARABLE = 10.0  # ratio of a value's absolute to relative tolerance up to which both count as intended
+SHARE = 16  # evaluations of a march for each one that follows an error
+FEWEST, SMALL = 240, 48  # evaluations that cost little beside the record, for states up to that size
+MOST_FOLLOWED = 1000  # steps; over the rest of a long run growth is extrapolated
 
 
 class Effect(NamedTuple):
-    """What errors of given absolute tolerances come to.
+    """The effect of errors of given absolute tolerances.
 
     Attributes
     ----------
     words : str
-        For the record, with why it was not looked at if it was not; empty where no tolerance is given.
+        For the record, with the reason if it was not examined; empty where no tolerance is given.
     loose : ndarray of bool
-        Variables whose tolerances let pass too much.
+        Variables whose tolerances allow too large errors.
     """
 
     words: str
@@ -40,16 +40,16 @@ class Effect(NamedTuple):
 
 
 def uncontrolled(asked: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]) -> NDArray[np.bool_]:  # fmt: skip
-    """Tell of which variables given absolute tolerances let pass errors that add up to a part of their size.
+    """Return the variables whose given absolute tolerances allow errors that add up to a part of their size.
 
-    It is told from sizes alone, as if errors neither grew nor decayed. What a variable has beside others of its kind is
-    rounding where it is that small: nothing is lost there.
+    Judged from sizes alone, as if errors neither grew nor decayed. A variable that is very small beside others of its
+    kind is rounding, of which nothing is lost.
 
     Parameters
     ----------
     asked : Tolerances
     layout : Layout
-        Names the variables, and which are of one kind.
+        Names the variables and their kinds.
     largest : ndarray, shape (…, n), SI
         The largest absolute value of each.
     accepted : int or ndarray, shape (…)
@@ -61,7 +61,7 @@ def uncontrolled(asked: Tolerances, layout: Layout, largest: Floats, accepted: i
 
 
 def effect_of(march: March) -> Effect:
-    """Follow errors of given absolute tolerances along a run that is over, from its start and its middle."""
+    """Follow errors of given absolute tolerances along a finished run, from its start and its middle."""
     tolerances, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
     none_loose = np.zeros(len(layout.used), bool)
     if not march.settings.adaptive or tolerances is None or not march.witnesses.shape[1]:
@@ -70,7 +70,7 @@ def effect_of(march: March) -> Effect:
     atols = _given(tolerances, layout) / factors
     if not atols.any():
         return Effect("", none_loose)
-    end, steps = float(march.now.t), _steps(march)  # of the march, which stands elsewhere below
+    end, steps = float(march.now.t), _steps(march)  # before the march's state is changed below
     with put_aside(march), np.errstate(all="ignore"):
         sizes = _sizes(march, atols)
         loose = (atols > COMPARABLE * tolerances.rtol * sizes) & (sizes > 0.0)
@@ -95,17 +95,17 @@ def effect_of(march: March) -> Effect:
 
 
 def _given(tolerances: Tolerances, layout: Layout) -> Floats:
-    """Return the absolute tolerances that were given, SI; 0 of what follows, which is in proportion."""
+    """Return the given absolute tolerances, SI; 0 for those that follow sizes, whose errors are in proportion."""
     return np.array([tolerances.of(name) or 0.0 for name in layout.used])
 
 
 def _estimated(march: March) -> Floats:
-    """Return the largest error of each variable that was estimated in any step that is kept; nan where none is.
+    """Return the largest estimated error of each variable in any kept step; nan where none is known.
 
-    Steps are as short as the strictest tolerance asks for: others are far from what theirs would let pass.
+    Steps are as short as the strictest tolerance requires: other errors are far below what theirs would allow.
     """
     errors = np.abs(march.errors)
-    if not errors.shape[1] or np.isnan(errors).any():  # kept by a version that did not know them
+    if not errors.shape[1] or np.isnan(errors).any():  # kept by a version that did not have them
         return np.full(len(march.layout.used), np.nan)
     largest: Floats = errors.max(axis=1)
     return largest
@@ -120,10 +120,10 @@ def _tops(layout: Layout, largest: Floats) -> Floats:
 
 
 def _sizes(march: March, atols: Floats) -> Floats:
-    """Return what errors of each variable are measured by: its largest value, or a natural one where it is rounding alone.
+    """Return the size that errors of each variable are measured by: its largest value, or if that is rounding a natural one.
 
-    Natural is the largest of its kind, of a velocity also that of its coordinates in the fastest time scale. What begins
-    as rounding, and comes to no more than errors of its tolerance may have made of it, stays so.
+    Natural is the largest of its kind, for a velocity also that of its coordinates in the fastest time scale. What begins
+    as rounding, and grows no more than errors of its tolerance may have made it, counts as rounding throughout.
     """
     run, used, n, rates = march.run, len(march.layout.used), len(march.layout.coordinates), np.zeros((1, 1))
     engine().fastest_rates(run, states_of(march.witnesses, [0]), rates)
@@ -131,7 +131,7 @@ def _sizes(march: March, atols: Floats) -> Floats:
     largest, born = run.largest.copy(), np.abs(run.y[:used])
     natural = _tops(march.layout, largest)
     natural[n : 2 * n] = np.maximum(natural[n : 2 * n], rate * natural[:n])
-    if rate > 0.0:  # behind the state stand the slopes of velocities
+    if rate > 0.0:  # the slopes of velocities follow the state
         born[n : 2 * n] = np.maximum(born[n : 2 * n], np.abs(run.y[used : used + n]) / rate)
         born[:n] = np.maximum(born[:n], born[n : 2 * n] / rate)
     rounding = (born < NOISE * natural) & (largest <= march.accepted * atols) & (np.arange(used) < 2 * n)
@@ -139,7 +139,7 @@ def _sizes(march: March, atols: Floats) -> Floats:
 
 
 def _obstacle(march: March, steps: int) -> str:
-    """Say why errors are not followed along a run; empty where they can be."""
+    """Return why errors cannot be followed along a run; empty where they can be."""
     layout, plan = march.layout, march.run.plan[0]
     reasons = {
         "forces change with regimes": len(march.model.regimes) > 1,
@@ -152,13 +152,13 @@ def _obstacle(march: March, steps: int) -> str:
 
 
 def _steps(march: March) -> int:
-    """Return how many steps an error is followed for from each row."""
+    """Return the number of steps for which an error is followed from each row."""
     floor = FEWEST if len(march.layout.used) <= SMALL else 0
     return min(MOST_FOLLOWED, max(floor, int(march.now.evaluations) // SHARE) // (2 * EVALUATIONS))
 
 
 def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats) -> tuple[float, float, int] | None:
-    """Return what an error comes to on average over the run, over its size, over what part it was followed, from how many rows."""
+    """Return the mean growth of an error over the run, the part of the run covered, and from how many rows."""
     last = march.witnesses.shape[1] - 1
     chosen = [0, last // 2] if last > 1 else [0]
     states = states_of(march.witnesses, chosen)
@@ -177,7 +177,7 @@ def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats
 
 
 def mean_growth(times: list[float], apart: list[float], span: float) -> float:
-    """Return the mean over a span of what was followed for a part of it: behind it, growth goes on as it was, and decay ends.
+    """Return the mean over a span of a ratio followed for a part of it; beyond that, growth continues and decay ends.
 
     Examples
     --------

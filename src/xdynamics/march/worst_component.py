@@ -1,4 +1,4 @@
-"""Which coordinate, velocity or state a test that failed speaks of."""
+"""The coordinate, velocity or state that made a test fail."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xdynamics.march.runner import March
 
 
 def of_error(march: March) -> str:
-    """Name the component whose estimated error in the last trial is the largest over its scale; nothing without one."""
+    """Name the component with the largest estimated error over its scale in the last trial; empty if not estimated."""
     run, n = march.run, len(march.layout.used)
     if not march.settings.scheme.estimates:
         return ""
@@ -17,7 +17,7 @@ def of_error(march: March) -> str:
 
 
 def of_newton(march: March) -> str:
-    """Name the component that Newton's method corrected the most, over its size, in its last iteration."""
+    """Name the component with the largest correction over its size in Newton's last iteration."""
     run, n = march.run, len(march.layout.used)
     if march.settings.method.simplified:
         corrections, stages = (
