@@ -114,7 +114,7 @@ def of_smooth_switches(march: March) -> str:
 
 
 def _of_contacts(model: Model) -> Iterator[str]:
-    """Report friction whose gap is not a distance or whose slip is not along the surface, by directions at the start."""
+    """Report friction whose gap is not a distance or whose slip leaves the surface, by directions at the start."""
     if not model.contacts:
         return
     values = dict(constants(model)) | initial_state(model)

@@ -1,4 +1,4 @@
-"""Force evaluations at a state, and what is kept of them."""
+"""Force evaluations at a state, and their storage."""
 
 from __future__ import annotations
 

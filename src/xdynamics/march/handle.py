@@ -101,7 +101,7 @@ def marked(builder: Any, line: Any, kind: str) -> Any:
     return line
 
 
-# ------------------------------------------------------------------------------------------------- what types there are
+# --------------------------------------------------------------------------------------------------------------- typing
 
 
 @infer_getattr
@@ -149,7 +149,7 @@ class _Written(AbstractTemplate):
         return signature(types.none, array, _index(array), element)
 
 
-# ------------------------------------------------------------------------------------------------ what is made of them
+# ------------------------------------------------------------------------------------------------------------ lowering
 
 
 def _word(builder: Any, table: Any, number: int) -> Any:

@@ -151,7 +151,7 @@ def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any)
 
 @borrowing
 def cross(run: Run, y: Floats, before: Floats, pieces: Whole, w: Floats, lane: int) -> None:
-    """After a node, let a lane go on with the far side's forces, as in `loop.cross_node`; `before` keeps the near side."""
+    """After a node, put the far side's forces into a lane, as in `loop.cross_node`; `before` keeps the near side."""
     now, t = run.now[0], w[L_T, lane]
     for i in range(run.y.shape[0]):
         before[i, lane] = run.z[i] = y[i, lane]

@@ -60,7 +60,7 @@ class Log(NamedTuple):
 class Block:
     """A filled part of the log.
 
-    `rows`, `trials`, `events`, `samples` count what is filled; `numbers` are the march's row numbers where some are left out.
+    `rows`, `trials`, `events`, `samples` are counts; `numbers` are the march's row numbers, where rows are left out.
     """
 
     log: Log
@@ -90,7 +90,7 @@ class Room:
 
 @compiled
 def most_trials(events: int) -> int:
-    """Return the most rejected trials of a step: one; where substeps count, those of border, search and brackets too."""
+    """Return the most rejected trials of a step: one; where substeps count, also border, search and brackets."""
     return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 

@@ -1,4 +1,4 @@
-"""Why a trial was rejected and how a run ended: one vocabulary, from the loop to the record."""
+"""Reasons for rejected trials and outcomes of runs: one vocabulary, from the loop to the record."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ class Run:
     located_g: Floats
     located_samples: Floats
     watches: Watches
-    resets: Floats  # what events set the state to
+    resets: Floats  # values to which events set the state
     targets: Lists  # event and place in the state of each
     piece: Pieces
     near: Floats  # states and event functions at the ends of a piece
@@ -216,14 +216,14 @@ class Run:
     problem: Columns  # a complementarity problem; see `march.contacts.complementarity`
     basis: Whole  # of the problem
     solution: Floats
-    effects: Columns  # what each unknown adds to each reaction
+    effects: Columns  # contribution of each unknown to each reaction
     square: Floats  # a linear system, and which reactions are in it
     column: Floats
     chosen: Whole
     of_time: Whole  # drives of time
     atol: Floats
     followers: Whole  # 1 where the tolerance follows the size of its variable
-    kinds: Whole  # of each variable: coordinates, velocities, or states of one dimension
+    kinds: Whole  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Floats  # the largest of each kind, then of their slopes
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
     probe: Floats  # a state at which forces are evaluated only for scales

@@ -86,7 +86,7 @@ class March:
         self.gains = Gains()  # energy that impacts created
         self.misplaced = np.zeros(
             len(self.layout.watched), bool
-        )  # detectors of which a state was farther from zero than asked
+        )  # detectors with an event outside its position tolerance
         self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
         self.errors: NDArray[np.float64] = np.empty((len(self.estimated), 0))  # of the steps that led to them
 
@@ -334,7 +334,7 @@ def _counts(run: Run) -> tuple[int, int, int, int]:
 
 
 def _rows_to_come(pause: int, rows: int, took: float) -> int:
-    """Choose the rows up to the next check: few enough to be quick, and that little memory is prepared in vain."""
+    """Choose the rows up to the next check: few enough to be quick and not to prepare much memory in vain."""
     if took > LOOK:
         return max(1, int(pause * LOOK / took))
     return min(PAUSE_ROWS, max(SHORTEST_PART, rows // 4), 4 * pause)

@@ -36,7 +36,7 @@ class Part:
         return Part(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
 
     def of_rows(self, wanted: Array, places: Array, begin: int) -> Part:
-        """Return the wanted rows and what belongs to them, with places in the record; `places` starts before row `begin`."""
+        """Return wanted rows, their samples and trials, numbered by `places`, which starts before row `begin`."""
         sampled = places[self.samples[1].astype(np.int64) - begin + 1]
         tried = places[self.trials["step"] - begin + 1]
         part = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))

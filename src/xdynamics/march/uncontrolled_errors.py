@@ -120,7 +120,7 @@ def _tops(layout: Layout, largest: Floats) -> Floats:
 
 
 def _sizes(march: March, atols: Floats) -> Floats:
-    """Return the size that errors of each variable are measured by: its largest value, or if that is rounding a natural one.
+    """Return the scale of each variable's errors: its largest value, or if that is rounding a natural one.
 
     Natural is the largest of its kind, for a velocity also that of its coordinates in the fastest time scale. What begins
     as rounding, and grows no more than errors of its tolerance may have made it, counts as rounding throughout.
