@@ -15,14 +15,14 @@ from xdynamics.cli.settings import OF_RECORDS, asked, settings
 from xdynamics.cli.sweeping import ends_of
 
 OF_A_NUMBER = (
-    click.option("--quantity", required=True, metavar="NAME", help="A coordinate, velocity, state, energy or observable; at an event t, its time; of the whole run maximum_… or minimum_… of one of these or of a force."),
-    click.option("--at", "time", metavar="TIME", help="The time at which it is asked for."),
-    click.option("--event", metavar="NAME", help="Or the event."),
-    click.option("--occurrence", type=int, default=1, show_default=True, help="The how-manieth."),
-    click.option("--side", default="before", show_default=True, help="before or after the event."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn."),
-    click.option("--coverage", type=float, default=0.95, show_default=True, help="Of the intervals."),
-    click.option("--inadequate-fit", is_flag=True, help="Also of a model whose fit the residuals do not bear out."),
+    click.option("--quantity", required=True, metavar="NAME", help="Which number: a coordinate, velocity, state, energy or observable; t at an event (its time); maximum_… or minimum_… over the whole run, of one of these or of a force."),
+    click.option("--at", "time", metavar="TIME", help="The time at which the number is asked for."),
+    click.option("--event", metavar="NAME", help="The event at which the number is asked for, in place of a time."),
+    click.option("--occurrence", type=int, default=1, show_default=True, help="Which occurrence of the event."),
+    click.option("--side", default="before", show_default=True, help="State before or after the event."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of all random draws."),
+    click.option("--coverage", type=float, default=0.95, show_default=True, help="Coverage probability of the intervals."),
+    click.option("--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
     settings(without=OF_RECORDS),
 )  # fmt: skip
@@ -38,15 +38,17 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @of_a_number
-@click.option("--draws", type=int, default=0, show_default=True, help="Of the Monte Carlo check.")
-@click.option("--until-uncertainty", metavar="SIZE", help="Draw until the intervals are known so well: '10 m at 95 %'.")
-@click.option("-o", "--output", metavar="B.nc", help="Where to keep the budget.")
+@click.option("--draws", type=int, default=0, show_default=True, help="Draws of the Monte Carlo check.")
+@click.option(
+    "--until-uncertainty", metavar="SIZE", help="Draw until the intervals are known this well, like '10 m at 95 %'."
+)
+@click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
 def budget(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
     coverage: float, inadequate_fit: bool, until_uncertainty: str | None, output: str | None, changes: tuple[str, ...],
     **named: Any,
 ) -> None:  # fmt: skip
-    """Say how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
+    """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
     _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
@@ -59,8 +61,8 @@ def budget(
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @of_a_number
-@click.option("--draws", type=int, default=10_000, show_default=True, help="Of the Monte Carlo check.")
-@click.option("-o", "--output", required=True, metavar="C.nc", help="Where to keep the certificate.")
+@click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
+@click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
 def certify(
     model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
     coverage: float, inadequate_fit: bool, output: str, changes: tuple[str, ...], **named: Any,
@@ -76,9 +78,11 @@ def certify(
 
 @main.command()
 @click.argument("certificate", metavar="C.nc")
-@click.option("-o", "--output", required=True, metavar="FOLDER", help="Where to put it; empty or not there.")
+@click.option(
+    "-o", "--output", required=True, metavar="FOLDER", help="The folder to write; it must be empty or not exist."
+)
 def bundle(certificate: str, output: str) -> None:
-    """Put a certificate into a folder with its model, run, ledger, figures and scripts, to be made again in one line."""
+    """Put a certificate into a folder with its model, run, ledger, figures and scripts; one line makes it again."""
     from xdynamics.bundling import bundle as bundled
 
     say([f"bundle    {bundled(output, certificate)}"])
@@ -86,7 +90,13 @@ def bundle(certificate: str, output: str) -> None:
 
 @main.command()
 @click.argument("folder", metavar="FOLDER")
-@click.option("-o", "--output", required=True, metavar="REPORT.html|.md", help="One file, figures and formulas in it.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="REPORT.html|.md",
+    help="The report to write: one file, figures and formulas included.",
+)
 def report(folder: str, output: str) -> None:
     """Write the report of a bundle: the number, its model in formulas, convergence, budget, events, ledger, how to remake it."""
     from xdynamics.documenting.document import document
@@ -97,7 +107,7 @@ def report(folder: str, output: str) -> None:
 @main.command()
 @click.argument("certificate", metavar="C.nc|FOLDER")
 def recheck(certificate: str) -> None:
-    """Make a certificate again from its file, or its bundle, alone, and compare every number; exit code 1 where one differs."""
+    """Make a certificate again from its file or bundle alone and compare every number; exit code 1 if one differs."""
     from xdynamics.bundling import recheck as made_again
 
     result = made_again(certificate)
@@ -122,19 +132,22 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @click.argument("data", metavar="DATA.csv")
-@click.option("--parameter", "parameters", multiple=True, required=True, metavar="NAME", help="A parameter or initial value to be found.")  # fmt: skip
-@click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Between which it is: k='0:10 N m-1'.")
-@click.option("-o", "--output", metavar="F.nc", help="Where to keep the fit.")
+@click.option("--parameter", "parameters", multiple=True, required=True, metavar="NAME", help="A parameter or initial value to fit.")  # fmt: skip
+@click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Bounds of a parameter, like k='0:10 N m-1'.")
+@click.option("-o", "--output", metavar="F.nc", help="Where to write the fit.")
 @click.option(
     "--starts",
     type=int,
     default=8,
     show_default=True,
-    help="Searches at most: the first whose residuals are noise is the last.",
+    help="The most searches; the first whose residuals are no more than noise is the last.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of starts that are drawn.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of randomly drawn starting points.")
 @click.option(
-    "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
+    "--gaps",
+    type=click.Choice(["refuse", "skip"]),
+    default="refuse",
+    help="What to do with rows in which a number is missing.",
 )
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")

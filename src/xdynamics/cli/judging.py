@@ -18,19 +18,21 @@ if TYPE_CHECKING:
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.option("-o", "--output", metavar="R.nc", help="Where to keep the refinement.")
+@click.option("-o", "--output", metavar="R.nc", help="Where to write the refinement.")
 @click.option("--step", help="The coarsest step, like '10 ms'.")
 @click.option("--rtol", help="The coarsest relative tolerance, like 1e-4, in place of a step.")
-@click.option("--time-tolerance", help="The coarsest tolerance of events, like '1 ms', in place of both: step and rtol then stay.")  # fmt: skip
-@click.option("--levels", type=int, default=5, show_default=True, help="How many levels.")
-@click.option("--ratio", type=float, help="From one level to the next: 2 of steps, 10 of tolerances.")
-@click.option("--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default the end.")
-@click.option("--observable", "observables", multiple=True, metavar="NAME", help="What to compare; by default every state. Also energy_range, period_x, phase_x.")  # fmt: skip
-@click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Go on with finer levels until NAME changes by less, like y='10 m'.")  # fmt: skip
-@click.option("--keep", metavar="FOLDER", help="Stream the run of each level to a file there.")
-@click.option("--most-rows", type=float, help="Rows that an added level may have at most.")
+@click.option("--time-tolerance", help="The coarsest tolerance of event times, like '1 ms'; step and rtol are then the same at all levels.")  # fmt: skip
+@click.option("--levels", type=int, default=5, show_default=True, help="Number of levels.")
+@click.option(
+    "--ratio", type=float, help="Ratio from one level to the next; by default 2 for steps and 10 for tolerances."
+)
+@click.option("--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default the end.")
+@click.option("--observable", "observables", multiple=True, metavar="NAME", help="A quantity to compare, energy_range, period_x and phase_x included; by default every state.")  # fmt: skip
+@click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Add finer levels until NAME changes by less than SIZE, like y='10 m'.")  # fmt: skip
+@click.option("--keep", metavar="FOLDER", help="Stream the run of each level into a file in this folder.")
+@click.option("--most-rows", type=float, help="The most rows that an added level may have.")
 @click.option("--memory", metavar="SIZE", help="The most that a level may take in memory, like '2 GB'.")
-@click.option("--defects", is_flag=True, help="Add the largest local error of a step in each level.")
+@click.option("--defects", is_flag=True, help="Also compute the largest local error of a single step at each level.")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @settings(without=("step", "rtol", "time_tolerance", *OF_RECORDS))
 def refine(
@@ -118,14 +120,14 @@ def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("-o", "--output", metavar="D.nc", help="Where to keep the diagnosis.")
-@click.option("--of", help="The coordinate whose cycles are counted; the first one without it.")
-@click.option("--level", metavar="VALUE", help="Which level a cycle begins with the rise through, like '0.1 m'; else one that is passed often.")  # fmt: skip
-@click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are offset from; without it one more run at a tighter setting.")  # fmt: skip
+@click.option("-o", "--output", metavar="D.nc", help="Where to write the diagnosis.")
+@click.option("--of", help="The coordinate whose cycles are counted; by default the first.")
+@click.option("--level", metavar="VALUE", help="The level whose upward crossing begins a cycle, like '0.1 m'; by default one that is passed often.")  # fmt: skip
+@click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are compared with: a period, or another run; by default a companion run at a tighter setting.")  # fmt: skip
 @click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
 @click.option("--lyapunov", is_flag=True, help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.")  # fmt: skip
 @click.option("--exponents", type=click.IntRange(1), metavar="N", help="Find the N largest Lyapunov exponents only.")
-@click.option("--no-companion", is_flag=True, help="Make no further run.")
+@click.option("--no-companion", is_flag=True, help="Do not march a companion run for error estimates.")
 def diagnose(
     archive: str,
     output: str | None,
@@ -137,7 +139,7 @@ def diagnose(
     exponents: int | None,
     no_companion: bool,
 ) -> None:
-    """Energy, momentum, cycles and phases, extremes, residuals of a run, and until when it can be believed."""
+    """Report energy, momentum, cycles, phases, extremes and residuals of a run, and until when it can be believed."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.diagnosing.diagnosis import diagnose as diagnosed
     from xdynamics.evidence.diagnosing.diagnosis import lines_of
@@ -152,10 +154,10 @@ def diagnose(
 
 @main.command()
 @click.argument("model_file", metavar="[MODEL.toml]", required=False)
-@click.option("--method", "methods", multiple=True, metavar="NAME", help="A method; by default all, or that of the model's [run].")  # fmt: skip
-@click.option("-o", "--output", metavar="L.nc", help="Where to keep the ledger.")
+@click.option("--method", "methods", multiple=True, metavar="NAME", help="A method; by default all of them, or the one in the model's [run].")  # fmt: skip
+@click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
-    """Hold methods against exact cases, or a model against its own [validation.*]; ends with 1 where one failed."""
+    """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""
     from xdynamics.evidence.validating.ledger import FAILED, lines_of
     from xdynamics.evidence.validating.ledger import validate as validated
 
@@ -170,16 +172,19 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
 @click.argument("first", metavar="RUN.nc")
 @click.argument("second", metavar="OTHER.nc|DATA.csv")
 @click.option(
-    "--at", "times", multiple=True, metavar="TIME", help="A time to compare at; by default all accepted ones."
+    "--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default every accepted step."
 )
 @click.option(
-    "--gaps", type=click.Choice(["refuse", "skip"]), default="refuse", help="Rows of data in which a number is missing."
+    "--gaps",
+    type=click.Choice(["refuse", "skip"]),
+    default="refuse",
+    help="What to do with rows in which a number is missing.",
 )
-@click.option("-o", "--output", metavar="C.nc", help="Where to keep the comparison.")
+@click.option("-o", "--output", metavar="C.nc", help="Where to write the comparison.")
 def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
 
-    Ends with 1 where two runs are not the same, bit for bit.
+    Exit code 1 if two runs are not the same, bit for bit.
     """
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparing.comparison import compare as compared

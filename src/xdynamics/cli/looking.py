@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("--all", "whole", is_flag=True, help="Equations, settings and digests too.")
-@click.option("--json", "as_json", is_flag=True, help="For scripts: outcome, end, events as JSON.")
+@click.option("--all", "whole", is_flag=True, help="Also print equations, settings and digests.")
+@click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 def show(archive: str, whole: bool, as_json: bool) -> None:
     """Print what an archive holds: outcome, events, parameters; of a sweep's folder its members."""
     from xdynamics.summary import as_data, details
@@ -43,15 +43,19 @@ def _opened(name: str) -> xr.Dataset:
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 @click.option(
-    "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF by its ending."
+    "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF, by its suffix."
 )
-@click.option("--only", metavar="NAMES", help="Panels or variables to draw alone, like 'plane,energy,x'.")
+@click.option("--only", metavar="NAMES", help="Draw only these panels or variables, like 'plane,energy,x'.")
 @click.option(
-    "--with", "beside", multiple=True, metavar="FILE", help="Another run, or measured data as CSV, drawn over it."
+    "--with",
+    "beside",
+    multiple=True,
+    metavar="FILE",
+    help="Another run, or measured data as CSV, drawn over the first.",
 )
 @click.option("--size", metavar="WxH", help="Width and height in inches, like 8x5.")
-@click.option("--dpi", type=int, default=130, help="Dots an inch, of PNG (130).")
-@click.option("--dark", is_flag=True, help="On a dark ground.")
+@click.option("--dpi", type=int, default=130, help="Dots per inch of a PNG (130).")
+@click.option("--dark", is_flag=True, help="Draw on a dark background.")
 def plot(
     archive: str, output: str, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
 ) -> None:
@@ -78,10 +82,12 @@ def _size(text: str | None) -> tuple[float, float] | None:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("-o", "--output", required=True, metavar="FILM", help="The film to write: GIF, or MP4 where ffmpeg is.")
-@click.option("--seconds", type=float, help="How long it lasts.")
-@click.option("--trail", type=float, help="How far back the trail goes, in the time of the run.")
-@click.option("--dark", is_flag=True, help="On a dark ground.")
+@click.option(
+    "-o", "--output", required=True, metavar="FILM", help="The film to write: GIF, or MP4 if ffmpeg is installed."
+)
+@click.option("--seconds", type=float, help="Duration of the film in seconds.")
+@click.option("--trail", type=float, help="Length of the trail, in the run's own time.")
+@click.option("--dark", is_flag=True, help="Draw on a dark background.")
 def animate(archive: str, output: str, seconds: float | None, trail: float | None, dark: bool) -> None:
     """Film the motion in the plane, with the time and trails."""
     from xdynamics.figures.animation import animate as film
@@ -92,8 +98,8 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("--times", required=True, help="Where: '1 s', '0.1 s, 0.2 s' or '0:20:201 s', start:stop:count.")
-@click.option("-o", "--output", metavar="TABLE.csv", help="The table to write; without it, it is printed.")
+@click.option("--times", required=True, help="The times: '1 s', '0.1 s, 0.2 s' or '0:20:201 s' (first:last:count).")
+@click.option("-o", "--output", metavar="TABLE.csv", help="The table to write; printed if not given.")
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run

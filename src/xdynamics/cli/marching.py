@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 )
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
-@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 @click.option("--memory", metavar="SIZE", help="The most that the log may take in memory, like '2 GB'.")
 @click.option(
     "--tables",
@@ -52,7 +52,7 @@ def run(
 ) -> None:
     """March a model file and archive the run.
 
-    What a long run has done is kept in segments beside the archive, until it is whole: --resume goes on from there.
+    A long run keeps its finished segments beside the archive until it is complete; --resume continues from them.
     """
     from xdynamics.archive import check_target
 
@@ -95,9 +95,9 @@ def discard(archives: tuple[str, ...]) -> None:
 @click.argument("archive", metavar="RUN.nc")
 @click.option("--until", required=True, help="The new end, like '20 s'.")
 @click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
-@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 def extend(archive: str, until: str, output: str, resume: bool) -> None:
-    """Go on behind the end of a complete run, as if it had been asked for more at once."""
+    """Continue a complete run beyond its end, with the bits of one march that also lands there."""
     from xdynamics.extension import extend as extended
 
     with progress() as report:
@@ -108,10 +108,10 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 @click.option("-o", "--output", required=True, metavar="WHOLE.nc", help="The archive to write.")
-@click.option("--keep-every", type=int, default=1, metavar="N", help="Every N-th row alone, of all columns.")
-@click.option("--resume", is_flag=True, help="Go on from the segments that a process left behind.")
+@click.option("--keep-every", type=int, default=1, metavar="N", help="Keep only every N-th row, with all columns.")
+@click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
-    """Add what --log and --keep-every left out of a run, to the bits: it is marched again and compared."""
+    """Add what --log and --keep-every left out of a run, bit for bit: it is marched again and compared."""
     from xdynamics.completion import complete as completed
 
     with progress() as report:

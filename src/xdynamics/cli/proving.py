@@ -13,7 +13,7 @@ from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, main, say
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
-@click.option("--key", metavar="PUBLIC.pem", help="Verify that the owner of this key signed them, too.")
+@click.option("--key", metavar="PUBLIC.pem", help="Also verify that the owner of this key signed them.")
 def verify(archives: tuple[str, ...], key: str | None) -> None:
     """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
     from xdynamics.archive import open_run, signatures
@@ -60,7 +60,7 @@ def _verified_sweep(folder: str) -> Iterator[str]:
 @main.command(makes=True)
 @click.argument("archives", nargs=-1, metavar="RUN.nc…")
 @click.option("--key", metavar="KEY.pem", help="Your private Ed25519 key.")
-@click.option("--new-key", metavar="KEY.pem", help="Make a pair of keys first: KEY.pem and KEY.public.pem.")
+@click.option("--new-key", metavar="KEY.pem", help="First make a pair of keys, KEY.pem and KEY.public.pem.")
 def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> None:
     """Sign archives: a file RUN.nc.sig beside each, for `verify --key PUBLIC.pem`."""
     from xdynamics.archive import signatures

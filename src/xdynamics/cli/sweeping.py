@@ -18,23 +18,30 @@ from xdynamics.faults import InputError
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.option("-o", "--output", required=True, metavar="FOLDER", help="Where to keep the sweep; what is there already is not marched again.")  # fmt: skip
-@click.option("--axis", "axes", multiple=True, metavar="NAME=VALUES", help="What varies: c=0:2e-3:41 kg m-1 (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.")  # fmt: skip
-@click.option("--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together, along one dimension.")  # fmt: skip
-@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn: m='1:2 kg'; of the design declared a name alone.")  # fmt: skip
-@click.option("--draws", type=int, help="How many draws; of Sobol points a power of two.")
+@click.option("-o", "--output", required=True, metavar="FOLDER", help="The folder of the sweep; members that are there already are not marched again.")  # fmt: skip
+@click.option("--axis", "axes", multiple=True, metavar="NAME=VALUES", help="What varies: c='0:2e-3:41 kg m-1' (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.")  # fmt: skip
+@click.option("--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together along one dimension.")  # fmt: skip
+@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn, like m='1:2 kg'; only its name with --design declared.")  # fmt: skip
+@click.option("--draws", type=int, help="Number of draws; a power of two for Sobol points.")
 @click.option(
     "--design",
     default="sobol",
     show_default=True,
-    help="sobol, latin_hypercube or declared (the distributions in the model).",
+    help="sobol, latin_hypercube, or declared (the distributions in the model).",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the draws.")
-@click.option("--keep", "kept", multiple=True, metavar="WORD", help="end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at --at, log …")  # fmt: skip
-@click.option("--at", "times", multiple=True, metavar="TIME", help="A time to keep states at.")
-@click.option("--occurrences", type=int, default=1, show_default=True, help="Of every event that are kept.")
-@click.option("--check", type=float, default=0.0, help="Part of the members that are marched alone too, and compared.")
-@click.option("--scheduler", metavar="tcp://…", help="A dask cluster to march on; else this machine's processors.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the draws.")
+@click.option("--keep", "kept", multiple=True, metavar="WORD", help="What is kept of each member: end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at the times of --at, log, …")  # fmt: skip
+@click.option("--at", "times", multiple=True, metavar="TIME", help="A time at which states are kept.")
+@click.option(
+    "--occurrences", type=int, default=1, show_default=True, help="How many occurrences of every event are kept."
+)
+@click.option(
+    "--check",
+    type=float,
+    default=0.0,
+    help="Fraction of the members that are also marched alone and compared bit for bit.",
+)
+@click.option("--scheduler", metavar="tcp://…", help="A dask cluster to run on; by default this machine's processors.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @settings()
 def sweep(

@@ -151,7 +151,7 @@ def _units() -> Iterator[str]:
     yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1' for none."
     yield f"  units     {', '.join(SPELLING.values())}"
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
-    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty behind a sign: 50 ± 0.5 g"
+    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty after a sign: 50 ± 0.5 g"
 
 
 def _record() -> Iterator[str]:

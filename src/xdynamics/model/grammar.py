@@ -232,7 +232,7 @@ SECTIONS: dict[str, Section] = {
             Key("bound", 'quantity, "rounding", "rounding from order 2", "order", "band" or "unscaled"', "the most that it may be off, or how that follows", NEEDED),
             Key("quantity", "name", "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
             Key("times", "time or list of times", "where it is compared", "at every accepted state"),
-            Key("event", "name", "behind which it is compared", "none"),
+            Key("event", "name", "after which it is compared", "none"),
             Key("occurrence", "whole number from 1 on", "which of these", "1"),
             DESCRIPTION,
         ),
