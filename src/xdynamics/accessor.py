@@ -106,7 +106,9 @@ class Dynamics:
             for variable in map(str, run.data_vars)
             if run[variable].dims == (EVENTS,) and variable not in left_out
         ]
-        variables: dict[str, Any] = {"event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))}  # fmt: skip
+        variables: dict[str, Any] = {
+            "event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))
+        }
         variables |= {
             variable: ((EVENTS,), run[variable].values[rows], run[variable].attrs)
             for variable in ("event_time", *wanted)

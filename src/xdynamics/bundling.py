@@ -177,7 +177,11 @@ def _faults(folder: Path) -> list[str]:
     rows = [line.partition("  ") for line in sums.splitlines()]
     digests = {name: digest for digest, _, name in rows}
     missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or not (folder / name).is_file()]
-    damaged = [f"{name} differs from its digest" for name, digest in digests.items() if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest]  # fmt: skip
+    damaged = [
+        f"{name} differs from its digest"
+        for name, digest in digests.items()
+        if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest
+    ]
     added = sorted({entry.name for entry in folder.iterdir()} - {*SAID, CRATE, SUMS})
     return [*missing, *damaged, *(f"{name} is none of its files" for name in added)]
 
@@ -217,12 +221,24 @@ All of it is made again, and compared number by number, by
 
 def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> None:
     """Write RO-Crate metadata of the files (Soiland-Reyes and others 2022, doi:10.3233/DS-210053)."""
-    kinds = {".nc": "application/x-netcdf", ".toml": "application/toml", ".png": "image/png", ".py": "text/x-python", ".md": "text/markdown"}  # fmt: skip
+    kinds = {
+        ".nc": "application/x-netcdf",
+        ".toml": "application/toml",
+        ".png": "image/png",
+        ".py": "text/x-python",
+        ".md": "text/markdown",
+    }
     crate.name = str(certificate.attrs["title"])
     crate.description = f"{certificate.attrs['of']} = {certificate.attrs['result']}"
     crate.datePublished = str(certificate.attrs["date_created"])
     crate.license = licence
     for name, description in SAID.items():
-        properties = {"name": name, "description": description, "encodingFormat": kinds[Path(name).suffix], "contentSize": str((target / name).stat().st_size), "sha256": _digest(target / name)}  # fmt: skip
+        properties = {
+            "name": name,
+            "description": description,
+            "encodingFormat": kinds[Path(name).suffix],
+            "contentSize": str((target / name).stat().st_size),
+            "sha256": _digest(target / name),
+        }
         crate.add_file(target / name, dest_path=name, properties=properties)
     crate.metadata.write(target)

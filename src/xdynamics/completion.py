@@ -105,8 +105,8 @@ def _completed(
     whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
     if differing := _first_other(kept, whole):
         raise ArchiveError(
-            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{differing}' comes to other"
-            f" bits than were kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
+            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{differing}'"
+            f" comes to other bits than were kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
         )
     return whole
 

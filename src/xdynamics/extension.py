@@ -139,7 +139,8 @@ def _extended(
             raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {note}")
     if missing:
         raise InputError(
-            f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an older version made"
+            f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an"
+            " older version made"
         )
     if path is not None:
         longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
@@ -224,10 +225,16 @@ def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> 
     march.errors = np.full((len(march.estimated), count), np.nan)
     if memory.endswith(f" {ERRORS}") and numbers.size >= march.errors.size:
         border = numbers.size - march.errors.size
-        kept, numbers, march.errors = kept.removesuffix(f" {ERRORS}"), numbers[:border], numbers[border:].reshape(march.errors.shape).copy()  # fmt: skip
+        kept, numbers, march.errors = (
+            kept.removesuffix(f" {ERRORS}"),
+            numbers[:border],
+            numbers[border:].reshape(march.errors.shape).copy(),
+        )
     border = numbers.size - (3 + used) * count
     if not kept.endswith(f" {WITNESSES}") or border < 0:
-        raise InputError(f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end")  # fmt: skip
+        raise InputError(
+            f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end"
+        )
     march.witnesses = numbers[border:].reshape(3 + used, count).copy()
     return kept.removesuffix(f" {WITNESSES}"), numbers[:border]
 
@@ -245,7 +252,9 @@ def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
             float(parse_unit(kept[velocity(name)].attrs["units"]).factor),
         )
         work += np.abs(kept[f"event_impulse_{name}"].values) * (speed[row] + speed[after]) * factor / 2.0
-    return Impacts(kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work)  # fmt: skip
+    return Impacts(
+        kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work
+    )
 
 
 def _recall_passed(kept: xr.Dataset, march: March) -> None:

@@ -34,9 +34,11 @@ def escaped(text: str, *, lines: bool = False) -> str:
         return text
     meant = "\n\t" if lines else ""
     return "".join(
-        character
-        if character in meant or unicodedata.category(character) not in UNSEEN
-        else character.encode("unicode_escape").decode()
+        (
+            character
+            if character in meant or unicodedata.category(character) not in UNSEEN
+            else character.encode("unicode_escape").decode()
+        )
         for character in text
     )
 

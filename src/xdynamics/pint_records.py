@@ -58,7 +58,11 @@ def quantified(run: xr.Dataset) -> xr.Dataset:
     import cf_xarray.units  # noqa: F401 - teaches pint the spelling of UDUNITS, before pint-xarray takes its registry
     import pint_xarray  # noqa: F401 - the accessor
 
-    numbers = {name: variable.attrs[UNITS] for name, variable in run.variables.items() if variable.dtype.kind == "f" and UNITS in variable.attrs}  # fmt: skip
+    numbers = {
+        name: variable.attrs[UNITS]
+        for name, variable in run.variables.items()
+        if variable.dtype.kind == "f" and UNITS in variable.attrs
+    }
     result: xr.Dataset = run.pint.quantify(numbers)
     for name, text in numbers.items():
         result[name].attrs[AS_RECORDED] = text
@@ -85,8 +89,13 @@ def plain(run: xr.Dataset) -> xr.Dataset:
         except InputError as error:
             raise InputError(f"'{name}' is in {str(variable.data.units)!r}, which no record holds: {error}") from None
         recorded = str(variable.attrs.get(AS_RECORDED, text))
-        same = (parse_unit(recorded).dimension, parse_unit(recorded).factor) == (parse_unit(text).dimension, parse_unit(text).factor)  # fmt: skip
-        attributes = {UNITS: recorded if same else text} | {key: value for key, value in variable.attrs.items() if key != AS_RECORDED}  # fmt: skip
+        same = (parse_unit(recorded).dimension, parse_unit(recorded).factor) == (
+            parse_unit(text).dimension,
+            parse_unit(text).factor,
+        )
+        attributes = {UNITS: recorded if same else text} | {
+            key: value for key, value in variable.attrs.items() if key != AS_RECORDED
+        }
         result[name] = variable.copy(data=variable.data.magnitude)
         result[name].attrs = attributes
     return result.set_coords([*run.coords])

@@ -30,10 +30,13 @@ NEAR = {"LSODA": "radau_iia", "BDF": "radau_iia"}
 DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
 
 NOT_HERE = {
-    "dense_output": "`sample` gives the states between steps of any record", "vectorized": "the right-hand side is written down once",
-    "jac": "derivatives are those of the expressions", "jac_sparsity": "derivatives are those of the expressions",
-    "lband": "derivatives are those of the expressions", "uband": "derivatives are those of the expressions",
-}  # fmt: skip
+    "dense_output": "`sample` gives the states between steps of any record",
+    "vectorized": "the right-hand side is written down once",
+    "jac": "derivatives are those of the expressions",
+    "jac_sparsity": "derivatives are those of the expressions",
+    "lband": "derivatives are those of the expressions",
+    "uband": "derivatives are those of the expressions",
+}
 RightSide = Callable[..., Any]
 Floats = NDArray[np.float64]
 
@@ -139,11 +142,14 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
         scaled_rate = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
         states[word] = {"unit": unit, "rate": text_of(node_of(scaled_rate))}
     return Model(
-        name=_called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], states=states,
+        name=_called(fun),
+        description=(inspect.getdoc(fun) or "").split("\n")[0],
+        states=states,
         parameters=parameters | sizes,
-        initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"} | dict(zip(words, starts, strict=True)),
+        initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"}
+        | dict(zip(words, starts, strict=True)),
         events=_events(written[1:]),
-    )  # fmt: skip
+    )
 
 
 def _starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
@@ -224,7 +230,9 @@ def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, gi
     return first
 
 
-def _each_written(functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]) -> Iterator[Written]:  # fmt: skip
+def _each_written(
+    functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]
+) -> Iterator[Written]:
     fun, *events = functions
     rates = _as_many(fun, traced(fun, t, y.copy(), *given), len(words))
     yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
@@ -234,12 +242,20 @@ def _each_written(functions: list[RightSide], words: list[str], t: Traced, y: An
 
 def _numbers(starts: list[str], own: list[str]) -> Floats:
     """Return initial values as numbers of their units."""
-    return np.array([parse_quantity(start).si / float(parse_unit(unit).factor) for start, unit in zip(starts, own, strict=True)])  # fmt: skip
+    return np.array(
+        [parse_quantity(start).si / float(parse_unit(unit).factor) for start, unit in zip(starts, own, strict=True)]
+    )
 
 
 def _check_numbers(
-    written: list[Written], words: list[str], scales: Mapping[str, str], t_span: Any, y0: Floats, named: list[str], args: Any
-) -> None:  # fmt: skip
+    written: list[Written],
+    words: list[str],
+    scales: Mapping[str, str],
+    t_span: Any,
+    y0: Floats,
+    named: list[str],
+    args: Any,
+) -> None:
     """Call functions with numbers, at the start and at a state near it, and compare the results with their expressions."""
     begin, end = (parse_time(one, "t_span") for one in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]

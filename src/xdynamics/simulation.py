@@ -232,7 +232,8 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[
     outside = wanted[(wanted < start) | (wanted > until)]
     if outside.size:
         raise InputError(
-            f"times have {float(outside[0])!r}{behind(unit)}, and the run goes from {start!r}{behind(unit)} to {until!r}{behind(unit)}"
+            f"times have {float(outside[0])!r}{behind(unit)}, and the run goes from {start!r}{behind(unit)} to"
+            f" {until!r}{behind(unit)}"
         )
     return wanted
 
@@ -247,7 +248,10 @@ def check_sampled(settings: Settings) -> None:
     """
     if settings.keep_every > 1 or settings.log not in (FULL, STATES):
         word = "keep_every" if settings.keep_every > 1 else "log"
-        raise InputError(f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave out times or {word}")  # fmt: skip
+        raise InputError(
+            f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave"
+            f" out times or {word}"
+        )
 
 
 def _sampled(model: Model, settings: Settings, wanted: NDArray[np.float64], progress: Progress | None) -> xr.Dataset:
@@ -266,7 +270,11 @@ def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr
     if wanted is None:
         return run
     reached = wanted[wanted <= float(run["time"][-1])]
-    states = sample(run, reached, functions=model.functions) if reached.size else sample(run, float(run["time"][-1])).isel(at=slice(0))  # fmt: skip
+    states = (
+        sample(run, reached, functions=model.functions)
+        if reached.size
+        else sample(run, float(run["time"][-1])).isel(at=slice(0))
+    )
     return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
 
 
@@ -299,16 +307,17 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     limit, unit_suffix = _longest_stable_step(model, method), behind(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
-            f"step {step:.6g}{unit_suffix} is beyond the stability limit {limit:.6g}{unit_suffix} of '{method.name}' for '{model.name}' at its"
-            " start: errors grow from step to step; take a shorter step, or see xdynamics.modes(model) for what other"
-            " methods bear",
+            f"step {step:.6g}{unit_suffix} is beyond the stability limit {limit:.6g}{unit_suffix} of '{method.name}'"
+            f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
+            " xdynamics.modes(model) for what other methods bear",
             StabilityWarning,
         )
     elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
         warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is 0{unit_suffix}): errors"
-            f" grow from step to step, with {step:.6g}{unit_suffix} more than e times within this run of {span:.6g}{unit_suffix}, up to"
-            f" {longest:.3g}{unit_suffix} less; see xdynamics.modes(model) for methods that are stable",
+            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
+            f" 0{unit_suffix}): errors grow from step to step, with {step:.6g}{unit_suffix} more than e times within"
+            f" this run of {span:.6g}{unit_suffix}, up to {longest:.3g}{unit_suffix} less; see xdynamics.modes(model)"
+            " for methods that are stable",
             StabilityWarning,
         )
 

@@ -33,12 +33,21 @@ from xdynamics.units import behind
 FEW_EVENTS = 4  # of one name, that are listed one by one
 # kind of evidence -> the room that says what it tells
 TOLD = {
-    "companion": "evidence.companion", "comparison": "evidence.comparing.comparison",
-    "diagnosis": "evidence.diagnosing.diagnosis", "ledger": "evidence.validating.ledger",
-    "limiting case": "evidence.validating.limiting", "refinement": "evidence.refining.refinement",
-    "budget": "budgeting.budget_summary", "certificate": "budgeting.certificate", "fit": "budgeting.fit_summary", "sweep": "sweeping.sweep_summary",
-    **dict.fromkeys(("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"), "sweeping.survey_summary"),
-}  # fmt: skip
+    "companion": "evidence.companion",
+    "comparison": "evidence.comparing.comparison",
+    "diagnosis": "evidence.diagnosing.diagnosis",
+    "ledger": "evidence.validating.ledger",
+    "limiting case": "evidence.validating.limiting",
+    "refinement": "evidence.refining.refinement",
+    "budget": "budgeting.budget_summary",
+    "certificate": "budgeting.certificate",
+    "fit": "budgeting.fit_summary",
+    "sweep": "sweeping.sweep_summary",
+    **dict.fromkeys(
+        ("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"),
+        "sweeping.survey_summary",
+    ),
+}
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
@@ -67,7 +76,8 @@ def summary(run: xr.Dataset) -> list[str]:
         energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
         lines.append(
-            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}{among}, end minus start {change:.3g} {units}"
+            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
+            f" {change:.3g} {units}"
         )
     return [escaped(line) for line in (*lines, *_pace(attributes), *_events(run))]
 
@@ -82,12 +92,18 @@ def _at_rest(attributes: Mapping[Any, Any]) -> Iterator[str]:
 def _pace(attributes: Mapping[Any, Any]) -> Iterator[str]:
     """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
     if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
-        yield f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at most, of the fastest rate"
+        yield (
+            f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at"
+            " most, of the fastest rate"
+        )
     if float(attributes.get("run_slowest_periods", 1.0)) < SHORT:
         unit_suffix = (
             "" if attributes["run_slowest_period_units"] == "1" else f" {attributes['run_slowest_period_units']}"
         )
-        yield f"span      {attributes['run_slowest_periods']:.2g} of the slowest period at the start, {attributes['run_slowest_period']:g}{unit_suffix}: what it does in a period is not seen"
+        yield (
+            f"span      {attributes['run_slowest_periods']:.2g} of the slowest period at the start,"
+            f" {attributes['run_slowest_period']:g}{unit_suffix}: what it does in a period is not seen"
+        )
 
 
 def _evidence(evidence: xr.Dataset) -> Iterator[str]:
@@ -144,7 +160,11 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     ]
     lines += [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
     detectors = run["event_detector"].attrs if "event_detector" in run else {}
-    lines += [f"  events, {key.replace('_', ' ')} = {shortened(text)}" for key, text in detectors.items() if key not in _OF_FLAGS]  # fmt: skip
+    lines += [
+        f"  events, {key.replace('_', ' ')} = {shortened(text)}"
+        for key, text in detectors.items()
+        if key not in _OF_FLAGS
+    ]
     return [escaped(line) for line in lines]
 
 
@@ -248,8 +268,9 @@ def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
     times = run["event_time"].values[rows]
     apart, suffix = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return (
-        f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])}; {apart.mean():.6g}{_second(run)} apart,"
-        f" from {apart.min():.6g}{_second(run)} to {apart.max():.6g}{_second(run)}"
+        f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])};"
+        f" {apart.mean():.6g}{_second(run)} apart, from {apart.min():.6g}{_second(run)} to"
+        f" {apart.max():.6g}{_second(run)}"
     )
 
 
@@ -270,12 +291,29 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
             "kind": said_of(attributes),
             "sizes": {str(dim): size for dim, size in run.sizes.items()},
         }
-    end = {name: float(run[name][-1]) for name in map(str, run.data_vars) if run[name].dims == (STEPS,) and run[name].attrs.get("role") in ("coordinate", "velocity", "state")}  # fmt: skip
+    end = {
+        name: float(run[name][-1])
+        for name in map(str, run.data_vars)
+        if run[name].dims == (STEPS,) and run[name].attrs.get("role") in ("coordinate", "velocity", "state")
+    }
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
-    events = [{"name": name, "kind": kind, "time": float(run["event_time"][i]), "uncertainty": float(run["event_time_uncertainty"][i])} for i, (name, kind) in enumerate(zip(names, kinds, strict=True))]  # fmt: skip
+    events = [
+        {
+            "name": name,
+            "kind": kind,
+            "time": float(run["event_time"][i]),
+            "uncertainty": float(run["event_time_uncertainty"][i]),
+        }
+        for i, (name, kind) in enumerate(zip(names, kinds, strict=True))
+    ]
     return data | {
-        "outcome": str(attributes["run_outcome"]), "text": str(attributes["run_outcome_text"]), "method": str(attributes["solver_method"]),
-        "force_evaluations": int(attributes["run_force_evaluations"]), "sizes": {str(dim): size for dim, size in run.sizes.items()},
-        "end": {"time": float(run["time"][-1])} | end, "units": {name: str(run[name].attrs["units"]) for name in end},
-        "events": events, "content_digest": str(attributes.get("content_digest", "")),
-    }  # fmt: skip
+        "outcome": str(attributes["run_outcome"]),
+        "text": str(attributes["run_outcome_text"]),
+        "method": str(attributes["solver_method"]),
+        "force_evaluations": int(attributes["run_force_evaluations"]),
+        "sizes": {str(dim): size for dim, size in run.sizes.items()},
+        "end": {"time": float(run["time"][-1])} | end,
+        "units": {name: str(run[name].attrs["units"]) for name in end},
+        "events": events,
+        "content_digest": str(attributes.get("content_digest", "")),
+    }

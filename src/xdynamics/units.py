@@ -91,9 +91,17 @@ _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 # does not wait for pint's dictionary
 _SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
                                 "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True))  # fmt: skip
-_FACTORS = {"g": (_base(kg=1), Fraction(1, 1000)), "degree": (NONE, _PI / 180), "min": (TIME, Fraction(60)),
-            "h": (TIME, Fraction(3600)), "d": (TIME, Fraction(86400)), "mm": (_base(m=1), Fraction(1, 1000)),
-            "ms": (TIME, Fraction(1, 1000)), "cm": (_base(m=1), Fraction(1, 100)), "km": (_base(m=1), Fraction(1000))}  # fmt: skip
+_FACTORS = {
+    "g": (_base(kg=1), Fraction(1, 1000)),
+    "degree": (NONE, _PI / 180),
+    "min": (TIME, Fraction(60)),
+    "h": (TIME, Fraction(3600)),
+    "d": (TIME, Fraction(86400)),
+    "mm": (_base(m=1), Fraction(1, 1000)),
+    "ms": (TIME, Fraction(1, 1000)),
+    "cm": (_base(m=1), Fraction(1, 100)),
+    "km": (_base(m=1), Fraction(1000)),
+}
 
 
 @dataclass(frozen=True)
@@ -331,7 +339,9 @@ class Range:
         if units and match["unit"]:
             raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
         if units and len({item.dimension for item in units}) > 1:
-            raise InputError(f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit")  # fmt: skip
+            raise InputError(
+                f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit"
+            )
         unit = units[-1] if units else parse_unit(match["unit"] or "1")
         start, stop = (
             item.value if item.unit.text in ("1", unit.text) else item.si / float(unit.factor) for item in ends
@@ -435,8 +445,15 @@ def _named(name: str) -> tuple[str, Dimension, Fraction]:
     if unit not in SPELLING or prefix not in PREFIX or (prefix and unit in NO_PREFIX):
         raise InputError(f"unit '{name}' is not known; use SI names and symbols, like 'm', 'kg', 'degree'")
     factor, _ = registry.get_base_units(prefix + unit)
-    powers = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K",
-              "[substance]": "mol", "[luminosity]": "cd"}  # fmt: skip
+    powers = {
+        "[mass]": "kg",
+        "[length]": "m",
+        "[time]": "s",
+        "[current]": "A",
+        "[temperature]": "K",
+        "[substance]": "mol",
+        "[luminosity]": "cd",
+    }
     base = {powers[key]: int(power) for key, power in registry.get_dimensionality(prefix + unit).items()}
     return PREFIX[prefix] + SPELLING[unit], _base(**base), Fraction(factor)
 

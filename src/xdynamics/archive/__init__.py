@@ -19,10 +19,22 @@ if TYPE_CHECKING:
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source", "clear_rest": "segments", "check_target": "target", "check_unchanged": "integrity", "content_digest": "seals", "digest_of_run": "integrity", "discard": "segments", "has_segments": "segments",
-    "marched": "origin", "open_run": "reading", "save": "writing", "save_many": "writing",
-    "selected_like": "integrity", "stream": "streaming", "verify": "reading",
-}  # fmt: skip
+    "check_source": "source",
+    "clear_rest": "segments",
+    "check_target": "target",
+    "check_unchanged": "integrity",
+    "content_digest": "seals",
+    "digest_of_run": "integrity",
+    "discard": "segments",
+    "has_segments": "segments",
+    "marched": "origin",
+    "open_run": "reading",
+    "save": "writing",
+    "save_many": "writing",
+    "selected_like": "integrity",
+    "stream": "streaming",
+    "verify": "reading",
+}
 
 __all__ = [
     "check_source",

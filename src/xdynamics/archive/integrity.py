@@ -173,13 +173,15 @@ def _rows(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterat
     whole = origin.whole()
     if whole is None:
         yield (
-            f"rows of '{dim}' are left out, and the run they were taken from is no longer at hand: save the selection in the"
-            " process that made it, or next to the archive it was read from"
+            f"rows of '{dim}' are left out, and the run they were taken from is no longer at hand: save the selection"
+            " in the process that made it, or next to the archive it was read from"
         )
         return
     rows = rows_within(names, run, whole)
     if isinstance(rows, int):
-        yield f"row {rows} of '{dim}', with {names[0]} = {_short(run[names[0]].values[rows])}, is none of the run's rows"
+        yield (
+            f"row {rows} of '{dim}', with {names[0]} = {_short(run[names[0]].values[rows])}, is none of the run's rows"
+        )
 
 
 def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:

@@ -102,8 +102,13 @@ class _Examiner:
         """
         seconds += path.stat().st_size / BYTES_PER_SECOND
         unpacking = path.stat().st_size * MOST_PACKED / UNPACKED_PER_SECOND
-        question = {"path": os.fspath(path.absolute()), "tail": vars(tail), "seconds": seconds, "memory": memory,
-                    "bytes_per_second": UNPACKED_PER_SECOND}  # fmt: skip
+        question = {
+            "path": os.fspath(path.absolute()),
+            "tail": vars(tail),
+            "seconds": seconds,
+            "memory": memory,
+            "bytes_per_second": UNPACKED_PER_SECOND,
+        }
         with self._turn:
             try:
                 answer = self._asked(json.dumps(question), min(WAITED * (seconds + unpacking) + STARTING, LONGEST))
@@ -174,9 +179,13 @@ class _Examiner:
         with suppress(OSError):
             self._process = subprocess.Popen(  # noqa: S603 - this very interpreter
                 [sys.executable, "-I", "-c", program],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, start_new_session=True,
-            )  # fmt: skip
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                start_new_session=True,
+            )
             if _said(self._process, STARTING) != READY:
                 self.end()
         return self._process

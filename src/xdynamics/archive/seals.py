@@ -111,9 +111,11 @@ def tail_of(path: Path) -> Tail:
         return Tail(fault=f"{excess} bytes stand behind its seal" if excess > 1 else "a byte stands behind its seal")
     if MARK in end:
         return Tail(
-            fault="its seal is hurt"
-            if excess == 0
-            else f"its seal is cut off: {-excess} of its {_LENGTH} bytes are missing"
+            fault=(
+                "its seal is hurt"
+                if excess == 0
+                else f"its seal is cut off: {-excess} of its {_LENGTH} bytes are missing"
+            )
         )
     alike = sum(byte == expected for byte, expected in zip(mark, MARK, strict=False))
     return Tail(fault="its seal is hurt") if 2 * alike > len(MARK) else Tail()

@@ -75,7 +75,9 @@ class Segment:
                 raise ArchiveError(f"differs from the digest of '{name}'")
 
 
-def write(path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]) -> str:  # fmt: skip
+def write(
+    path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]
+) -> str:
     """Write a segment whole or not at all; return its digest."""
     shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
     header = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}

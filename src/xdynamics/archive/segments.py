@@ -69,7 +69,9 @@ class Segments:
     def __enter__(self) -> Segments:
         return self
 
-    def __exit__(self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None) -> None:  # fmt: skip
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
         if self._lock is not None:
             os.close(self._lock)
 

@@ -28,9 +28,13 @@ if TYPE_CHECKING:
 KIND, KIND_OF_0_2 = "xdynamics signature 2", "xdynamics signature 1"
 # the lines of a signature, and what each digest is of
 COVERED = {
-    KIND: {"content": "content digest", "circumstances": "digest of date, versions and machine", "bytes": "digest of the file's bytes"},
+    KIND: {
+        "content": "content digest",
+        "circumstances": "digest of date, versions and machine",
+        "bytes": "digest of the file's bytes",
+    },
     KIND_OF_0_2: {"content": "content digest", "circumstances": "digest of date, versions and machine"},
-}  # fmt: skip
+}
 SUFFIX = ".sig"
 NARROW = "a signature of version 0.2: of numbers, attributes and date, not of the file's bytes; sign anew"
 _LONGEST = 65_536  # bytes of a key or a signature
@@ -67,7 +71,8 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     private_key, target = _private(Path(key), passphrase), signature_of(Path(path))
     if kind := asked(target, kind_of):
         raise InputError(
-            f"'{target}' is {kind}, and its name is that of the signature of '{path}'; remove it, or give it another name"
+            f"'{target}' is {kind}, and its name is that of the signature of '{path}'; remove it, or give it another"
+            " name"
         )
     message = _message(KIND, _digests(Path(path)))
     signature = base64.b64encode(private_key.sign(message)).decode()

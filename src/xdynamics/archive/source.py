@@ -34,6 +34,6 @@ def check_name(path: Path) -> None:
     """
     if "\\" in str(asked(path, Path.absolute)):
         raise InputError(
-            f"'{path}' has a backslash in its whole name, which the netCDF library takes for the end of a folder's name;"
-            " name another file"
+            f"'{path}' has a backslash in its whole name, which the netCDF library takes for the end of a folder's"
+            " name; name another file"
         )

@@ -138,8 +138,8 @@ class Batch:
         except OSError as error:
             named = self._files[min(taken, len(self._files) - 1)].name
             raise ArchiveError(
-                f"'{named}' cannot be written: {error.strerror or error}; {taken} of {len(self._files)} files have their names,"
-                " under the others nothing is changed"
+                f"'{named}' cannot be written: {error.strerror or error}; {taken} of {len(self._files)} files have"
+                " their names, under the others nothing is changed"
             ) from error
         self._files.clear()
 

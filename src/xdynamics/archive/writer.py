@@ -97,9 +97,16 @@ class Writer:
         )
         # further levels of zlib take more time, a tenth and up, for a hundredth of the bytes
         variable = self._file.createVariable(
-            name, seal.dtype, dims, chunksizes=chunks, fill_value=False, endian="little",
-            zlib=name in self._packed, complevel=1, shuffle=name in self._packed,
-        )  # fmt: skip
+            name,
+            seal.dtype,
+            dims,
+            chunksizes=chunks,
+            fill_value=False,
+            endian="little",
+            zlib=name in self._packed,
+            complevel=1,
+            shuffle=name in self._packed,
+        )
         variable.set_auto_maskandscale(False)
         if chunks:
             # room for the one chunk that is being filled: the library's 16 MiB each would not be bounded memory

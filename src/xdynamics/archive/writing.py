@@ -171,9 +171,17 @@ def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch
     with new_file(path, batch) as writer:
         writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
-            writer.pack({str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:])) for name, one in run.variables.items() if one.dims and one.dtype.kind in "fiu"})  # fmt: skip
+            writer.pack(
+                {
+                    str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:]))
+                    for name, one in run.variables.items()
+                    if one.dims and one.dtype.kind in "fiu"
+                }
+            )
         # a variable named as a dimension that it is not along must follow it, or the library cannot write the file
-        for name, variable in sorted(run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims):  # fmt: skip
+        for name, variable in sorted(
+            run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims
+        ):
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, variable in run.variables.items():
@@ -209,14 +217,14 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         }
     elif is_evidence(attributes) and (result.faults or result.selected):
         raise InputError(
-            f"this is not the {attributes[EVIDENCE]} as it was made; save it before it is edited, or as data of its own with"
-            f" derived='how it was made':{numbered(result.faults or (result.selected,))}",
+            f"this is not the {attributes[EVIDENCE]} as it was made; save it before it is edited, or as data of its own"
+            f" with derived='how it was made':{numbered(result.faults or (result.selected,))}",
             result.faults or (result.selected,),
         )
     elif result.faults:
         raise InputError(
-            "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as data"
-            f" of its own with derived='how it was made':{numbered(result.faults)}",
+            "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as"
+            f" data of its own with derived='how it was made':{numbered(result.faults)}",
             result.faults,
         )
     elif result.selected:

@@ -135,7 +135,9 @@ def error_budget(
     _check(draws, seed, coverage, digits)
     if model.fit is not None and not model.fit.adequate and inadequate_fit is not True:
         raise InputError(
-            f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True (--inadequate-fit)"
+            f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it"
+            " again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True"
+            " (--inadequate-fit)"
         )
     target = Target.of(model, quantity, at, event, occurrence, side)
     plain_settings = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
@@ -161,15 +163,32 @@ def error_budget(
         )
         if verdict == NOT_ADEQUATE:
             total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
-    variables["linear_verdict"] = ((), np.int8(verdict), about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag") | flags(dict(enumerate(LINEAR))))  # fmt: skip
+    variables["linear_verdict"] = (
+        (),
+        np.int8(verdict),
+        about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
+        | flags(dict(enumerate(LINEAR))),
+    )
     variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
     coverage_text = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
     result = rounded(marched.value, total, float(variables["numerical_bound"][1]), unit.text, coverage_text)
-    attributes |= {
-        "inadequate_fit": int(inadequate_fit), "quantity": quantity, "of": target.said, "event": target.event, "occurrence": occurrence, "side": side,
-        "asked": json.dumps(plain_settings, sort_keys=True), "model_digest": model.digest,
-        "time_units": target.second, "solver_method": str(marched.run.attrs["solver_method"]), "result": result,
-    } | ({"at": target.at} if target.at is not None else {}) | _where(target, marched.run, model)  # fmt: skip
+    attributes |= (
+        {
+            "inadequate_fit": int(inadequate_fit),
+            "quantity": quantity,
+            "of": target.said,
+            "event": target.event,
+            "occurrence": occurrence,
+            "side": side,
+            "asked": json.dumps(plain_settings, sort_keys=True),
+            "model_digest": model.digest,
+            "time_units": target.second,
+            "solver_method": str(marched.run.attrs["solver_method"]),
+            "result": result,
+        }
+        | ({"at": target.at} if target.at is not None else {})
+        | _where(target, marched.run, model)
+    )
     return exhibit("budget", f"error budget of {model.name}: {target.said}", marched.digests, variables, attributes)
 
 
@@ -179,8 +198,15 @@ def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
     return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}
 
 
-def _terms(model: Model, target: Target, settings: dict[str, Any], marched: numerical.Marched, unit: Unit, terms: Any,
-seed: int) -> list[Term]:  # fmt: skip
+def _terms(
+    model: Model,
+    target: Target,
+    settings: dict[str, Any],
+    marched: numerical.Marched,
+    unit: Unit,
+    terms: Any,
+    seed: int,
+) -> list[Term]:
     """Return all terms: those of the march, of the model, and declared ones.
 
     Raises
@@ -193,9 +219,12 @@ seed: int) -> list[Term]:  # fmt: skip
     ]
     rounding = next(term.bound for term in marched.terms if term.name == numerical.ROUNDOFF)
     all_terms = [
-        *marched.terms, *physical.inputs(model, target, settings, marched.run, rounding), *tabulated.tables(model, target, settings, seed),
-        *physical.discrepancy(model, target, unit), *declared,
-    ]  # fmt: skip
+        *marched.terms,
+        *physical.inputs(model, target, settings, marched.run, rounding),
+        *tabulated.tables(model, target, settings, seed),
+        *physical.discrepancy(model, target, unit),
+        *declared,
+    ]
     names = [term.name for term in all_terms]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         in_model = repeated[0] not in {term.name for term in declared}
@@ -228,4 +257,9 @@ def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
     for term in terms:
         deviation = term.sensitivity_doubt * term.input_uncertainty
         if term.input_unit is not None and deviation > UNSURE * max(term.standard, UNSURE * total):
-            warn(f"{target.said} does not change in proportion with '{term.name}' within its uncertainty, or not smoothly: its slope may be off by {deviation / term.standard if term.standard else inf:.1g} of itself; draw", AccuracyWarning)  # fmt: skip
+            warn(
+                f"{target.said} does not change in proportion with '{term.name}' within its uncertainty, or not"
+                f" smoothly: its slope may be off by {deviation / term.standard if term.standard else inf:.1g} of"
+                " itself; draw",
+                AccuracyWarning,
+            )

@@ -30,10 +30,14 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
         slope, slope_units = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
         size = f"{float(budget['input_uncertainty'][i]):.3g}{_unit(budget['input_units'].values[i])}"
         product = f", {slope:.4g}{_unit(slope_units)} times {size}" if np.isfinite(slope) else ""
-        yield f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the variance{product}"
+        yield (
+            f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the"
+            f" variance{product}"
+        )
     yield (
-        f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most {float(budget['numerical_bound']):.3g}{unit};"
-        f" physical {float(budget['physical_rss']):.3g}{unit}; together {float(budget['total_rss']):.3g}{unit}"
+        f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most"
+        f" {float(budget['numerical_bound']):.3g}{unit}; physical {float(budget['physical_rss']):.3g}{unit}; together"
+        f" {float(budget['total_rss']):.3g}{unit}"
     )
     if "monte_carlo_standard_uncertainty" not in budget:
         yield "linear    not checked: draw, with --draws 10000"
@@ -42,12 +46,18 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     for name in ("shortest", "symmetric"):
         low, high = budget[f"monte_carlo_{name}"].values
         ends = float(budget["monte_carlo_end_doubt"])
-        yield f"drawn     {name} {coverage:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends ± {ends:.1g}{unit}"
+        yield (
+            f"drawn     {name} {coverage:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends"
+            f" ± {ends:.1g}{unit}"
+        )
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
     yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     remedy = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
-    yield f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the draws{remedy}"
+    yield (
+        f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the"
+        f" draws{remedy}"
+    )
 
 
 def settled_by(budget: xr.Dataset) -> str:

@@ -28,7 +28,10 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
     """Return the terms and the totals as variables."""
     by_kind = {kind: [entry for entry in terms if entry.kind == kind] for kind in KINDS}
     covariance = physical.covariance(model, terms)
-    variance = {NUMERICAL: sum(entry.standard**2 for entry in by_kind[NUMERICAL]), PHYSICAL: physical.variance(model, by_kind[PHYSICAL])}  # fmt: skip
+    variance = {
+        NUMERICAL: sum(entry.standard**2 for entry in by_kind[NUMERICAL]),
+        PHYSICAL: physical.variance(model, by_kind[PHYSICAL]),
+    }
     total = variance[NUMERICAL] + variance[PHYSICAL]
     cancelled = total <= CANCELLED * float(np.trace(covariance))
     shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
@@ -40,23 +43,72 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
         "numerical_bound": (bounds[NUMERICAL], "sum of the numerical terms' bounds"),
         "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
         "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
-        "physical_rss": (np.sqrt(variance[PHYSICAL]), "standard uncertainty by the physical terms, with their correlations"),
-        "physical_rss_doubt": (_doubt_of(by_kind[PHYSICAL], variance[PHYSICAL]), "how far physical_rss may be off, where terms of it are drawn"),
+        "physical_rss": (
+            np.sqrt(variance[PHYSICAL]),
+            "standard uncertainty by the physical terms, with their correlations",
+        ),
+        "physical_rss_doubt": (
+            _doubt_of(by_kind[PHYSICAL], variance[PHYSICAL]),
+            "how far physical_rss may be off, where terms of it are drawn",
+        ),
         "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
-    }  # fmt: skip
+    }
     along: dict[str, Any] = {
         "term_name": (np.array([entry.name for entry in terms]), "1", "what the number may be off by", "name"),
         "term_rule": (np.array([entry.rule for entry in terms]), "1", "how that was found", "rule"),
-        "sensitivity": (np.array([entry.sensitivity for entry in terms]), "1", "change of the number with the input, in sensitivity_units; nan where there is no input", ROLE),
-        "sensitivity_doubt": (np.array([entry.sensitivity_doubt for entry in terms]), "1", "how far the sensitivity may be off, by another spacing of the differences", ROLE),
-        "sensitivity_units": (np.array(units), "1", "unit of the sensitivity: the number's, per SI unit of the input", "units"),
-        "input_uncertainty": (np.array([entry.input_uncertainty for entry in terms]), "1", "standard uncertainty of the input, in input_units", ROLE),
-        "input_units": (np.array([entry.input_unit.text if entry.input_unit else "" for entry in terms]), "1", "SI unit of the input", "units"),
-        "standard_uncertainty": (np.array([entry.standard for entry in terms]), text, "standard uncertainty that the term contributes", ROLE),
-        "standard_uncertainty_doubt": (np.array([entry.standard_doubt for entry in terms]), text, "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite bear out", ROLE),
-        "bound": (np.array([entry.bound for entry in terms]), text, "what the term contributes at most; without bounds two standard uncertainties", ROLE),
+        "sensitivity": (
+            np.array([entry.sensitivity for entry in terms]),
+            "1",
+            "change of the number with the input, in sensitivity_units; nan where there is no input",
+            ROLE,
+        ),
+        "sensitivity_doubt": (
+            np.array([entry.sensitivity_doubt for entry in terms]),
+            "1",
+            "how far the sensitivity may be off, by another spacing of the differences",
+            ROLE,
+        ),
+        "sensitivity_units": (
+            np.array(units),
+            "1",
+            "unit of the sensitivity: the number's, per SI unit of the input",
+            "units",
+        ),
+        "input_uncertainty": (
+            np.array([entry.input_uncertainty for entry in terms]),
+            "1",
+            "standard uncertainty of the input, in input_units",
+            ROLE,
+        ),
+        "input_units": (
+            np.array([entry.input_unit.text if entry.input_unit else "" for entry in terms]),
+            "1",
+            "SI unit of the input",
+            "units",
+        ),
+        "standard_uncertainty": (
+            np.array([entry.standard for entry in terms]),
+            text,
+            "standard uncertainty that the term contributes",
+            ROLE,
+        ),
+        "standard_uncertainty_doubt": (
+            np.array([entry.standard_doubt for entry in terms]),
+            text,
+            (
+                "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite"
+                " bear out"
+            ),
+            ROLE,
+        ),
+        "bound": (
+            np.array([entry.bound for entry in terms]),
+            text,
+            "what the term contributes at most; without bounds two standard uncertainties",
+            ROLE,
+        ),
         "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
-    }  # fmt: skip
+    }
     variables = {
         name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
     }
@@ -67,7 +119,11 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
     ):
         variables[name][2]["comment"] = f"in the unit that {units_name} names"
     kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
-    variables["term_kind"] = ((TERM,), kinds, about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))))  # fmt: skip
+    variables["term_kind"] = (
+        (TERM,),
+        kinds,
+        about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))),
+    )
     return variables | {
         name: ((), np.float64(entry), about(text, words, ROLE)) for name, (entry, words) in scalars.items()
     }
@@ -85,12 +141,24 @@ def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
     orders = observed_orders(found.values, levels.values)
     return {
         levels.varied.name: ((LEVEL,), levels.values, about(_level_units(found), levels.varied.said, ROLE)),
-        "level_value": ((LEVEL,), found.values, about(text, "the number in each level; the first is the run's own", ROLE)),
-        "observed_order": ((LEVEL,), orders, about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal}),
-        "level_verdict": ((), np.int8(found.told.verdict), about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS)))),
+        "level_value": (
+            (LEVEL,),
+            found.values,
+            about(text, "the number in each level; the first is the run's own", ROLE),
+        ),
+        "observed_order": (
+            (LEVEL,),
+            orders,
+            about("1", "order by a level and its neighbours", ROLE) | {"formal_order": levels.formal},
+        ),
+        "level_verdict": (
+            (),
+            np.int8(found.told.verdict),
+            about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS))),
+        ),
         "run_digest": ((LEVEL,), np.array(found.digests), about("1", "content digest of the level's run", "digest")),
         "run_outcome": ((), np.array(str(found.run.attrs["run_outcome"])), about("1", "outcome of the run", "outcome")),
-    }  # fmt: skip
+    }
 
 
 def _level_units(found: Marched) -> str:
@@ -113,10 +181,25 @@ def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
     """Return the statistics of draws as variables."""
     scalars = {
         "monte_carlo_mean": (found.mean, "mean of the draws"),
-        "monte_carlo_standard_uncertainty": (found.standard, "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each as normal"),
-        "monte_carlo_standard_uncertainty_doubt": (found.standard_doubt, "how well that is known from so many draws: a standard uncertainty, by parts of them"),
-        "monte_carlo_end_doubt": (found.ends_doubt, "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order statistics"),
-    }  # fmt: skip
+        "monte_carlo_standard_uncertainty": (
+            found.standard,
+            (
+                "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each"
+                " as normal"
+            ),
+        ),
+        "monte_carlo_standard_uncertainty_doubt": (
+            found.standard_doubt,
+            "how well that is known from so many draws: a standard uncertainty, by parts of them",
+        ),
+        "monte_carlo_end_doubt": (
+            found.ends_doubt,
+            (
+                "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order"
+                " statistics"
+            ),
+        ),
+    }
     intervals = {
         "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),
         "monte_carlo_symmetric": (
@@ -128,4 +211,7 @@ def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
         name: ((), np.float64(value), about(unit.text, description, ROLE))
         for name, (value, description) in scalars.items()
     }
-    return variables | {name: ((BOUNDS,), np.array(value), about(unit.text, description, ROLE) | {"coverage": coverage}) for name, (value, description) in intervals.items()}  # fmt: skip
+    return variables | {
+        name: ((BOUNDS,), np.array(value), about(unit.text, description, ROLE) | {"coverage": coverage})
+        for name, (value, description) in intervals.items()
+    }

@@ -31,7 +31,25 @@ GATE, CASE = "gate", "case"
 PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
 SMALL = 0.1  # largest ratio of the numerical bound to the physical uncertainty
-SAME = ("quantity", "of", "result", "event", "occurrence", "side", "asked", "coverage", "seed", "draws", "model_digest", "solver_method", "linear_apart", "draws_needed", "digits", "extreme_rule", "extreme_time")  # fmt: skip
+SAME = (
+    "quantity",
+    "of",
+    "result",
+    "event",
+    "occurrence",
+    "side",
+    "asked",
+    "coverage",
+    "seed",
+    "draws",
+    "model_digest",
+    "solver_method",
+    "linear_apart",
+    "draws_needed",
+    "digits",
+    "extreme_rule",
+    "extreme_time",
+)
 KEPT = ("at", "time_units", "inadequate_fit")
 
 
@@ -76,15 +94,23 @@ def certify(
         str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in budget.variables.items()
     }
     variables |= {
-        "gate_name": ((GATE,), np.array([entry for entry, _, _ in gates]), about("1", "what the number has to pass", "name")),
+        "gate_name": (
+            (GATE,),
+            np.array([entry for entry, _, _ in gates]),
+            about("1", "what the number has to pass", "name"),
+        ),
         "gate_reason": ((GATE,), np.array([why for _, _, why in gates]), about("1", "what was looked at", "rule")),
-        "gate_verdict": ((GATE,), np.array([GATES.index(verdict) for _, verdict, _ in gates], np.int8), about("1", "what became of it", "flag") | flags(dict(enumerate(GATES)))),
+        "gate_verdict": (
+            (GATE,),
+            np.array([GATES.index(verdict) for _, verdict, _ in gates], np.int8),
+            about("1", "what became of it", "flag") | flags(dict(enumerate(GATES))),
+        ),
         "case_name": ((CASE,), ledger["case_name"].values, dict(ledger["case_name"].attrs)),
         "case_units": ((CASE,), ledger["case_units"].values, dict(ledger["case_units"].attrs)),
         "residual": ((CASE,), ledger["residual"].values, dict(ledger["residual"].attrs)),
         "case_bound": ((CASE,), ledger["bound"].values, dict(ledger["bound"].attrs)),
         "case_verdict": ((CASE,), ledger["verdict"].values, dict(ledger["verdict"].attrs)),
-    }  # fmt: skip
+    }
     attributes = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
     return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes)
@@ -103,11 +129,28 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
         ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {convergence.replace('_', ' ')}"),
-        ("interpolation", bounds["interpolation"] <= max(difference, bounds["truncation"]), f"{bounds['interpolation']:.3g} beside a difference of {difference:.3g} of two levels"),
-        ("ledger", "failed" not in words, f"{words.count('passed')} cases of the method passed, {words.count('failed')} failed, {words.count('refused')} refused"),
-    ]  # fmt: skip
+        (
+            "interpolation",
+            bounds["interpolation"] <= max(difference, bounds["truncation"]),
+            f"{bounds['interpolation']:.3g} beside a difference of {difference:.3g} of two levels",
+        ),
+        (
+            "ledger",
+            "failed" not in words,
+            (
+                f"{words.count('passed')} cases of the method passed, {words.count('failed')} failed,"
+                f" {words.count('refused')} refused"
+            ),
+        ),
+    ]
     if physical > 0.0:
-        decisions.append(("numerical_part", numerical <= SMALL * physical, f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}"))  # fmt: skip
+        decisions.append(
+            (
+                "numerical_part",
+                numerical <= SMALL * physical,
+                f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}",
+            )
+        )
     gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decisions]
     return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
 
@@ -123,7 +166,9 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
-def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:  # fmt: skip
+def recheck(
+    certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None
+) -> xr.Dataset:
     """Reproduce a certificate from nothing but itself, and compare every number.
 
     Parameters
@@ -154,12 +199,20 @@ def recheck(certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Cal
     if attributes["event"]:
         place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
     remade = certify(
-        model, str(attributes["quantity"]), draws=int(attributes["draws"]), seed=int(attributes["seed"]),
-        coverage=float(attributes["coverage"]), digits=int(attributes.get("digits", 1)),
-        inadequate_fit=bool(attributes.get("inadequate_fit", 0)), **place, **json.loads(str(attributes["asked"])),
-    )  # fmt: skip
+        model,
+        str(attributes["quantity"]),
+        draws=int(attributes["draws"]),
+        seed=int(attributes["seed"]),
+        coverage=float(attributes["coverage"]),
+        digits=int(attributes.get("digits", 1)),
+        inadequate_fit=bool(attributes.get("inadequate_fit", 0)),
+        **place,
+        **json.loads(str(attributes["asked"])),
+    )
     if faults := _apart(original, remade):
-        raise ArchiveError(f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults))  # fmt: skip
+        raise ArchiveError(
+            f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults)
+        )
     return remade
 
 
@@ -174,11 +227,19 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
         if old.shape != new.shape:
             faults.append(f"'{name}' has the shape {old.shape}, and comes out as {new.shape}")
             continue
-        differs = (old != new) & ~((old != old) & (new != new)) if old.dtype.kind == "f" else old.astype(str) != new.astype(str)  # fmt: skip
+        differs = (
+            (old != new) & ~((old != old) & (new != new))
+            if old.dtype.kind == "f"
+            else old.astype(str) != new.astype(str)
+        )
         if differs.any():
             k = tuple(np.argwhere(differs)[0].tolist())
             faults.append(f"'{name}'{list(k) if old.size > 1 else ''} is {old[k]}, and comes out as {new[k]}")
-    faults += [f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {remade.attrs[key]!r}" for key in SAME if key in remade.attrs and str(original.attrs.get(key)) != str(remade.attrs[key])]  # fmt: skip
+    faults += [
+        f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {remade.attrs[key]!r}"
+        for key in SAME
+        if key in remade.attrs and str(original.attrs.get(key)) != str(remade.attrs[key])
+    ]
     return faults
 
 

@@ -23,23 +23,37 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         value, uncertainty = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(found["at_bound"][i]) else ""
-        yield f"{name:<10}{value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard uncertainty){bound}"
+        yield (
+            f"{name:<10}{value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard"
+            f" uncertainty){bound}"
+        )
     square, freedom = float(found.attrs["chi_square"]), int(found.attrs["degrees_of_freedom"])
     if isfinite(square):
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
     else:
-        yield f"fit       residuals of {float(found.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties are scaled; {freedom} degrees of freedom"
+        yield (
+            f"fit       residuals of {float(found.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties"
+            f" are scaled; {freedom} degrees of freedom"
+        )
     if "adequate" in found.attrs:
         word = "adequate" if int(found.attrs["adequate"]) else "not adequate"
         runs = float(found.attrs["runs_probability"])
-        yield f"verdict   {word}: {found.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
+        yield (
+            f"verdict   {word}:"
+            f" {found.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
+        )
     if "start" in found.dims and found.sizes["start"] > 1:
         best = int(np.argmin(found["start_square"].values))
-        yield f"searches  {found.sizes['start']}, the best of them number {best + 1}: {found['start_rule'].values[best]}"
+        yield (
+            f"searches  {found.sizes['start']}, the best of them number {best + 1}: {found['start_rule'].values[best]}"
+        )
     strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(float(found["correlation"][i, j])) > STRONG]
     for i, j in strong:
         yield f"together  {names[j]} and {names[i]} are correlated by {float(found['correlation'][i, j]):.3f}"
-    yield f"search    {found.attrs['evaluations']} evaluations, condition {float(found.attrs['condition']):.3g}: {found.attrs['stopped']}"
+    yield (
+        f"search    {found.attrs['evaluations']} evaluations, condition {float(found.attrs['condition']):.3g}:"
+        f" {found.attrs['stopped']}"
+    )
     if not int(found.attrs["converged"]):
         yield "doubt     the search did not come to an end: estimates are where it stopped"
 

@@ -102,18 +102,30 @@ class Asked:
         import xarray as xr
 
         columns = {
-            f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(values[:, i], attrs={"units": self.given(name).unit.text})
+            f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(
+                values[:, i], attrs={"units": self.given(name).unit.text}
+            )
             for i, name in enumerate(self.names)
-        }  # fmt: skip
+        }
         times, inverse = np.unique(self.data.times, return_inverse=True)
-        marched = sweep(self.model, {"fitted": columns}, keep=list(self.quantities), times=times, members_per_task=len(values), **self.settings).compute()  # fmt: skip
+        marched = sweep(
+            self.model,
+            {"fitted": columns},
+            keep=list(self.quantities),
+            times=times,
+            members_per_task=len(values),
+            **self.settings,
+        ).compute()
         rows = np.concatenate([marched[name].values[:, inverse] for name in self.quantities], axis=1)
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             parameter_values = ", ".join(
                 f"{name} = {float(value)!r}" for name, value in zip(self.names, values[k], strict=True)
             )
-            raise InputError(f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t = {float(marched.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured")  # fmt: skip
+            raise InputError(
+                f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t ="
+                f" {float(marched.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured"
+            )
         return rows
 
 
@@ -300,7 +312,8 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     outside = np.flatnonzero((table.times < begin) | (table.times > end))
     if outside.size:
         ledger.note(
-            f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from {begin!r}{second} to {end!r}{second}; give until=…"
+            f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from"
+            f" {begin!r}{second} to {end!r}{second}; give until=…"
         )
     rows = len(table.times) * len(table.values)
     if rows <= len(names):
@@ -322,7 +335,10 @@ def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, 
             raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
         values = values * float(unit.factor / declared.unit.factor)
         if len(values) != 2 or not values[0] < values[1] or not values[0] <= declared.value <= values[1]:
-            raise InputError(f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between them")  # fmt: skip
+            raise InputError(
+                f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between"
+                " them"
+            )
         i = asked.names.index(name)
         low[i], high[i] = values
     return low, high
@@ -366,14 +382,30 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
     units = [asked.given(name).unit.text for name in asked.names]
     variables: dict[str, Any] = {
         "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
-        "parameter_units": ((PARAMETER,), np.array(units), about("1", "unit of the estimate and its uncertainty", "units")),
+        "parameter_units": (
+            (PARAMETER,),
+            np.array(units),
+            about("1", "unit of the estimate and its uncertainty", "units"),
+        ),
         "estimate": ((PARAMETER,), values, about("1", "value that fits best, in parameter_units", ROLE)),
-        "standard_uncertainty": ((PARAMETER,), deviations, about("1", "standard uncertainty of the estimate, in parameter_units", ROLE)),
-        "at_bound": ((PARAMETER,), best.bounded.astype(np.int8), about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE)),
+        "standard_uncertainty": (
+            (PARAMETER,),
+            deviations,
+            about("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
+        ),
+        "at_bound": (
+            (PARAMETER,),
+            best.bounded.astype(np.int8),
+            about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
+        ),
         "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
         AT_TIME: ((AT,), asked.data.times, about(asked.model.time_unit.text, "time of measurement", "time")),
-        "model_toml": ((), np.array(fitted.to_toml()), about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model")),
-    }  # fmt: skip
+        "model_toml": (
+            (),
+            np.array(fitted.to_toml()),
+            about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model"),
+        ),
+    }
     n = len(asked.data.times)
     observed, weights = asked.measured, asked.weights
     for k, (name, unit) in enumerate(asked.quantities.items()):
@@ -381,30 +413,69 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
         variables |= {
             f"measured_{name}": ((AT,), observed[part], about(unit.text, f"{name} as measured", "measured")),
             name: ((AT,), computed[part], about(unit.text, f"{name} as the fitted model has it", "computed")),
-            f"residual_{name}": ((AT,), observed[part] - computed[part], about(unit.text, f"{name}, measured minus computed", "residual")),
-        }  # fmt: skip
+            f"residual_{name}": (
+                (AT,),
+                observed[part] - computed[part],
+                about(unit.text, f"{name}, measured minus computed", "residual"),
+            ),
+        }
         if asked.data.uncertainties:
-            variables[f"measured_uncertainty_{name}"] = ((AT,), 1.0 / weights[part], about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"))  # fmt: skip
+            variables[f"measured_uncertainty_{name}"] = (
+                (AT,),
+                1.0 / weights[part],
+                about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"),
+            )
     variables |= _searches_as(results, scales)
     attributes = {
-        "data": asked.data.name, "chi_square": square if asked.data.uncertainties else float("nan"), "degrees_of_freedom": freedom,
-        "residual_variance": square / freedom, "condition": condition, "evaluations": sum(search.evaluations for search in results), "stopped": best.stopped,
-        "converged": int(best.converged), "chi_square_probability": test.chi_square_probability, "runs_probability": test.runs_probability,
-        "seed": seed, "adequate": int(test.adequate and best.converged), "adequate_text": test.text, "asked": json.dumps(asked.settings, sort_keys=True), "model_digest": asked.model.digest,
+        "data": asked.data.name,
+        "chi_square": square if asked.data.uncertainties else float("nan"),
+        "degrees_of_freedom": freedom,
+        "residual_variance": square / freedom,
+        "condition": condition,
+        "evaluations": sum(search.evaluations for search in results),
+        "stopped": best.stopped,
+        "converged": int(best.converged),
+        "chi_square_probability": test.chi_square_probability,
+        "runs_probability": test.runs_probability,
+        "seed": seed,
+        "adequate": int(test.adequate and best.converged),
+        "adequate_text": test.text,
+        "asked": json.dumps(asked.settings, sort_keys=True),
+        "model_digest": asked.model.digest,
         "fitted_digest": fitted.digest,
-    }  # fmt: skip
+    }
     return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes)
 
 
 def _searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
     """Return all searches as variables."""
     return {
-        "start_rule": ((START,), np.array([search.rule for search in results]), about("1", "where the search began", "rule")),
-        "start_value": ((START, PARAMETER), np.array([search.start * scales for search in results]), about("1", "values that the search began with, in parameter_units", ROLE)),
-        "start_estimate": ((START, PARAMETER), np.array([search.end * scales for search in results]), about("1", "values that it came to, in parameter_units", ROLE)),
-        "start_square": ((START,), np.array([search.square for search in results]), about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE)),
-        "start_converged": ((START,), np.array([search.converged for search in results], np.int8), about("1", "1 where the search came to an end", ROLE)),
-    }  # fmt: skip
+        "start_rule": (
+            (START,),
+            np.array([search.rule for search in results]),
+            about("1", "where the search began", "rule"),
+        ),
+        "start_value": (
+            (START, PARAMETER),
+            np.array([search.start * scales for search in results]),
+            about("1", "values that the search began with, in parameter_units", ROLE),
+        ),
+        "start_estimate": (
+            (START, PARAMETER),
+            np.array([search.end * scales for search in results]),
+            about("1", "values that it came to, in parameter_units", ROLE),
+        ),
+        "start_square": (
+            (START,),
+            np.array([search.square for search in results]),
+            about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE),
+        ),
+        "start_converged": (
+            (START,),
+            np.array([search.converged for search in results], np.int8),
+            about("1", "1 where the search came to an end", ROLE),
+        ),
+    }
 
 
 def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
@@ -433,7 +504,11 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
     for i, name in enumerate(asked.names):
         unit = asked.given(name).unit
         declared = parameters.get(name) or starts.get(name)
-        entry = Parameter(Quantity(float(values[i]), unit), Spread(Quantity(float(deviations[i]), unit)), declared.description if declared else "")  # fmt: skip
+        entry = Parameter(
+            Quantity(float(values[i]), unit),
+            Spread(Quantity(float(deviations[i]), unit)),
+            declared.description if declared else "",
+        )
         if name in parameters:
             parameters[name] = entry
         else:

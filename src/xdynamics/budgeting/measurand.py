@@ -71,8 +71,8 @@ class Target:
             return cls(quantity, second=model.statement.time_unit.text)
         if (at is None) == (event is None):
             raise InputError(
-                "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme like "
-                f"'{extremes[0]}'"
+                "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme"
+                f" like '{extremes[0]}'"
             )
         if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
             names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
@@ -150,7 +150,13 @@ class Target:
 
     def values(self, found: xr.Dataset) -> Floats:
         """Return the numbers of a sweep's members; nan for those that end before."""
-        name = self.quantity if not self.event else f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"  # fmt: skip
+        name = (
+            self.quantity
+            if not self.event
+            else f"event_time_{self.event}"
+            if self.quantity == TIME
+            else f"{self.side}_{self.event}_{self.quantity}"
+        )
         array = found[name]
         values: Floats = (array.isel({OCCURRENCE: 0}) if OCCURRENCE in array.dims else array).values.astype(float)
         return values[..., 0] if self.at is not None else values
@@ -176,7 +182,9 @@ class Target:
         names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
         places = np.flatnonzero(names == self.event)
         if len(places) < self.occurrence:
-            raise InputError(f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for")  # fmt: skip
+            raise InputError(
+                f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for"
+            )
         return int(places[self.occurrence - 1])
 
     def _rate(self, run: xr.Dataset, model: Model, place: int) -> float:

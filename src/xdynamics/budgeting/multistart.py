@@ -132,12 +132,27 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
 
     residual: Callable[[Floats], Floats] = lambda x: looked(x)[0]  # noqa: E731
     solution = least_squares(
-        residual, np.clip(start, low, high), lambda x: looked(x)[1], bounds=(low, high), xtol=CLOSE, ftol=CLOSE, gtol=CLOSE, max_nfev=MOST,
-    )  # fmt: skip
+        residual,
+        np.clip(start, low, high),
+        lambda x: looked(x)[1],
+        bounds=(low, high),
+        xtol=CLOSE,
+        ftol=CLOSE,
+        gtol=CLOSE,
+        max_nfev=MOST,
+    )
     return Search(
-        rule, start, solution.x, 2.0 * float(solution.cost), int(solution.nfev), bool(solution.status > 0), str(solution.message),
-        solution.fun, solution.jac, solution.active_mask != 0,
-    )  # fmt: skip
+        rule,
+        start,
+        solution.x,
+        2.0 * float(solution.cost),
+        int(solution.nfev),
+        bool(solution.status > 0),
+        str(solution.message),
+        solution.fun,
+        solution.jac,
+        solution.active_mask != 0,
+    )
 
 
 def _tried(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:

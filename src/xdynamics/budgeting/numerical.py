@@ -83,9 +83,16 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     uncertainty = max(estimate[1] + estimate[2] for estimate in estimates)
     noise = 4.0 * EPS * float(np.abs(values).max())
     judgement = judge(
-        values, levels.values, levels.formal, noise, 0.0, uncertainty, smooth=levels.varied.keyword == "steps",
-        accepted=int(runs[-1].attrs["run_accepted_steps"]), order=levels.order,
-    )  # fmt: skip
+        values,
+        levels.values,
+        levels.formal,
+        noise,
+        0.0,
+        uncertainty,
+        smooth=levels.varied.keyword == "steps",
+        accepted=int(runs[-1].attrs["run_accepted_steps"]),
+        order=levels.order,
+    )
     terms = (
         _truncation(levels, values, noise, judgement),
         _roundoff(runs[0], model, target, asked, value, seed),
@@ -129,7 +136,9 @@ def _levels(model: Model, asked: dict[str, Any]) -> Levels:
     rtol = settings.tolerances.rtol
     ratio = min(RTOL_RATIO, (rtol / _least_rtol(settings.scheme)) ** (1.0 / (LEVELS - 1)))
     if ratio < LEAST_RATIO:
-        raise InputError(f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step")  # fmt: skip
+        raise InputError(
+            f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step"
+        )
     return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), others, fewest=LEVELS)
 
 

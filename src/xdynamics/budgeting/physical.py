@@ -35,8 +35,14 @@ SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of the sixth-order slope from these sides
 SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 AGREED = 0.02  # relative, within which variational equations and differences agree
-BY_DIFFERENCES = "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of the slope more or less"
-BY_EQUATIONS = "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its uncertainties give {1:.1g} of the slope more or less"
+BY_DIFFERENCES = (
+    "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of"
+    " the slope more or less"
+)
+BY_EQUATIONS = (
+    "slope by variational equations on the run's steps; central differences of sixth order over {0:.3g} of its"
+    " uncertainties give {1:.1g} of the slope more or less"
+)
 BY_EQUATIONS_ALONE = (
     "slope by variational equations on the run's steps; differences over {0:.3g} of its uncertainties are rounding"
 )
@@ -83,14 +89,23 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset,
         factor, slope = float(parameter.quantity.unit.factor), slopes[name]
         assert parameter.spread is not None  # noqa: S101
         size = parameter.spread.size.si / factor if parameter.spread.bounded else COVERED * parameter.uncertainty
-        terms.append(Term(
-            name, PHYSICAL, abs(slope.value) * parameter.uncertainty, (abs(slope.value) + slope.off) * size, slope.rule,
-            slope.value / factor, parameter.uncertainty * factor, coherent(parameter.quantity.unit), slope.off / factor,
-        ))  # fmt: skip
+        terms.append(
+            Term(
+                name,
+                PHYSICAL,
+                abs(slope.value) * parameter.uncertainty,
+                (abs(slope.value) + slope.off) * size,
+                slope.rule,
+                slope.value / factor,
+                parameter.uncertainty * factor,
+                coherent(parameter.quantity.unit),
+                slope.off / factor,
+            )
+        )
     return terms
 
 
-def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:  # fmt: skip
+def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:
     """Return the slope by every input: from variational equations where differences over its uncertainty agree.
 
     Where they disagree, the response is not linear over the uncertainty, and the differences are used.
@@ -146,7 +161,11 @@ def _differences(
         differences = np.abs(np.diff(slopes))
         if not np.isfinite(differences).any():
             least = float(3.0 * np.nanmin(sizes[i]))
-            raise InputError(f"{target.said} is not there any more where '{name}' is changed by {least:.3g} {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small changes says nothing of it; draw, by a sweep")  # fmt: skip
+            raise InputError(
+                f"{target.said} is not there any more where '{name}' is changed by {least:.3g}"
+                f" {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small"
+                " changes says nothing of it; draw, by a sweep"
+            )
         k = _settled(differences)
         slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])
         least = NOISE * float(np.nanmax(np.abs(numbers[i]))) / size

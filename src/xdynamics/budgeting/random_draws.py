@@ -65,7 +65,10 @@ class Asked:
             axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
             values = self.target.values(self.target.in_many(self.model, axes, self.settings).compute())
         if missing := int(np.count_nonzero(~np.isfinite(values))):
-            raise InputError(f"{self.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to be one number")  # fmt: skip
+            raise InputError(
+                f"{self.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
+                " be one number"
+            )
         points = np.random.default_rng([seed, STREAM]).random((draws, len(self.added)))
         for k, standard in enumerate(self.added):
             values = values + standard * normal_quantile(np.maximum(points[:, k], LEAST))
@@ -85,7 +88,10 @@ def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: fl
         if result.ends_doubt <= wanted:
             return result, draws
         if draws >= MOST_DRAWS:
-            raise InputError(f"{draws} draws leave the ends of the interval uncertain by {result.ends_doubt:.3g}, and {wanted:.3g} is wanted; ask for less")  # fmt: skip
+            raise InputError(
+                f"{draws} draws leave the ends of the interval uncertain by {result.ends_doubt:.3g}, and {wanted:.3g}"
+                " is wanted; ask for less"
+            )
         draws *= 2
 
 

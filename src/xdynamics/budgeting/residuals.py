@@ -62,11 +62,21 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
     chi_square = float(chi2.sf(square, freedom)) if known else nan
     probabilities = [probability for probability in map(runs_probability, rows) if probability == probability]
     runs = min(1.0, len(probabilities) * min(probabilities)) if probabilities else nan
-    slight = square / freedom <= FAR_BELOW**2 if known else all(_is_slight(*pair) for pair in zip(rows, measured, strict=True))  # fmt: skip
+    slight = (
+        square / freedom <= FAR_BELOW**2
+        if known
+        else all(_is_slight(*pair) for pair in zip(rows, measured, strict=True))
+    )
     if chi_square < UNLIKELY:
-        text = f"residuals are {sqrt(square / freedom):.3g} times as large as the uncertainties: the model, the uncertainties or the minimum that the search came to is wrong"
+        text = (
+            f"residuals are {sqrt(square / freedom):.3g} times as large as the uncertainties: the model, the"
+            " uncertainties or the minimum that the search came to is wrong"
+        )
     elif runs < UNLIKELY and not slight:
-        text = f"residuals are not in a random order (fewer changes of sign have the probability {runs:.1g}): the model or the minimum that the search came to is wrong"
+        text = (
+            f"residuals are not in a random order (fewer changes of sign have the probability {runs:.1g}): the model or"
+            " the minimum that the search came to is wrong"
+        )
     else:
         judgement = "no matter beside the data" if slight else "no more than noise"
         return Tested(chi_square, runs, adequate=True, text=f"residuals are {judgement}")

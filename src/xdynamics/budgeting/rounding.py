@@ -37,7 +37,10 @@ def rounded(value: float, standard: float, numerical: float, units: str, told: s
     places = DIGITS - 1 - floor(log10(size))
     if abs(value) and not -4 <= floor(log10(abs(value))) <= 8:
         power = floor(log10(abs(value)))
-        return f"({_fixed(value / 10.0**power, places + power)} ± {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({remark})"
+        return (
+            f"({_fixed(value / 10.0**power, places + power)} ±"
+            f" {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({remark})"
+        )
     return f"{_fixed(value, places)} ± {_fixed(size, places)}{unit} ({remark})"
 
 

@@ -102,7 +102,10 @@ def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
         distance = float(np.sqrt(np.mean((drawn(CONTROLS) - expected) ** 2)))
         if distance <= standard / np.sqrt(2.0 * PAIRS):  # more accurate than draws
             off = distance / standard if standard else 0.0
-            rule = f"rows are independent: slopes by all {rows.size}; {2 * CONTROLS} tables with every row drawn are {off:.1g} of it off"
+            rule = (
+                f"rows are independent: slopes by all {rows.size}; {2 * CONTROLS} tables with every row drawn are"
+                f" {off:.1g} of it off"
+            )
             doubt = distance if off > AGREED else 0.0
             return Term(copies.name, PHYSICAL, standard, COVERED * standard, rule, standard_doubt=doubt)
         why = f"it is not in proportion with the rows, by whose slopes it were {standard:.3g}"
@@ -125,16 +128,29 @@ def common(copies: Copies, sizes: Floats) -> Term:
     doubt = abs(effect - float(numbers[-1] - numbers[0]) / 2.0)
     uniform = bool((sizes == sizes[0]).all())
     size, unit = (float(sizes[0]), coherent(copies.table.value_unit)) if uniform else (1.0, NUMBERS)
-    rule = f"common to all rows: slope by central differences of sixth order over its uncertainty; over all of it {doubt / abs(effect) if effect else 0.0:.1g} of the slope more or less"
+    rule = (
+        "common to all rows: slope by central differences of sixth order over its uncertainty; over all of it"
+        f" {doubt / abs(effect) if effect else 0.0:.1g} of the slope more or less"
+    )
     return Term(
-        copies.name + COMMON, PHYSICAL, abs(effect), COVERED * (abs(effect) + doubt), rule,
-        effect / size, size, unit, doubt / size,
-    )  # fmt: skip
+        copies.name + COMMON,
+        PHYSICAL,
+        abs(effect),
+        COVERED * (abs(effect) + doubt),
+        rule,
+        effect / size,
+        size,
+        unit,
+        doubt / size,
+    )
 
 
 def _written(table: Table, values: Floats) -> str:
     """Write a table with other values, in its own units."""
     factors = [float(unit.factor) for unit in (table.argument_unit, table.value_unit)]
     head = f"argument [{table.argument_unit.text}],value [{table.value_unit.text}]"
-    rows = (f"{x!r},{y!r}" for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True))  # fmt: skip
+    rows = (
+        f"{x!r},{y!r}"
+        for x, y in zip((table.argument / factors[0]).tolist(), (values / factors[1]).tolist(), strict=True)
+    )
     return "\n".join([head, *rows, ""])

@@ -97,7 +97,15 @@ class Declared:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a declared term is named {self.name!r}, needs a word")
         at = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
-        own, required = (self.quantity, at, self.event, self.occurrence), (target.quantity, target.at, target.event, target.occurrence)  # fmt: skip
+        own, required = (
+            (self.quantity, at, self.event, self.occurrence),
+            (
+                target.quantity,
+                target.at,
+                target.event,
+                target.occurrence,
+            ),
+        )
         if own != required:
             description = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).said
             raise InputError(

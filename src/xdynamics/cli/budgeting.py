@@ -15,17 +15,29 @@ from xdynamics.cli.settings import OF_RECORDS, asked, settings
 from xdynamics.cli.sweeping import ends_of
 
 OF_A_NUMBER = (
-    click.option("--quantity", required=True, metavar="NAME", help="Which number: a coordinate, velocity, state, energy or observable; t at an event (its time); maximum_… or minimum_… over the whole run, of one of these or of a force."),
+    click.option(
+        "--quantity",
+        required=True,
+        metavar="NAME",
+        help=(
+            "Which number: a coordinate, velocity, state, energy or observable; t at an event (its time); maximum_… or"
+            " minimum_… over the whole run, of one of these or of a force."
+        ),
+    ),
     click.option("--at", "time", metavar="TIME", help="The time at which the number is asked for."),
     click.option("--event", metavar="NAME", help="The event at which the number is asked for, in place of a time."),
     click.option("--occurrence", type=int, default=1, show_default=True, help="Which occurrence of the event."),
     click.option("--side", default="before", show_default=True, help="State before or after the event."),
     click.option("--seed", type=int, default=0, show_default=True, help="Seed of all random draws."),
-    click.option("--coverage", type=float, default=0.95, show_default=True, help="Coverage probability of the intervals."),
-    click.option("--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."),
+    click.option(
+        "--coverage", type=float, default=0.95, show_default=True, help="Coverage probability of the intervals."
+    ),
+    click.option(
+        "--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."
+    ),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
     settings(without=OF_RECORDS),
-)  # fmt: skip
+)
 
 
 def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
@@ -44,15 +56,41 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
 def budget(
-    model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, inadequate_fit: bool, until_uncertainty: str | None, output: str | None, changes: tuple[str, ...],
+    model_file: str,
+    quantity: str,
+    time: str | None,
+    event: str | None,
+    occurrence: int,
+    side: str,
+    draws: int,
+    seed: int,
+    coverage: float,
+    inadequate_fit: bool,
+    until_uncertainty: str | None,
+    output: str | None,
+    changes: tuple[str, ...],
     **named: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
-    _found(error_budget, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-           side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, until_uncertainty=until_uncertainty, **asked(named))  # fmt: skip
+    _found(
+        error_budget,
+        model_file,
+        changes,
+        output,
+        quantity,
+        at=time,
+        event=event,
+        occurrence=occurrence,
+        side=side,
+        draws=draws,
+        seed=seed,
+        coverage=coverage,
+        inadequate_fit=inadequate_fit,
+        until_uncertainty=until_uncertainty,
+        **asked(named),
+    )
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -64,14 +102,39 @@ def budget(
 @click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
 def certify(
-    model_file: str, quantity: str, time: str | None, event: str | None, occurrence: int, side: str, draws: int, seed: int,
-    coverage: float, inadequate_fit: bool, output: str, changes: tuple[str, ...], **named: Any,
-) -> None:  # fmt: skip
+    model_file: str,
+    quantity: str,
+    time: str | None,
+    event: str | None,
+    occurrence: int,
+    side: str,
+    draws: int,
+    seed: int,
+    coverage: float,
+    inadequate_fit: bool,
+    output: str,
+    changes: tuple[str, ...],
+    **named: Any,
+) -> None:
     """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
     from xdynamics.budgeting.certificate import certify as certified
 
-    certificate = _found(certified, model_file, changes, output, quantity, at=time, event=event, occurrence=occurrence,
-                   side=side, draws=draws, seed=seed, coverage=coverage, inadequate_fit=inadequate_fit, **asked(named))  # fmt: skip
+    certificate = _found(
+        certified,
+        model_file,
+        changes,
+        output,
+        quantity,
+        at=time,
+        event=event,
+        occurrence=occurrence,
+        side=side,
+        draws=draws,
+        seed=seed,
+        coverage=coverage,
+        inadequate_fit=inadequate_fit,
+        **asked(named),
+    )
     say([f"kept      {output}"])
     sys.exit(DONE if not int(certificate["gate_verdict"].values.max()) else BADLY)
 
@@ -114,7 +177,14 @@ def recheck(certificate: str) -> None:
     say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
 
 
-def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], output: str | None, quantity: str, **arguments: Any) -> Any:  # fmt: skip
+def _found(
+    make: Callable[..., Any],
+    model_file: str,
+    changes: tuple[str, ...],
+    output: str | None,
+    quantity: str,
+    **arguments: Any,
+) -> Any:
     """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
     from xdynamics.summary import summary
@@ -132,7 +202,14 @@ def _found(make: Callable[..., Any], model_file: str, changes: tuple[str, ...], 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @click.argument("data", metavar="DATA.csv")
-@click.option("--parameter", "parameters", multiple=True, required=True, metavar="NAME", help="A parameter or initial value to fit.")  # fmt: skip
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    required=True,
+    metavar="NAME",
+    help="A parameter or initial value to fit.",
+)
 @click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Bounds of a parameter, like k='0:10 N m-1'.")
 @click.option("-o", "--output", metavar="F.nc", help="Where to write the fit.")
 @click.option(

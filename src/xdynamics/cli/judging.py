@@ -21,14 +21,29 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", metavar="R.nc", help="Where to write the refinement.")
 @click.option("--step", help="The coarsest step, like '10 ms'.")
 @click.option("--rtol", help="The coarsest relative tolerance, like 1e-4, in place of a step.")
-@click.option("--time-tolerance", help="The coarsest tolerance of event times, like '1 ms'; step and rtol are then the same at all levels.")  # fmt: skip
+@click.option(
+    "--time-tolerance",
+    help="The coarsest tolerance of event times, like '1 ms'; step and rtol are then the same at all levels.",
+)
 @click.option("--levels", type=int, default=5, show_default=True, help="Number of levels.")
 @click.option(
     "--ratio", type=float, help="Ratio from one level to the next; by default 2 for steps and 10 for tolerances."
 )
 @click.option("--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default the end.")
-@click.option("--observable", "observables", multiple=True, metavar="NAME", help="A quantity to compare, energy_range, period_x and phase_x included; by default every state.")  # fmt: skip
-@click.option("--until-change", "changes", multiple=True, metavar="NAME=SIZE", help="Add finer levels until NAME changes by less than SIZE, like y='10 m'.")  # fmt: skip
+@click.option(
+    "--observable",
+    "observables",
+    multiple=True,
+    metavar="NAME",
+    help="A quantity to compare, energy_range, period_x and phase_x included; by default every state.",
+)
+@click.option(
+    "--until-change",
+    "changes",
+    multiple=True,
+    metavar="NAME=SIZE",
+    help="Add finer levels until NAME changes by less than SIZE, like y='10 m'.",
+)
 @click.option("--keep", metavar="FOLDER", help="Stream the run of each level into a file in this folder.")
 @click.option("--most-rows", type=float, help="The most rows that an added level may have.")
 @click.option("--memory", metavar="SIZE", help="The most that a level may take in memory, like '2 GB'.")
@@ -83,7 +98,11 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
             f"--levels is {levels} and --ratio {ratio}; there is at least one level, and a ratio is above 1"
         )
     if time_tolerance is not None:
-        varied, first, fixed = TIME_TOLERANCES, time_in(model.time_unit, time_tolerance, "--time-tolerance"), {"step": step, "rtol": rtol}  # fmt: skip
+        varied, first, fixed = (
+            TIME_TOLERANCES,
+            time_in(model.time_unit, time_tolerance, "--time-tolerance"),
+            {"step": step, "rtol": rtol},
+        )
     elif step is not None and rtol is not None:
         raise InputError("--step and --rtol are both given; one of them is varied")
     elif rtol is not None:
@@ -122,10 +141,22 @@ def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
 @click.argument("archive", metavar="RUN.nc")
 @click.option("-o", "--output", metavar="D.nc", help="Where to write the diagnosis.")
 @click.option("--of", help="The coordinate whose cycles are counted; by default the first.")
-@click.option("--level", metavar="VALUE", help="The level whose upward crossing begins a cycle, like '0.1 m'; by default one that is passed often.")  # fmt: skip
-@click.option("--reference", metavar="PERIOD|RUN.nc", help="What phases are compared with: a period, or another run; by default a companion run at a tighter setting.")  # fmt: skip
+@click.option(
+    "--level",
+    metavar="VALUE",
+    help="The level whose upward crossing begins a cycle, like '0.1 m'; by default one that is passed often.",
+)
+@click.option(
+    "--reference",
+    metavar="PERIOD|RUN.nc",
+    help="What phases are compared with: a period, or another run; by default a companion run at a tighter setting.",
+)
 @click.option("--exact", multiple=True, metavar="NAME=EXPRESSION", help="A closed form, like x='x0*cos(w*t)'.")
-@click.option("--lyapunov", is_flag=True, help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.")  # fmt: skip
+@click.option(
+    "--lyapunov",
+    is_flag=True,
+    help="Find all Lyapunov exponents, each with its uncertainty, by the variational equations along the run.",
+)
 @click.option("--exponents", type=click.IntRange(1), metavar="N", help="Find the N largest Lyapunov exponents only.")
 @click.option("--no-companion", is_flag=True, help="Do not march a companion run for error estimates.")
 def diagnose(
@@ -147,14 +178,26 @@ def diagnose(
     _check(output)
     other = open_run(reference) if reference and reference.endswith(".nc") else reference
     diagnosis = diagnosed(
-        open_run(archive), of=of, level=level, reference=other, exact=pairs(exact, "--exact"), companion=not no_companion, lyapunov=exponents or lyapunov
-    )  # fmt: skip
+        open_run(archive),
+        of=of,
+        level=level,
+        reference=other,
+        exact=pairs(exact, "--exact"),
+        companion=not no_companion,
+        lyapunov=exponents or lyapunov,
+    )
     _kept(diagnosis, lines_of, output)
 
 
 @main.command()
 @click.argument("model_file", metavar="[MODEL.toml]", required=False)
-@click.option("--method", "methods", multiple=True, metavar="NAME", help="A method; by default all of them, or the one in the model's [run].")  # fmt: skip
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    metavar="NAME",
+    help="A method; by default all of them, or the one in the model's [run].",
+)
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
     """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""

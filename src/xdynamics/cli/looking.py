@@ -139,7 +139,9 @@ def _table(listed: Iterable[Method]) -> Iterable[str]:
         estimate = f"order {method.estimate_order}" if method.estimate else "doubling"
         refused = ", ".join(method.refuses) or "nothing"
         yield f"{method.name:26}{method.order:5}  {_kind(method):25}  {work:>11}  {estimate:9}  {refused}"
-    yield "`xdynamics methods NAME` tells one: its equations, where they stand in the literature, how long a step may be."
+    yield (
+        "`xdynamics methods NAME` tells one: its equations, where they stand in the literature, how long a step may be."
+    )
 
 
 def _page(method: Method) -> Iterable[str]:
@@ -148,8 +150,14 @@ def _page(method: Method) -> Iterable[str]:
     yield f"{method.name}: order {method.order}, {_kind(method)}, {method.evaluations} force evaluations {work}"
     yield f"    update    {method.equations()}"
     yield f"    in words  {method.words}"
-    yield f"    estimate  {f'embedded formula of order {method.estimate_order}' if method.estimate else 'by step doubling'}"
-    yield f"    between   re-integration, order {method.order}; or {method.interpolation}, order {method.interpolation_order}"
+    yield (
+        "    estimate "
+        f" {f'embedded formula of order {method.estimate_order}' if method.estimate else 'by step doubling'}"
+    )
+    yield (
+        f"    between   re-integration, order {method.order}; or {method.interpolation}, order"
+        f" {method.interpolation_order}"
+    )
     yield f"    stable    {', '.join(_limits(method))}"
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
     yield f"    also      {', '.join(method.synonyms) or 'no other name'}"

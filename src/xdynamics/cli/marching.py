@@ -151,7 +151,8 @@ def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
         section = "parameters" if name in model.parameters else "initial" if name in model.initial else None
         if section is None:
             raise InputError(
-                f"--set {name}: no such parameter or initial value; there are {', '.join([*model.parameters, *model.initial])}"
+                f"--set {name}: no such parameter or initial value; there are"
+                f" {', '.join([*model.parameters, *model.initial])}"
             )
         try:
             value: Any = float(text)

@@ -18,10 +18,30 @@ from xdynamics.faults import InputError
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.option("-o", "--output", required=True, metavar="FOLDER", help="The folder of the sweep; members that are there already are not marched again.")  # fmt: skip
-@click.option("--axis", "axes", multiple=True, metavar="NAME=VALUES", help="What varies: c='0:2e-3:41 kg m-1' (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.")  # fmt: skip
-@click.option("--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together along one dimension.")  # fmt: skip
-@click.option("--draw", "ranges", multiple=True, metavar="NAME=LOW:HIGH", help="What is drawn, like m='1:2 kg'; only its name with --design declared.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FOLDER",
+    help="The folder of the sweep; members that are there already are not marched again.",
+)
+@click.option(
+    "--axis",
+    "axes",
+    multiple=True,
+    metavar="NAME=VALUES",
+    help="What varies: c='0:2e-3:41 kg m-1' (first:last:count), m='1, 2, 5 kg', method=heun,dop853, thrust=motors.csv.",
+)
+@click.option(
+    "--together", "groups", multiple=True, metavar="NAME=A,B", help="Axes that vary together along one dimension."
+)
+@click.option(
+    "--draw",
+    "ranges",
+    multiple=True,
+    metavar="NAME=LOW:HIGH",
+    help="What is drawn, like m='1:2 kg'; only its name with --design declared.",
+)
 @click.option("--draws", type=int, help="Number of draws; a power of two for Sobol points.")
 @click.option(
     "--design",
@@ -30,7 +50,16 @@ from xdynamics.faults import InputError
     help="sobol, latin_hypercube, or declared (the distributions in the model).",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the draws.")
-@click.option("--keep", "kept", multiple=True, metavar="WORD", help="What is kept of each member: end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at the times of --at, log, …")  # fmt: skip
+@click.option(
+    "--keep",
+    "kept",
+    multiple=True,
+    metavar="WORD",
+    help=(
+        "What is kept of each member: end (default), event_time_NAME, event_count_NAME, maximum_NAME, NAME at the times"
+        " of --at, log, …"
+    ),
+)
 @click.option("--at", "times", multiple=True, metavar="TIME", help="A time at which states are kept.")
 @click.option(
     "--occurrences", type=int, default=1, show_default=True, help="How many occurrences of every event are kept."
@@ -78,8 +107,17 @@ def sweep(
     words = [word.strip() for text in kept for word in text.split(",") if word.strip()] or ["end"]
     with _cluster(scheduler), _told() as report:
         try:
-            result = swept(model, grid, keep=words, times=list(times) or None, occurrences=occurrences, path=output,
-                          check=check, progress=report, **asked(named))  # fmt: skip
+            result = swept(
+                model,
+                grid,
+                keep=words,
+                times=list(times) or None,
+                occurrences=occurrences,
+                path=output,
+                check=check,
+                progress=report,
+                **asked(named),
+            )
         except KeyboardInterrupt:
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise

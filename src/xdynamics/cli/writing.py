@@ -50,7 +50,9 @@ def _next(path: str) -> Iterator[str]:
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
-@click.option("--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from.")  # fmt: skip
+@click.option(
+    "--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from."
+)
 def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
     """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
     from xdynamics.documenting.plain_text import lines_of

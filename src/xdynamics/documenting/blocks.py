@@ -38,7 +38,10 @@ class Formula:
     def html(self) -> str:
         """Return it as HTML: an image with the LaTeX as its text."""
         caption = f'<span class="said">{escape(self.said)}</span>' if self.said else ""
-        return f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}" alt="{escape(self.latex)}">{caption}</p>'
+        return (
+            f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}"'
+            f' alt="{escape(self.latex)}">{caption}</p>'
+        )
 
     def markdown(self) -> str:
         """Return it as Markdown."""
@@ -75,7 +78,10 @@ class Picture:
 
     def html(self) -> str:
         """Return it as HTML with the picture embedded."""
-        return f'<figure><img src="{_embedded(self.content, "png")}" alt="{escape(self.said)}"><figcaption>{escape(self.said)}</figcaption></figure>'
+        return (
+            f'<figure><img src="{_embedded(self.content, "png")}"'
+            f' alt="{escape(self.said)}"><figcaption>{escape(self.said)}</figcaption></figure>'
+        )
 
     def markdown(self) -> str:
         """Return it as Markdown with the picture embedded."""
@@ -155,7 +161,14 @@ def drawn(latex: str) -> bytes:
         figure = Figure(figsize=(0.01, 0.01))
         figure.text(0.0, 0.0, text, fontsize=POINTS)
         content = BytesIO()
-        figure.savefig(content, format="svg", bbox_inches="tight", pad_inches=0.03, transparent=True, metadata={"Date": None, "Creator": None})  # fmt: skip
+        figure.savefig(
+            content,
+            format="svg",
+            bbox_inches="tight",
+            pad_inches=0.03,
+            transparent=True,
+            metadata={"Date": None, "Creator": None},
+        )
         return content.getvalue()
 
     with rc_context({"svg.hashsalt": "xdynamics", "mathtext.fontset": "cm"}):

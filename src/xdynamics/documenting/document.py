@@ -59,13 +59,22 @@ def document(folder: str | Path, path: str | Path) -> Path:
             f"'{folder}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
         )
     check_target(path)
-    with archive.open_run(folder / CERTIFICATE) as certificate, archive.open_run(folder / RUN) as run, archive.open_run(folder / LEDGER) as ledger:  # fmt: skip
+    with (
+        archive.open_run(folder / CERTIFICATE) as certificate,
+        archive.open_run(folder / RUN) as run,
+        archive.open_run(folder / LEDGER) as ledger,
+    ):
         model = Model.from_text(str(certificate["model_toml"].values))
         sections = [
-            _result(certificate), Section("The model", list(of_model(model))), _method(run), _convergence(certificate),
+            _result(certificate),
+            Section("The model", list(of_model(model))),
+            _method(run),
+            _convergence(certificate),
             _budget(certificate, (folder / CERTIFICATE).with_suffix(".png").read_bytes()),
-            _run(run, (folder / RUN).with_suffix(".png").read_bytes()), _ledger(ledger), _again(certificate, folder),
-        ]  # fmt: skip
+            _run(run, (folder / RUN).with_suffix(".png").read_bytes()),
+            _ledger(ledger),
+            _again(certificate, folder),
+        ]
         title = str(certificate.attrs["title"]).removeprefix("certificate of ")
         text = FORMATS[path.suffix.lower()](
             title, f"{certificate.attrs['of']} = {certificate.attrs['result']}", sections
@@ -78,25 +87,47 @@ def document(folder: str | Path, path: str | Path) -> Path:
 def _result(certificate: xr.Dataset) -> Section:
     """The gates that the number has to pass."""
     verdicts = [GATES[code] for code in certificate["gate_verdict"].values.tolist()]
-    rows = [[str(name).replace("_", " "), verdict.replace("_", " "), str(why)] for name, verdict, why in zip(certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True)]  # fmt: skip
+    rows = [
+        [str(name).replace("_", " "), verdict.replace("_", " "), str(why)]
+        for name, verdict, why in zip(
+            certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True
+        )
+    ]
     failed, unchecked = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)
     statement = f"It fails {failed} of {len(verdicts)} gates." if failed else "It passes every gate."
     if unchecked:
-        statement = f"{statement if failed else 'It fails none.'} Of {unchecked} it is not known whether it passes: more draws tell."
+        statement = (
+            f"{statement if failed else 'It fails none.'} Of {unchecked} it is not known whether it passes: more draws"
+            " tell."
+        )
     return Section("What it has to pass", [Words(statement), Table(["gate", "verdict", "what was looked at"], rows)])
 
 
 def _method(run: xr.Dataset) -> Section:
     attributes = run.attrs
-    control = f"step {float(attributes['solver_step']):g}{behind(time_unit(run))}" if "solver_step" in attributes else f"rtol {float(attributes['solver_rtol']):g}" if "solver_rtol" in attributes else str(attributes["solver_step_control"])  # fmt: skip
-    counts = f"{attributes['run_accepted_steps']} accepted steps, {attributes['run_rejected_trials']} rejected trials, {attributes['run_force_evaluations']} force evaluations"
-    return Section("The method", [
-        Words(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
-        Words(f"{attributes['solver_update_order']}."),
-        Code("\n".join(str(attributes["solver_update_equations"]).split("; "))),
-        Words(f"After {attributes['solver_reference']}."),
-        Words(f"Outcome: {attributes['run_outcome_text']}."),
-    ])  # fmt: skip
+    control = (
+        f"step {float(attributes['solver_step']):g}{behind(time_unit(run))}"
+        if "solver_step" in attributes
+        else (
+            f"rtol {float(attributes['solver_rtol']):g}"
+            if "solver_rtol" in attributes
+            else str(attributes["solver_step_control"])
+        )
+    )
+    counts = (
+        f"{attributes['run_accepted_steps']} accepted steps, {attributes['run_rejected_trials']} rejected trials,"
+        f" {attributes['run_force_evaluations']} force evaluations"
+    )
+    return Section(
+        "The method",
+        [
+            Words(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
+            Words(f"{attributes['solver_update_order']}."),
+            Code("\n".join(str(attributes["solver_update_equations"]).split("; "))),
+            Words(f"After {attributes['solver_reference']}."),
+            Words(f"Outcome: {attributes['run_outcome_text']}."),
+        ],
+    )
 
 
 def _convergence(certificate: xr.Dataset) -> Section:
@@ -104,10 +135,20 @@ def _convergence(certificate: xr.Dataset) -> Section:
     units = str(certificate["value"].attrs["units"])
     values, orders = certificate["level_value"].values, certificate["observed_order"].values
     changes = np.append(np.diff(values), np.nan)
-    rows = [[f"{size:.6g}", f"{value!r}", _number(change), _number(order)] for size, value, change, order in zip(certificate[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True)]  # fmt: skip
+    rows = [
+        [f"{size:.6g}", f"{value!r}", _number(change), _number(order)]
+        for size, value, change, order in zip(
+            certificate[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True
+        )
+    ]
     verdict = words_of(certificate["level_verdict"])[0].replace("_", " ")
     unit_suffix = "" if certificate[varied].attrs["units"] == "1" else f" ({certificate[varied].attrs['units']})"
-    header = [f"{varied.replace('_', ' ')}{unit_suffix}", f"{certificate.attrs['of']} ({units})", f"to the next level ({units})", "observed order"]  # fmt: skip
+    header = [
+        f"{varied.replace('_', ' ')}{unit_suffix}",
+        f"{certificate.attrs['of']} ({units})",
+        f"to the next level ({units})",
+        "observed order",
+    ]
     return Section(
         "Convergence", [Words(f"The first row is the run's own. Together they are {verdict}."), Table(header, rows)]
     )
@@ -118,11 +159,17 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> Section:
     order = np.argsort(-np.abs(certificate["share"].values), kind="stable").tolist()
     rows = [
         [
-            str(certificate["term_name"].values[i]), kinds[i], _with_unit(certificate, "sensitivity", "sensitivity_units", i),
-            _with_unit(certificate, "input_uncertainty", "input_units", i), with_doubt(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
-            f"{float(certificate['bound'].values[i]):.3g}", f"{float(certificate['share'][i]):.1%}", str(certificate["term_rule"].values[i]),
-        ] for i in order
-    ]  # fmt: skip
+            str(certificate["term_name"].values[i]),
+            kinds[i],
+            _with_unit(certificate, "sensitivity", "sensitivity_units", i),
+            _with_unit(certificate, "input_uncertainty", "input_units", i),
+            with_doubt(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
+            f"{float(certificate['bound'].values[i]):.3g}",
+            f"{float(certificate['share'][i]):.1%}",
+            str(certificate["term_rule"].values[i]),
+        ]
+        for i in order
+    ]
     header = [
         "term",
         "kind",
@@ -149,7 +196,14 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> Section:
         standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
         totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)} {units}"])
         totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
-    return Section("The budget", [Table(header, rows), Table(["total", ""], totals), Picture(picture, "Terms of the budget, and intervals where they were drawn")])  # fmt: skip
+    return Section(
+        "The budget",
+        [
+            Table(header, rows),
+            Table(["total", ""], totals),
+            Picture(picture, "Terms of the budget, and intervals where they were drawn"),
+        ],
+    )
 
 
 def _run(run: xr.Dataset, picture: bytes) -> Section:
@@ -158,7 +212,10 @@ def _run(run: xr.Dataset, picture: bytes) -> Section:
     if run.sizes.get("event", 0):
         names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
         times, doubts = run["event_time"].values.tolist(), run["event_time_uncertainty"].values.tolist()
-        rows = [[name, kind.replace("_", " "), f"{time!r}", f"{doubt:.2g}"] for name, kind, time, doubt in zip(names, kinds, times, doubts, strict=True)]  # fmt: skip
+        rows = [
+            [name, kind.replace("_", " "), f"{time!r}", f"{doubt:.2g}"]
+            for name, kind, time, doubt in zip(names, kinds, times, doubts, strict=True)
+        ]
     further = [Words(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
     events = (
         [Table(["event", "kind", f"time{unit_suffix}", f"located within{unit_suffix}"], rows[:MOST_EVENTS])]
@@ -172,8 +229,31 @@ def _ledger(ledger: xr.Dataset) -> Section:
     verdicts, units = words_of(ledger["verdict"]), ledger["case_units"].values
     # ledgers of older versions have none
     over_scale = ledger.get(SCALED_RESIDUAL, ledger["residual"] * np.nan).values
-    rows = [[str(name), verdict, f"{_number(float(residual))} {unit}", _number(float(scaled)), f"{_number(float(bound))} {unit}", str(relation)] for name, verdict, residual, scaled, bound, unit, relation in zip(ledger["case_name"].values, verdicts, ledger["residual"].values, over_scale, ledger["bound"].values, units, ledger["case_relation"].values, strict=True) if verdict != "refused"]  # fmt: skip
-    summary = f"The method beside closed forms: {verdicts.count('passed')} passed, {verdicts.count('failed')} failed, {verdicts.count('refused')} refused."
+    rows = [
+        [
+            str(name),
+            verdict,
+            f"{_number(float(residual))} {unit}",
+            _number(float(scaled)),
+            f"{_number(float(bound))} {unit}",
+            str(relation),
+        ]
+        for name, verdict, residual, scaled, bound, unit, relation in zip(
+            ledger["case_name"].values,
+            verdicts,
+            ledger["residual"].values,
+            over_scale,
+            ledger["bound"].values,
+            units,
+            ledger["case_relation"].values,
+            strict=True,
+        )
+        if verdict != "refused"
+    ]
+    summary = (
+        f"The method beside closed forms: {verdicts.count('passed')} passed, {verdicts.count('failed')} failed,"
+        f" {verdicts.count('refused')} refused."
+    )
     return Section(
         "The method's ledger",
         [Words(summary), Table(["case", "verdict", "residual", "scaled", "bound", "closed form"], rows)],
@@ -183,8 +263,18 @@ def _ledger(ledger: xr.Dataset) -> Section:
 def _again(certificate: xr.Dataset, folder: Path) -> Section:
     version, name = certificate.attrs.get("xdynamics_version", ""), folder.resolve().name
     command = f"pip install xdynamics=={version} && xdynamics recheck {name}"
-    digests = [["model", str(certificate.attrs["model_digest"])], *([f"run, level {k + 1}", str(digest)] for k, digest in enumerate(certificate["run_digest"].values))]  # fmt: skip
-    return Section("Made again", [Words("Every number of it, compared one by one, from the bundle alone:"), Code(command), Table(["sha256 of the content", ""], digests)])  # fmt: skip
+    digests = [
+        ["model", str(certificate.attrs["model_digest"])],
+        *([f"run, level {k + 1}", str(digest)] for k, digest in enumerate(certificate["run_digest"].values)),
+    ]
+    return Section(
+        "Made again",
+        [
+            Words("Every number of it, compared one by one, from the bundle alone:"),
+            Code(command),
+            Table(["sha256 of the content", ""], digests),
+        ],
+    )
 
 
 def _with_unit(certificate: xr.Dataset, name: str, units: str, i: int) -> str:

@@ -35,7 +35,20 @@ def of_model(model: Model) -> Iterator[Block]:
     for name, observable in model.observables.items():
         yield Formula(f"{latex(Name(name))} = {latex(observable)}", "observable")
     if model.drives:
-        yield Table(["drive", "of", "points", "between them", "beyond", "what"], [[name, one.argument, f"{len(one.table.argument)} in {one.table.name}", one.interpolation, one.outside, one.description] for name, one in model.drives.items()])  # fmt: skip
+        yield Table(
+            ["drive", "of", "points", "between them", "beyond", "what"],
+            [
+                [
+                    name,
+                    one.argument,
+                    f"{len(one.table.argument)} in {one.table.name}",
+                    one.interpolation,
+                    one.outside,
+                    one.description,
+                ]
+                for name, one in model.drives.items()
+            ],
+        )
     numbers = [(name, one) for name, one in model.parameters.items()]
     numbers += [
         (f"{name} at the start", model.starts.get(name, Parameter(quantity)))
@@ -53,7 +66,11 @@ def _forces(model: Model) -> Iterator[Formula]:
         if force.potential is not None:
             yield Formula(rf"V_{{\mathrm{{{_words(term)}}}}} = {latex(force.potential)}", f"potential of {description}")
         for name, part in force.components.items():
-            body = rf"\mathrm{{{_words(part.name)}}}({', '.join(_symbol(argument) for argument in part.arguments)})" if isinstance(part, Function) else latex(part)  # fmt: skip
+            body = (
+                rf"\mathrm{{{_words(part.name)}}}({', '.join(_symbol(argument) for argument in part.arguments)})"
+                if isinstance(part, Function)
+                else latex(part)
+            )
             on = f", on {name}" if len(model.coordinates) > 1 else ""
             yield Formula(rf"F_{{\mathrm{{{_words(term)}}}}} = {body}", f"{description}{on}")
 

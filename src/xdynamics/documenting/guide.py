@@ -16,9 +16,14 @@ from xdynamics.units import CONSTANTS, PREFIX, SPELLING
 # functions of the language that need an explanation; the others have their usual meaning
 SAID = {
     "where": "where(x > 0*metre, a, b): a where the comparison holds, else b; comparisons stand nowhere else",
-    "min": "of two or more", "max": "of two or more", "sign": "-1, 0 or 1", "atan2": "atan2(y, x), in radians",
-    "hypot": "sqrt(x**2 + y**2)", "sqrt": "of any unit with even powers", "log": "natural",
-}  # fmt: skip
+    "min": "of two or more",
+    "max": "of two or more",
+    "sign": "-1, 0 or 1",
+    "atan2": "atan2(y, x), in radians",
+    "hypot": "sqrt(x**2 + y**2)",
+    "sqrt": "of any unit with even powers",
+    "log": "natural",
+}
 BY_NAME = (  # variables of the record that are named after the model's own names
     ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),
     ("force_<term>_x", "step", "every force term, by coordinate"),
@@ -93,9 +98,12 @@ def guide(topic: str | None) -> Iterator[str]:
         If there is no such topic.
     """
     topics: dict[str, Callable[[], Iterable[str]]] = {
-        "model": _model, "language": _language, "units": _units, "record": _record,
+        "model": _model,
+        "language": _language,
+        "units": _units,
+        "record": _record,
         **{name: partial(_section, name) for name in SECTIONS},
-    }  # fmt: skip
+    }
     if topic is None:
         return iter(("topics    " + ", ".join(topics), "usage     xdynamics help TOPIC; xdynamics VERB --help"))
     topic = topic.strip("[]").lower()
@@ -111,7 +119,10 @@ def _model() -> Iterator[str]:
     width = max(map(len, SECTIONS)) + 2
     for name, section in SECTIONS.items():
         yield f"  {f'[{name}]':{width}}  {section.about}"
-    yield "`xdynamics help forces`, and so on, tells the keys of one; `xdynamics new MODEL.toml` writes one to begin with."
+    yield (
+        "`xdynamics help forces`, and so on, tells the keys of one; `xdynamics new MODEL.toml` writes one to begin"
+        " with."
+    )
 
 
 def _section(name: str) -> Iterator[str]:
@@ -148,7 +159,10 @@ def _language() -> Iterator[str]:
 
 
 def _units() -> Iterator[str]:
-    yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1' for none."
+    yield (
+        "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1'"
+        " for none."
+    )
     yield f"  units     {', '.join(SPELLING.values())}"
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty after a sign: 50 ± 0.5 g"

@@ -14,7 +14,18 @@ from xdynamics.model.switches import switches
 from xdynamics.schema import acceleration
 from xdynamics.units import behind
 
-COUNTED = ("coordinates", "states", "parameters", "forces", "drives", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
+COUNTED = (
+    "coordinates",
+    "states",
+    "parameters",
+    "forces",
+    "drives",
+    "events",
+    "contacts",
+    "frictions",
+    "regimes",
+    "observables",
+)
 
 
 def lines_of(model: Model) -> Iterator[str]:
@@ -69,9 +80,15 @@ def _occasions(model: Model) -> Iterator[str]:
         body = event.function.name if isinstance(event.function, Function) else text_of(event.function)
         yield f"event     {name}: {body} = 0, {event.direction}: {event.action}{f' to {event.to}' if event.to else ''}"
     for name, contact in model.contacts.items():
-        yield f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)}, {contact.tangential}"
+        yield (
+            f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)},"
+            f" {contact.tangential}"
+        )
     for name, friction in model.frictions.items():
-        yield f"friction  {name}: at most {text_of(friction.static)} against {text_of(friction.slip)}, {text_of(friction.kinetic)} while it slips"
+        yield (
+            f"friction  {name}: at most {text_of(friction.static)} against {text_of(friction.slip)},"
+            f" {text_of(friction.kinetic)} while it slips"
+        )
     if hidden := [switch.name for switch in switches(model)]:
         yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"
 

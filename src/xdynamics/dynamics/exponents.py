@@ -15,8 +15,8 @@ Floats = NDArray[np.float64]
 TRANSIENT = 0.1  # of a run, left out at its beginning
 BATCHES = 16  # whose scatter gives the uncertainty
 RULE = (
-    "mean over time of the growth of tangent vectors by the variational equations along the run, orthonormal again after"
-    " every step (Benettin et al. 1980), weighted by sin(pi s)**2, where s goes from 0 to 1 behind the transient"
+    "mean over time of the growth of tangent vectors by the variational equations along the run, orthonormal again"
+    " after every step (Benettin et al. 1980), weighted by sin(pi s)**2, where s goes from 0 to 1 behind the transient"
 )
 TRANSIENT_RULE = "the first tenth of the run's time is left out, while vectors turn to where growth is largest"
 UNCERTAINTY_RULE = (

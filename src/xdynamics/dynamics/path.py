@@ -167,7 +167,13 @@ class Path:
         names, units, run = variables(self.model), self.model.units, self.run
         speeds = [velocity(name) for name in self.model.coordinates]
         rate_names = [*speeds, *map(acceleration, self.model.coordinates), *map(rate, self.model.states)]
-        rates = np.stack([np.asarray(run[rate_name], float) * float(units[name].factor) for rate_name, name in zip(rate_names, names, strict=True)], axis=1)  # fmt: skip
+        rates = np.stack(
+            [
+                np.asarray(run[rate_name], float) * float(units[name].factor)
+                for rate_name, name in zip(rate_names, names, strict=True)
+            ],
+            axis=1,
+        )
         steps, states = np.diff(self.times)[:, None], self.states
         middle = (states[:-1] + states[1:]) / 2.0 + steps / 8.0 * (rates[:-1] - rates[1:])
         regimes = np.asarray(run["regime"])[:-1].astype(float) if "regime" in run else np.zeros(len(steps))
@@ -247,17 +253,38 @@ class Path:
         entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
         weights = self.sizes[entries[1]] / self.sizes[entries[0]]
         width = len(layout.record)
-        arrays = {"at": np.zeros(len(AT)), "y": np.zeros(width), "p": p, "tables": tables, "pieces": places,
-                  "z": np.zeros(width), "e": np.zeros(max(1, len(pairs)))}  # fmt: skip
+        arrays = {
+            "at": np.zeros(len(AT)),
+            "y": np.zeros(width),
+            "p": p,
+            "tables": tables,
+            "pieces": places,
+            "z": np.zeros(width),
+            "e": np.zeros(max(1, len(pairs))),
+        }
         table = np.zeros((len(TABLE), WORDS), np.int64)
         for name, array in arrays.items():
             table[TABLE.index(name)] = array.ctypes.data, array.shape[0], array.shape[-1]
         entry, code = _entry(program, layout, arrays)
         y, z, at = arrays["y"], arrays["z"], arrays["at"]
         law = Law(
-            entry, table.ctypes.data, y.ctypes.data, z.ctypes.data, y, z, arrays["e"], at, p, places, entries, weights,
-            self.sizes, self.sizes[nc : 2 * nc] / self.sizes[:nc], nc, NUDGE if by_differences else 0.0,
-        )  # fmt: skip
+            entry,
+            table.ctypes.data,
+            y.ctypes.data,
+            z.ctypes.data,
+            y,
+            z,
+            arrays["e"],
+            at,
+            p,
+            places,
+            entries,
+            weights,
+            self.sizes,
+            self.sizes[nc : 2 * nc] / self.sizes[:nc],
+            nc,
+            NUDGE if by_differences else 0.0,
+        )
         assert n == len(layout.used)  # noqa: S101 - forces use exactly the variables
         return law, [arrays, table, code]
 

@@ -36,7 +36,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 MOST_TIMES = 100_000_000  # of a range
-ROUTE = "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated with one: how far it is from the solution through that state"
+ROUTE = (
+    "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated"
+    " with one: how far it is from the solution through that state"
+)
 
 
 def sampled(
@@ -84,7 +87,10 @@ class Inside:
                 remedy = said_of_log(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
             if run[name].attrs.get("units") != units[name]:
-                raise InputError(f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded; convert what was sampled")  # fmt: skip
+                raise InputError(
+                    f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded;"
+                    " convert what was sampled"
+                )
         return inside
 
     @cached_property
@@ -108,9 +114,16 @@ class Inside:
         switches = str(attributes.get("solver_switches", STEPPED_OVER))
         math_functions = kept_set(attributes.get("math_functions"))
         return Settings(
-            method, start, estimator=estimator, samples=samples, scales=scales_of(self.run), jacobian=jacobian,
-            summation=summation, switches=switches, math_functions=math_functions,
-        )  # fmt: skip
+            method,
+            start,
+            estimator=estimator,
+            samples=samples,
+            scales=scales_of(self.run),
+            jacobian=jacobian,
+            summation=summation,
+            switches=switches,
+            math_functions=math_functions,
+        )
 
     @cached_property
     def layout(self) -> Layout:
@@ -230,12 +243,13 @@ def _check_whole(where: Floats, steps: Floats, near: float, unit: str, every: in
         i = int(torn[0])
         if every > 1:
             raise InputError(
-                f"t = {times[i]:.15g}{unit} is between rows of the march that were left out, from {starts[i]:.15g}{unit} to"
-                f" {ends[i]:.15g}{unit}: of those this record has {RARE.format(every)}, or ask for times of kept rows"
+                f"t = {times[i]:.15g}{unit} is between rows of the march that were left out, from"
+                f" {starts[i]:.15g}{unit} to {ends[i]:.15g}{unit}: of those this record has {RARE.format(every)}, or"
+                " ask for times of kept rows"
             )
         raise InputError(
-            f"rows are missing between t = {starts[i]:.15g}{unit} and {ends[i]:.15g}{unit}: the step to the later one is"
-            f" {steps[i]:.15g}{unit}; sample the whole record, and choose among its rows afterwards"
+            f"rows are missing between t = {starts[i]:.15g}{unit} and {ends[i]:.15g}{unit}: the step to the later one"
+            f" is {steps[i]:.15g}{unit}; sample the whole record, and choose among its rows afterwards"
         )
 
 
@@ -249,7 +263,9 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
     """
     if isinstance(times, str) and ":" in times:
         if not is_range(times):
-            raise InputError(f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'")  # fmt: skip
+            raise InputError(
+                f"times are {times[:60]!r}, need start:stop:count and a unit, count a whole number, like '0:20:201 s'"
+            )
         span = Range.parse(times)
         if span.unit.text != "1" and span.unit.dimension != unit.dimension:
             raise InputError(f"times {times!r} are in '{span.unit.text}', need a time in '{unit.text}'")
@@ -281,8 +297,8 @@ def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArra
     if outside.size:
         unit = behind(str(time.attrs.get("units", SECONDS.text)))
         raise InputError(
-            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit} to"
-            f" {last!r}{unit}; a run is never extrapolated"
+            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
+            f" to {last!r}{unit}; a run is never extrapolated"
         )
     rows = accepted.count(wanted, "right") - 1
     if not after:

@@ -106,7 +106,16 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
                 f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
             )
     del references
-    return Local(times, grown.factors, grown.exponents, grown.errors, tangent.total, int(tangent.exponents[0]), int(tangent.pieces[0]), n)  # fmt: skip
+    return Local(
+        times,
+        grown.factors,
+        grown.exponents,
+        grown.errors,
+        tangent.total,
+        int(tangent.exponents[0]),
+        int(tangent.pieces[0]),
+        n,
+    )
 
 
 def _chunks(rows: Rows) -> Iterator[Rows]:
@@ -114,9 +123,15 @@ def _chunks(rows: Rows) -> Iterator[Rows]:
     for k in range(0, len(rows.times) - 1, CHUNK):
         steps = slice(k, k + CHUNK)
         yield rows._replace(
-            times=rows.times[k : k + CHUNK + 1], states=rows.states[steps], regimes=rows.regimes[steps], sides=rows.sides[steps],
-            pieces=rows.pieces[steps], jumps=rows.jumps[steps], parts=rows.parts[steps], blocks=rows.blocks[steps],
-        )  # fmt: skip
+            times=rows.times[k : k + CHUNK + 1],
+            states=rows.states[steps],
+            regimes=rows.regimes[steps],
+            sides=rows.sides[steps],
+            pieces=rows.pieces[steps],
+            jumps=rows.jumps[steps],
+            parts=rows.parts[steps],
+            blocks=rows.blocks[steps],
+        )
 
 
 def _tangent(n: int, m: int, pace: float) -> Tangent:

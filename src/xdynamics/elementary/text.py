@@ -26,7 +26,10 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
         result = Written(lines, "n", aggregate)
     signature = ", ".join(f"{kind} {item.text}" for item in arguments)
     body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
-    text = f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned} {result.text}\n}}"
+    text = (
+        f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned}"
+        f" {result.text}\n}}"
+    )
     return text, tuple(sorted(lines.tables))
 
 

@@ -67,7 +67,9 @@ class Companion:
         for name in [str(key) for key in states.data_vars if schema.error(str(key)) in states]:
             error = np.full(times.shape, np.nan)
             error[reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
-            errors[global_error(name)] = xr.Variable((AT,), error, about(str(states[name].attrs["units"]), self._words(name), "error"))  # fmt: skip
+            errors[global_error(name)] = xr.Variable(
+                (AT,), error, about(str(states[name].attrs["units"]), self._words(name), "error")
+            )
         return states.assign(errors).assign_attrs(companion=self.said, companion_digest=archive.digest_of_run(self.run))
 
     def event_errors(self) -> Floats:
@@ -139,7 +141,11 @@ def companion(
         run["event_time"].values,
         about(time_unit(run).text, "accepted time of the event", "event"),
     )
-    variables["event_time_global_error"] = ((EVENTS,), tighter.event_errors(), about(time_unit(run).text, "error of the event's time since the start of the run", "error"))  # fmt: skip
+    variables["event_time_global_error"] = (
+        (EVENTS,),
+        tighter.event_errors(),
+        about(time_unit(run).text, "error of the event's time since the start of the run", "error"),
+    )
     digests = [archive.digest_of_run(data) for data in (run, tighter.run)]
     attributes = {"companion": tighter.said, "model_digest": run.attrs["model_digest"]}
     return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, attributes)
@@ -208,6 +214,12 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     yield f"beside a run with {found.attrs['companion']}"
     for name in [str(key) for key in found.data_vars if global_error(str(key)) in found]:
         value, error = float(found[name][-1]), float(found[global_error(name)][-1])
-        yield f"{name} = {value:.{digits(value, uncertainty=error)}g}{behind(str(found[name].attrs['units']))} at t = {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
+        yield (
+            f"{name} = {value:.{digits(value, uncertainty=error)}g}{behind(str(found[name].attrs['units']))} at t ="
+            f" {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
+        )
     for time, error in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
-        yield f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(error)))}g}{unit}, off by {float(error):.2g}{unit}"
+        yield (
+            f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(error)))}g}{unit}, off by"
+            f" {float(error):.2g}{unit}"
+        )

@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 MODES, EIGENVALUES, BY_METHOD = "mode", "eigenvalue", "method"
 RIGID = 1e-13  # squares of frequencies below this fraction of the largest are zero but for round-off
 SUGGESTION = (
-    "the lesser of T/20 and half the largest step with which no mode grows by more than a hundredth in T, where T is the"
-    " shortest 2 pi/|eigenvalue| of those that oscillate or grow, and of decays alone the longest; a start for a"
+    "the lesser of T/20 and half the largest step with which no mode grows by more than a hundredth in T, where T is"
+    " the shortest 2 pi/|eigenvalue| of those that oscillate or grow, and of decays alone the longest; a start for a"
     " refinement, not a bound of the error; nan where the method refuses the model"
 )
 
@@ -124,7 +124,8 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
     name = "time" if name == "t" else name
     if name not in run.variables:
         raise InputError(
-            f"run record has no variable '{name}', which its model needs; {said_of_log(run.attrs) or 'give the whole record'}"
+            f"run record has no variable '{name}', which its model needs;"
+            f" {said_of_log(run.attrs) or 'give the whole record'}"
         )
     variable = run.variables[name]
     return parse_unit(str(variable.attrs["units"])).to_si(float(variable[row].values))
@@ -153,8 +154,9 @@ def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
     if wrong.size:
         i, j = (int(index) for index in wrong[0])
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of {linearisation.names[i]} has the derivative"
-            f" {linearisation.jacobian[i, j]} by {linearisation.names[j]}; choose another state with at=… or row=…"
+            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of"
+            f" {linearisation.names[i]} has the derivative {linearisation.jacobian[i, j]} by {linearisation.names[j]};"
+            " choose another state with at=… or row=…"
         )
 
 
@@ -227,8 +229,18 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
     """Return the eigenvalues of the Jacobian, the slowest first, and the time scale of the fastest."""
     comment = {"comment": "negative decays, positive grows"}
     size, rate = float(np.max(np.abs(eigenvalues), initial=0.0)), NUMBERS.per(model.time_unit).text
-    real = Variable("eigenvalue_real", (EIGENVALUES,), "f8", rate, "rate of growth of an eigenmode of the motion", "eigenvalue", comment)  # fmt: skip
-    imag = Variable("eigenvalue_imag", (EIGENVALUES,), "f8", rate, "angular frequency of an eigenmode of the motion", "eigenvalue")  # fmt: skip
+    real = Variable(
+        "eigenvalue_real",
+        (EIGENVALUES,),
+        "f8",
+        rate,
+        "rate of growth of an eigenmode of the motion",
+        "eigenvalue",
+        comment,
+    )
+    imag = Variable(
+        "eigenvalue_imag", (EIGENVALUES,), "f8", rate, "angular frequency of an eigenmode of the motion", "eigenvalue"
+    )
     scale = Variable(
         "fastest_time_scale", (), "f8", model.time_unit.text, "one over the largest eigenvalue", "time_scale"
     )
@@ -248,12 +260,39 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
         return Variable(name, (BY_METHOD,), "f8", units, long_name, "stability", {"comment": comment})
 
     return [
-        (Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names), np.arange(len(methods), dtype=np.int8)),
-        (along("oscillator_limit", "1", "largest stable step over 1/w of an undamped oscillation", "0: every step makes it grow; inf: none does"), np.array([oscillator_limit(method) for method in methods])),
-        (along("decay_limit", "1", "largest stable step over the time of a decay", "inf: every step is stable; nan: the method refuses such a term"), np.array([decay_limit(method) for method in methods])),
-        (along("largest_stable_step", model.time_unit.text, "largest step with which no mode grows that does not grow in the model", "0: none; inf: every step; nan: the method refuses the model"), stable),
+        (
+            Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names),
+            np.arange(len(methods), dtype=np.int8),
+        ),
+        (
+            along(
+                "oscillator_limit",
+                "1",
+                "largest stable step over 1/w of an undamped oscillation",
+                "0: every step makes it grow; inf: none does",
+            ),
+            np.array([oscillator_limit(method) for method in methods]),
+        ),
+        (
+            along(
+                "decay_limit",
+                "1",
+                "largest stable step over the time of a decay",
+                "inf: every step is stable; nan: the method refuses such a term",
+            ),
+            np.array([decay_limit(method) for method in methods]),
+        ),
+        (
+            along(
+                "largest_stable_step",
+                model.time_unit.text,
+                "largest step with which no mode grows that does not grow in the model",
+                "0: none; inf: every step; nan: the method refuses the model",
+            ),
+            stable,
+        ),
         (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), suggested),
-    ]  # fmt: skip
+    ]
 
 
 def _scale(eigenvalues: NDArray[np.complex128]) -> float:

@@ -150,7 +150,10 @@ def evaluated_on(
     led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     names = [name for element in reactions(model) for name in (state_name(element), element.name)]
     if missing := [name for name in names if name not in run.variables]:
-        raise InputError(f"what is computed between rows needs {', '.join(missing)}; {said_of_log(run.attrs) or 'take the whole record'}")  # fmt: skip
+        raise InputError(
+            f"what is computed between rows needs {', '.join(missing)};"
+            f" {said_of_log(run.attrs) or 'take the whole record'}"
+        )
     inputs |= modes_behind(model, {name: run[name].values for name in names}, rows, led_to)
     functions = kept_set(run.attrs.get("math_functions"))
     values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), functions)

@@ -31,8 +31,15 @@ def over(residual: Any, scale: Any) -> Any:
 
 
 def scaled(
-    kind: str, name: str, residual: Any, scale: Any, dims: Sequence[str], units: str, said: str, norms: Sequence[str] = ()
-) -> dict[str, Any]:  # fmt: skip
+    kind: str,
+    name: str,
+    residual: Any,
+    scale: Any,
+    dims: Sequence[str],
+    units: str,
+    said: str,
+    norms: Sequence[str] = (),
+) -> dict[str, Any]:
     """Return a residual over its scale, and the scale, ready for a Dataset.
 
     Parameters
@@ -56,11 +63,19 @@ def scaled(
     key = f"{kind}_{name}"
     rule = {"scale_rule": f"{said}; never its value at one time, which may pass zero"}
     variables = {
-        schema.scaled(key): (tuple(dims), over(residual, scale), about("1", f"{key} over {schema.scale(kind, name)}", ROLE) | rule),
+        schema.scaled(key): (
+            tuple(dims),
+            over(residual, scale),
+            about("1", f"{key} over {schema.scale(kind, name)}", ROLE) | rule,
+        ),
         schema.scale(kind, name): ((), scale, about(units, f"scale of {key}: {said}", "scale") | rule),
-    }  # fmt: skip
+    }
     sizes = {"rms": lambda off: np.sqrt(np.mean(off**2)), "largest": lambda off: np.max(np.abs(off))}
     return variables | {
-        schema.scaled(f"{norm}_{key}"): ((), over(sizes[norm](residual), scale), about("1", f"{norm}_{key} over {schema.scale(kind, name)}", ROLE) | rule)
+        schema.scaled(f"{norm}_{key}"): (
+            (),
+            over(sizes[norm](residual), scale),
+            about("1", f"{norm}_{key} over {schema.scale(kind, name)}", ROLE) | rule,
+        )
         for norm in norms
-    }  # fmt: skip
+    }

@@ -27,6 +27,26 @@ from xdynamics.expressions.tree import (
 )
 
 __all__ = [
-    "FUNCTIONS", "Binary", "Call", "Compare", "Name", "Negative", "Node", "Number", "chain", "derivative",
-    "derivatives", "digest", "dimension_of", "expand", "exponent_of", "free_names", "latex", "limits_domain", "parse", "shown", "size", "text_of",
-]  # fmt: skip
+    "FUNCTIONS",
+    "Binary",
+    "Call",
+    "Compare",
+    "Name",
+    "Negative",
+    "Node",
+    "Number",
+    "chain",
+    "derivative",
+    "derivatives",
+    "digest",
+    "dimension_of",
+    "expand",
+    "exponent_of",
+    "free_names",
+    "latex",
+    "limits_domain",
+    "parse",
+    "shown",
+    "size",
+    "text_of",
+]

@@ -141,20 +141,29 @@ def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
 
 
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
-    "+": lambda x, y: x + y, "-": lambda x, y: x - y, "*": lambda x, y: x * y, "/": _quotient,
-    "<": lambda x, y: x < y, "<=": lambda x, y: x <= y, ">": lambda x, y: x > y, ">=": lambda x, y: x >= y,
-    "==": lambda x, y: x == y, "!=": lambda x, y: x != y,
-}  # fmt: skip
+    "+": lambda x, y: x + y,
+    "-": lambda x, y: x - y,
+    "*": lambda x, y: x * y,
+    "/": _quotient,
+    "<": lambda x, y: x < y,
+    "<=": lambda x, y: x <= y,
+    ">": lambda x, y: x > y,
+    ">=": lambda x, y: x >= y,
+    "==": lambda x, y: x == y,
+    "!=": lambda x, y: x != y,
+}
 # as in compiled code, a nan on either side wins: no comparison with it holds
 _CHOICES: dict[str, Callable[[float, float], float]] = {
     "min": lambda x, y: x if x < y or math.isnan(x) else y,
     "max": lambda x, y: x if x > y or math.isnan(x) else y,
 }
 NUMERIC: dict[str, Callable[..., float]] = {
-    "abs": abs, "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x),
-    "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan, "positive": lambda x: x if x > 0.0 else math.nan,
+    "abs": abs,
+    "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x),
+    "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan,
+    "positive": lambda x: x if x > 0.0 else math.nan,
     **{name: _of_floats(function) for name, function in FUNCTIONS.items()},
-}  # fmt: skip
+}
 FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() if truth else no())
 
 
@@ -162,15 +171,17 @@ FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() 
 def _of_arrays(math_functions: str) -> Arithmetic:
     """Return the arithmetic of arrays, with a set of elementary functions."""
     return Arithmetic(
-    _OPERATORS | {"/": np.divide},
-    {
-        "min": lambda x, y: np.where((x < y) | np.isnan(x), x, y),
-        "max": lambda x, y: np.where((x > y) | np.isnan(x), x, y),
-    },
-    {
-        "abs": np.abs, "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
-        "sqrt": np.sqrt, "positive": lambda x: np.where(x > 0.0, x, np.nan),
-        **{name: partial(applied, name, math_functions=math_functions) for name in FUNCTIONS},
-    },
-    lambda truth, yes, no: np.where(truth, yes(), no()),
-)  # fmt: skip
+        _OPERATORS | {"/": np.divide},
+        {
+            "min": lambda x, y: np.where((x < y) | np.isnan(x), x, y),
+            "max": lambda x, y: np.where((x > y) | np.isnan(x), x, y),
+        },
+        {
+            "abs": np.abs,
+            "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
+            "sqrt": np.sqrt,
+            "positive": lambda x: np.where(x > 0.0, x, np.nan),
+            **{name: partial(applied, name, math_functions=math_functions) for name in FUNCTIONS},
+        },
+        lambda truth, yes, no: np.where(truth, yes(), no()),
+    )

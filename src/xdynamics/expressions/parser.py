@@ -245,7 +245,8 @@ class _Reader:
         if match is None and self.source[self.position :].strip():
             column = self.position + 1
             raise InputError(
-                f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the language"
+                f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the"
+                " language"
             )
         if match is None or match.lastgroup is None:
             return _Token("end", "", len(self.source) + 1)

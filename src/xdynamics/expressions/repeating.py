@@ -92,7 +92,10 @@ def check_numbers(
 
 def _parting(first: str, second: str) -> tuple[str, str]:
     """Return excerpts of two texts around the first difference."""
-    same = next((i for i, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]), min(len(first), len(second)))  # fmt: skip
+    same = next(
+        (i for i, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]),
+        min(len(first), len(second)),
+    )
     start = max(0, same - BEFORE)
     return _shortened(first, start, same), _shortened(second, start, same)
 

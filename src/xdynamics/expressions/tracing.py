@@ -19,10 +19,28 @@ LARGEST_EXPONENT = 16
 REMEDY = "write numpy.where(condition, a, b) in the place of a branch, and numpy's functions in that of math's"
 # numpy's name of a function -> ours
 NAMED = {
-    "sin": "sin", "cos": "cos", "tan": "tan", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
-    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log", "sqrt": "sqrt", "absolute": "abs",
-    "fabs": "abs", "sign": "sign", "hypot": "hypot", "maximum": "max", "minimum": "min", "fmax": "max", "fmin": "min",
-}  # fmt: skip
+    "sin": "sin",
+    "cos": "cos",
+    "tan": "tan",
+    "arcsin": "asin",
+    "arccos": "acos",
+    "arctan": "atan",
+    "arctan2": "atan2",
+    "sinh": "sinh",
+    "cosh": "cosh",
+    "tanh": "tanh",
+    "exp": "exp",
+    "log": "log",
+    "sqrt": "sqrt",
+    "absolute": "abs",
+    "fabs": "abs",
+    "sign": "sign",
+    "hypot": "hypot",
+    "maximum": "max",
+    "minimum": "min",
+    "fmax": "max",
+    "fmin": "min",
+}
 COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
 
 
@@ -225,13 +243,22 @@ def _boxed(value: Any) -> Any:
 
 
 _OPERATORS: dict[str, Callable[..., Any]] = {
-    "add": lambda x, y: _joined("+", x, y), "subtract": lambda x, y: _joined("-", x, y),
-    "multiply": lambda x, y: _joined("*", x, y), "divide": lambda x, y: _joined("/", x, y),
-    "negative": lambda x: -_as(x), "positive": lambda x: x, "square": lambda x: _joined("*", x, x),
-    "power": _power, "float_power": _power, "reciprocal": lambda x: _joined("/", 1.0, x), "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
-    "expm1": lambda x: called("exp", x) - 1.0, "log1p": lambda x: called("log", _joined("+", 1.0, x)),
-    "deg2rad": lambda x: _joined("*", x, np.pi / 180), "radians": lambda x: _joined("*", x, np.pi / 180),
-}  # fmt: skip
+    "add": lambda x, y: _joined("+", x, y),
+    "subtract": lambda x, y: _joined("-", x, y),
+    "multiply": lambda x, y: _joined("*", x, y),
+    "divide": lambda x, y: _joined("/", x, y),
+    "negative": lambda x: -_as(x),
+    "positive": lambda x: x,
+    "square": lambda x: _joined("*", x, x),
+    "power": _power,
+    "float_power": _power,
+    "reciprocal": lambda x: _joined("/", 1.0, x),
+    "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
+    "expm1": lambda x: called("exp", x) - 1.0,
+    "log1p": lambda x: called("log", _joined("+", 1.0, x)),
+    "deg2rad": lambda x: _joined("*", x, np.pi / 180),
+    "radians": lambda x: _joined("*", x, np.pi / 180),
+}
 
 
 def _applied(ufunc: str, arguments: Sequence[Any]) -> Any:
@@ -240,7 +267,10 @@ def _applied(ufunc: str, arguments: Sequence[Any]) -> Any:
     if ufunc in COMPARED:
         return _compared(COMPARED[ufunc], *arguments)
     if ufunc not in NAMED:
-        raise InputError(f"the function calls numpy.{ufunc}, which the language of expressions has not; there are {', '.join(FUNCTIONS)}")  # fmt: skip
+        raise InputError(
+            f"the function calls numpy.{ufunc}, which the language of expressions has not; there are"
+            f" {', '.join(FUNCTIONS)}"
+        )
     return called(NAMED[ufunc], *arguments)
 
 

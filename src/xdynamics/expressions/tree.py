@@ -13,9 +13,26 @@ from fractions import Fraction
 
 # function name -> number of arguments; min and max take two or more
 FUNCTIONS = {
-    "abs": 1, "sign": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "asin": 1, "acos": 1,
-    "atan": 1, "atan2": 2, "sinh": 1, "cosh": 1, "tanh": 1, "hypot": 2, "min": 2, "max": 2, "where": 3,
-}  # fmt: skip
+    "abs": 1,
+    "sign": 1,
+    "sqrt": 1,
+    "exp": 1,
+    "log": 1,
+    "sin": 1,
+    "cos": 1,
+    "tan": 1,
+    "asin": 1,
+    "acos": 1,
+    "atan": 1,
+    "atan2": 2,
+    "sinh": 1,
+    "cosh": 1,
+    "tanh": 1,
+    "hypot": 2,
+    "min": 2,
+    "max": 2,
+    "where": 3,
+}
 
 
 @dataclass(frozen=True)

@@ -96,9 +96,12 @@ def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
     view = view[:MOST_BODIES]
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
     artists = [
-        (axes.plot([], [], "-", color=COLOURS[k % len(COLOURS)], linewidth=1.2, alpha=0.6)[0], axes.plot([], [], "o", color=COLOURS[k % len(COLOURS)], markersize=8)[0])
+        (
+            axes.plot([], [], "-", color=COLOURS[k % len(COLOURS)], linewidth=1.2, alpha=0.6)[0],
+            axes.plot([], [], "o", color=COLOURS[k % len(COLOURS)], markersize=8)[0],
+        )
         for k in range(len(view))
-    ]  # fmt: skip
+    ]
 
     def at(frame: int) -> list[Any]:
         now = times[frame]
@@ -126,11 +129,17 @@ def _writer(path: Path, rate: int) -> Any:
 def _check(target: Path, shown: list[Any], seconds: Any, rate: Any, dpi: Any) -> None:
     check_path(target, FORMATS, "film")
     if not shown or not shown[0]:
-        raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
+        raise InputError(
+            'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)",'
+            ' "-l*cos(theta)"]'
+        )
     if seconds is not None and not (isinstance(seconds, int | float) and 0.0 < seconds <= 600.0):
         raise InputError(f"seconds are {seconds!r}, need a number up to 600")
     if isinstance(rate, int) and seconds is not None and seconds * rate > MOST_FRAMES:
-        raise InputError(f"{seconds:g} seconds at a rate of {rate} are {seconds * rate:.0f} frames, at most {MOST_FRAMES} are drawn; ask for fewer")  # fmt: skip
+        raise InputError(
+            f"{seconds:g} seconds at a rate of {rate} are {seconds * rate:.0f} frames, at most {MOST_FRAMES} are drawn;"
+            " ask for fewer"
+        )
     for name, value, least, most in (("rate", rate, 1, 100), ("dpi", dpi, 20, 600)):
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
             raise InputError(f"{name} is {value!r}, needs a whole number from {least} to {most}")

@@ -30,7 +30,11 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
     InputError
         If no quantity was compared.
     """
-    names = [str(name).removeprefix("difference_") for name, item in found.data_vars.items() if str(name).startswith("difference_") and item.dims == (AT,)]  # fmt: skip
+    names = [
+        str(name).removeprefix("difference_")
+        for name, item in found.data_vars.items()
+        if str(name).startswith("difference_") and item.dims == (AT,)
+    ]
     if not names:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
     beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
@@ -42,14 +46,34 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 def foot_of(found: xr.Dataset) -> str:
     """Describe what differs, and since when."""
     parted, cause = (str(found.attrs.get(key, "")) for key in ("parted", "cause"))
-    return "; ".join(filter(None, ("shaded: standard uncertainty as measured, else what interpolation may be off", parted and f"parted at {parted}", cause)))  # fmt: skip
+    return "; ".join(
+        filter(
+            None,
+            (
+                "shaded: standard uncertainty as measured, else what interpolation may be off",
+                parted and f"parted at {parted}",
+                cause,
+            ),
+        )
+    )
 
 
 def _beside(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw the measured values with their uncertainty, and the computed values at the same times."""
     time, units = comparison[AT_TIME].values, comparison[name].attrs["units"]
     doubt = comparison[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in comparison else None
-    axes.errorbar(time, comparison[f"measured_{name}"].values, yerr=doubt, fmt=".", color=COLOURS[1], markersize=3, elinewidth=1.0, capsize=3, zorder=3, label="measured")  # fmt: skip
+    axes.errorbar(
+        time,
+        comparison[f"measured_{name}"].values,
+        yerr=doubt,
+        fmt=".",
+        color=COLOURS[1],
+        markersize=3,
+        elinewidth=1.0,
+        capsize=3,
+        zorder=3,
+        label="measured",
+    )
     order = np.argsort(time)
     axes.plot(
         time[order],

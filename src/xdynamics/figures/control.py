@@ -29,8 +29,15 @@ def steps(run: xr.Dataset, axes: Axes) -> None:
     rejected = np.flatnonzero(np.isin(run["trial_reason"].values, failed))
     if len(rejected):
         rejected = rejected[thinned(run["trial_step_size"].values[rejected])]
-        axes.plot(run["trial_time"].values[rejected], run["trial_step_size"].values[rejected], "x", color=COLOURS[1],
-                  markersize=3.5, markeredgewidth=0.8, label="rejected by the error test")  # fmt: skip
+        axes.plot(
+            run["trial_time"].values[rejected],
+            run["trial_step_size"].values[rejected],
+            "x",
+            color=COLOURS[1],
+            markersize=3.5,
+            markeredgewidth=0.8,
+            label="rejected by the error test",
+        )
         axes.legend(fontsize=8, frameon=False)
     if len(rows):
         axes.set_yscale("log")

@@ -294,4 +294,11 @@ def _hermite(start: list[Floats], end: list[Floats], w: Floats, u: Floats) -> Fl
         return a + u * p + u**2 * (3 * (b - a) - 2 * p - q) + u**3 * (2 * (a - b) + p + q)
     k, m = w**2 * start[2], w**2 * end[2]
     rest, slope, bend = b - a - p - k / 2, q - p - k, m - k
-    return a + u * p + u**2 * k / 2 + u**3 * (10 * rest - 4 * slope + bend / 2) + u**4 * (-15 * rest + 7 * slope - bend) + u**5 * (6 * rest - 3 * slope + bend / 2)  # fmt: skip
+    return (
+        a
+        + u * p
+        + u**2 * k / 2
+        + u**3 * (10 * rest - 4 * slope + bend / 2)
+        + u**4 * (-15 * rest + 7 * slope - bend)
+        + u**5 * (6 * rest - 3 * slope + bend / 2)
+    )

@@ -79,7 +79,10 @@ def _exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
     axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{unit_suffix}"))
     axes.margins(y=0.15)
     axes.locator_params(axis="x", integer=True)
-    growth = f"growth over the run's own time {float(diagnosis[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
+    growth = (
+        "growth over the run's own time"
+        f" {float(diagnosis[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
+    )
     axes.set_title(words(f"Lyapunov exponents; {growth}"), loc="left", fontsize=10)
 
 

@@ -45,7 +45,14 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     for k, (label, columns) in enumerate(beside):
         if "total_energy" in columns:
             times, values, _ = columns["total_energy"]
-            axes.plot(times, values - values[0], DASHES[k % len(DASHES)], color=COLOURS[(k + 2) % len(COLOURS)], linewidth=1.0, label=words(label))  # fmt: skip
+            axes.plot(
+                times,
+                values - values[0],
+                DASHES[k % len(DASHES)],
+                color=COLOURS[(k + 2) % len(COLOURS)],
+                linewidth=1.0,
+                label=words(label),
+            )
             axes.legend(fontsize=8, frameon=False)
     axes.set(ylabel=words(f"E - E(0) ({units})"))
     note = straight(run, "total_energy", exact=True)

@@ -27,8 +27,16 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 
 def foot_of(found: xr.Dataset) -> str:
     """Report the estimates and the data."""
-    rows = zip(found["parameter_name"].values, found["estimate"].values, found["standard_uncertainty"].values, found["parameter_units"].values, strict=True)  # fmt: skip
-    estimates = ", ".join(f"{name} = {value:.6g} ± {doubt:.2g}{'' if unit == '1' else f' {unit}'}" for name, value, doubt, unit in rows)  # fmt: skip
+    rows = zip(
+        found["parameter_name"].values,
+        found["estimate"].values,
+        found["standard_uncertainty"].values,
+        found["parameter_units"].values,
+        strict=True,
+    )
+    estimates = ", ".join(
+        f"{name} = {value:.6g} ± {doubt:.2g}{'' if unit == '1' else f' {unit}'}" for name, value, doubt, unit in rows
+    )
     caveat = "" if int(found.attrs.get("adequate", 1)) else f"; not adequate: {found.attrs['adequate_text']}"
     return f"{estimates}, at one standard uncertainty; {found.attrs['data']}{caveat}"
 

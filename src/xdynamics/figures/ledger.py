@@ -30,7 +30,10 @@ def foot_of(ledger: xr.Dataset) -> str:
     """Count the verdicts and explain the colours."""
     verdicts = words_of(ledger["verdict"])
     summary = ", ".join(f"{verdicts.count(word)} {word}" for word in dict.fromkeys(verdicts))
-    return f"{summary}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red: failed; blank: refused"  # fmt: skip
+    return (
+        f"{summary}; from light to dark: residual below {NEAR:g}, below {CLOSE:g}, above {CLOSE:g} of its bound; red:"
+        " failed; blank: refused"
+    )
 
 
 def _table(ledger: xr.Dataset, axes: Axes) -> None:
@@ -38,8 +41,13 @@ def _table(ledger: xr.Dataset, axes: Axes) -> None:
 
     names, methods = ([*dict.fromkeys(map(str, ledger[f"case_{key}"].values))] for key in ("name", "method"))
     for name, method, verdict, residual, bound in zip(
-        ledger["case_name"].values, ledger["case_method"].values, words_of(ledger["verdict"]), ledger["residual"].values, ledger["bound"].values, strict=True
-    ):  # fmt: skip
+        ledger["case_name"].values,
+        ledger["case_method"].values,
+        words_of(ledger["verdict"]),
+        ledger["residual"].values,
+        ledger["bound"].values,
+        strict=True,
+    ):
         share = residual / bound if bound > 0.0 else 0.0
         shade = SHADES[int(share >= NEAR) + int(share >= CLOSE)]
         colour = {"failed": FAILED, "refused": REFUSED}.get(verdict, shade)

@@ -81,7 +81,16 @@ def _overlay(names: list[str], beside: Beside, axes: Axes) -> bool:
             if doubts is None:
                 axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=text)
             else:
-                axes.errorbar(times, values, yerr=doubts if doubts.any() else None, fmt="+", color=colour, markersize=5, linewidth=0.8, label=text)  # fmt: skip
+                axes.errorbar(
+                    times,
+                    values,
+                    yerr=doubts if doubts.any() else None,
+                    fmt="+",
+                    color=colour,
+                    markersize=5,
+                    linewidth=0.8,
+                    label=text,
+                )
             overlaid = True
     return overlaid
 
@@ -93,7 +102,9 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
     largest = float(np.abs(rows).max()) or 1.0
     edges = np.append(grid, grid[-1])
-    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)  # fmt: skip
+    mesh = axes.pcolormesh(
+        edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True
+    )
     axes.figure.colorbar(mesh, ax=axes, label=words(f"{_joined(names)} ({typeset(run[names[0]].attrs['units'])})"))
     ticks = np.unique(np.linspace(1, len(names), min(len(names), 9)).round().astype(int))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
@@ -182,7 +193,12 @@ def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
         units = str(run[name].attrs["units"])
         position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
         axes.plot(position, states[velocity(name)].values, ".", color=colour, markersize=2.5, label=words(name))
-    axes.set(xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), ylabel=words(f"{_joined([velocity(coordinate) for coordinate in names])} ({run[velocity(names[0])].attrs['units']})"))  # fmt: skip
+    axes.set(
+        xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"),
+        ylabel=words(
+            f"{_joined([velocity(coordinate) for coordinate in names])} ({run[velocity(names[0])].attrs['units']})"
+        ),
+    )
     axes.set_title(f"Poincare section, {states.sizes['at']} periods of {period:.6g}", loc="left", fontsize=10)
     _legend(axes, names)
 

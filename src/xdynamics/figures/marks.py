@@ -89,9 +89,15 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
         axes.axvspan(time[first], end, color=COLOURS[place % len(COLOURS)], alpha=0.07, linewidth=0)
         if len(edges) <= MOST_LABELLED and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
             axes.annotate(
-                words(names[place]), ((time[first] + end) / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -9),
-                textcoords="offset points", ha="center", fontsize=7, color="#555555",
-            )  # fmt: skip
+                words(names[place]),
+                ((time[first] + end) / 2, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(0, -9),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+                color="#555555",
+            )
 
 
 def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
@@ -139,9 +145,13 @@ def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes:
         shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
         last = span > 0.0 and time[row] - time[0] > RIGHT * span  # or the name would leave the frame
         axes.annotate(
-            words(", ".join(texts)), (time[row], value), textcoords="offset points", fontsize=7.5,
-            xytext=(-6 if last else 5, shift), ha="right" if last else "left",
-        )  # fmt: skip
+            words(", ".join(texts)),
+            (time[row], value),
+            textcoords="offset points",
+            fontsize=7.5,
+            xytext=(-6 if last else 5, shift),
+            ha="right" if last else "left",
+        )
 
 
 def _told_by(run: xr.Dataset, detector: str, names: list[str]) -> str:

@@ -35,10 +35,17 @@ def panels_of(found: Several) -> list[Panel]:
     kinds = {str(record.attrs.get(EVIDENCE, "run")) for record in found.values()}
     varied = {str(record.attrs.get("varied", "")) for record in found.values()}
     if kinds not in ({"refinement"}, {"diagnosis"}) or len(varied) > 1:
-        raise InputError(f"several records are drawn together if all are refinements of one thing or all diagnoses; these are {', '.join(sorted(kinds))}")  # fmt: skip
+        raise InputError(
+            "several records are drawn together if all are refinements of one thing or all diagnoses; these are"
+            f" {', '.join(sorted(kinds))}"
+        )
     first = next(iter(found.values()))
     if kinds == {"diagnosis"}:
-        names = [name for name in diagnosis.SHOWN if all(name in record and record[name].notnull().any() for record in found.values())]  # fmt: skip
+        names = [
+            name
+            for name in diagnosis.SHOWN
+            if all(name in record and record[name].notnull().any() for record in found.values())
+        ]
         panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
     else:
         names = [
@@ -57,7 +64,10 @@ def foot_of(found: Several) -> str:
         return "difference of each level to the next finer one, at the first place; in brackets the last observed order"
     if not all("energy_band" in record for record in found.values()):
         return ""
-    energies = [f"{name} {float(record['energy_band']):.3g} {record['energy_band'].attrs['units']}" for name, record in found.items()]  # fmt: skip
+    energies = [
+        f"{name} {float(record['energy_band']):.3g} {record['energy_band'].attrs['units']}"
+        for name, record in found.items()
+    ]
     return f"energy bands: {', '.join(energies)}"
 
 
@@ -73,7 +83,15 @@ def _differences(records: Several, name: str, axes: Axes) -> None:
             order = float(study[f"order_{name}"].isel(selection)[-2])
             verdict = words_of(study[f"verdict_{name}"].isel(selection))[0].replace("_", " ")
             label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
-        axes.plot(study[varied].values[shown], change[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
+        axes.plot(
+            study[varied].values[shown],
+            change[shown],
+            f"{MARKERS[k % len(MARKERS)]}-",
+            color=COLOURS[k % len(COLOURS)],
+            markersize=4,
+            linewidth=1.0,
+            label=words(label),
+        )
         axes.set(xlabel=words(timed(study[varied], varied)))
     axes.set_yscale("log")
     refinement.log_steps(axes, np.unique(np.concatenate([record[varied].values for record in records.values()])))
@@ -86,7 +104,15 @@ def _along_cycles(records: Several, name: str, axes: Axes) -> None:
     units = ""
     for k, (label, record) in enumerate(records.items()):
         units = str(record[name].attrs["units"])
-        axes.plot(record["cycle_time"].values, record[name].values, f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=3.5, linewidth=1.0, label=words(label))  # fmt: skip
+        axes.plot(
+            record["cycle_time"].values,
+            record[name].values,
+            f"{MARKERS[k % len(MARKERS)]}-",
+            color=COLOURS[k % len(COLOURS)],
+            markersize=3.5,
+            linewidth=1.0,
+            label=words(label),
+        )
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))
     if high - low < diagnosis.STEADY * size:  # keeps values that are nearly equal from being drawn far apart

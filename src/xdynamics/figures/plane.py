@@ -106,7 +106,11 @@ def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
         for body in view:
             if body.across in columns and body.up in columns:
                 (times, x, doubts), (others, y, _) = columns[body.across], columns[body.up]
-                here = (np.interp(times, others, y), "+") if doubts is not None else (np.interp(times, others, y), DASHES[k % len(DASHES)])  # fmt: skip
+                here = (
+                    (np.interp(times, others, y), "+")
+                    if doubts is not None
+                    else (np.interp(times, others, y), DASHES[k % len(DASHES)])
+                )
                 axes.plot(x, *here, color=COLOURS[(k + 1) % len(COLOURS)], linewidth=1.2, alpha=0.8, label=words(label))
 
 
@@ -122,9 +126,16 @@ def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
         times = times[:: max(1, len(times) // MOST_MARKS)]
         for body in view:
             inside = times[(times >= body.times[0]) & (times <= body.times[-1])]
-            axes.plot(np.interp(inside, body.times, body.x), np.interp(inside, body.times, body.y), "ovsD^P*X"[k % 8],
-                      color=INK(), markersize=3.5, markerfacecolor="none", markeredgewidth=0.7,
-                      label=words(name) if body is view[0] else None)  # fmt: skip
+            axes.plot(
+                np.interp(inside, body.times, body.x),
+                np.interp(inside, body.times, body.y),
+                "ovsD^P*X"[k % 8],
+                color=INK(),
+                markersize=3.5,
+                markerfacecolor="none",
+                markeredgewidth=0.7,
+                label=words(name) if body is view[0] else None,
+            )
     axes.legend(fontsize=8, frameon=False)
 
 

@@ -72,7 +72,11 @@ def plot(
         page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
     else:
         page, title = overlay, f"{', '.join(record)}, side by side"
-    others = [beside] if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]  # fmt: skip
+    others = (
+        [beside]
+        if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns")
+        else [*beside]
+    )
     if page is not run and (only is not None or others):
         raise InputError("only and beside are for figures of a run")
     _check(size, dpi)
@@ -91,7 +95,11 @@ def plot(
 
 
 def _check(size: Any, dpi: Any) -> None:
-    pair = isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(length, int | float) and 1.0 <= length <= 100.0 for length in size)  # fmt: skip
+    pair = (
+        isinstance(size, tuple | list)
+        and len(size) == 2
+        and all(isinstance(length, int | float) and 1.0 <= length <= 100.0 for length in size)
+    )
     if size is not None and not pair:
         raise InputError(f"size is {size!r}, needs width and height in inches, from 1 to 100, like (8, 5)")
     if isinstance(dpi, bool) or not isinstance(dpi, int) or not 20 <= dpi <= 1200:

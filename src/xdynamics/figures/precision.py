@@ -45,7 +45,15 @@ def _work(precision: xr.Dataset, name: str, axes: Axes) -> None:
         order = np.argsort(work)
         shown = order[off[order] > 0.0]
         label = " ".join(str(precision[dim].values[i]) for dim, i in selection.items() if dim in precision.coords)
-        axes.plot(work[shown], off[shown], f"{MARKERS[k % len(MARKERS)]}-", color=COLOURS[k % len(COLOURS)], markersize=4, linewidth=1.0, label=words(label))  # fmt: skip
+        axes.plot(
+            work[shown],
+            off[shown],
+            f"{MARKERS[k % len(MARKERS)]}-",
+            color=COLOURS[k % len(COLOURS)],
+            markersize=4,
+            linewidth=1.0,
+            label=words(label),
+        )
     axes.set(xscale="log", yscale="log", xlabel="force evaluations", ylabel=words(f"|error| ({errors.attrs['units']})"))
     axes.set_title(words(name.removeprefix(OFF)), loc="left", fontsize=10)
     if others:

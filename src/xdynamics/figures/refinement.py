@@ -32,8 +32,8 @@ def foot_of(study: xr.Dataset) -> str:
     omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
     note = f"; {omitted} further numbers, at roundoff or limited by interpolation, are in the record" if omitted else ""
     return (
-        "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it off, where that is not far below;"
-        f" dashed: order {study.attrs['formal_order']:g}{note}"
+        "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it"
+        f" off, where that is not far below; dashed: order {study.attrs['formal_order']:g}{note}"
     )
 
 

@@ -69,7 +69,10 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
         panel for kind, names, panel in _panels(run, overlays, wanted) if wanted is None or {kind, *names} & {*wanted}
     ]
     if not panels and wanted == ["plane"]:
-        raise InputError('the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]')  # fmt: skip
+        raise InputError(
+            'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)",'
+            ' "-l*cos(theta)"]'
+        )
     if not panels and wanted is not None:
         log_note = said_of_log(run.attrs)
         raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{log_note and f'; {log_note}'}")

@@ -27,10 +27,16 @@ LEAST = (2.4, 1.6)  # inches of a panel, with its labels
 DPI = 130
 LIGHT: Any = {"grid.color": "#e3e3e3"}
 DARK: Any = {
-    "figure.facecolor": "#16181d", "axes.facecolor": "#16181d", "savefig.facecolor": "#16181d", "grid.color": "#3a3f4a",
-    "text.color": "#e8e8e8", "axes.labelcolor": "#e8e8e8", "axes.edgecolor": "#9aa0ac", "xtick.color": "#cfd3da",
+    "figure.facecolor": "#16181d",
+    "axes.facecolor": "#16181d",
+    "savefig.facecolor": "#16181d",
+    "grid.color": "#3a3f4a",
+    "text.color": "#e8e8e8",
+    "axes.labelcolor": "#e8e8e8",
+    "axes.edgecolor": "#9aa0ac",
+    "xtick.color": "#cfd3da",
     "ytick.color": "#cfd3da",
-}  # fmt: skip
+}
 _BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit after a label
 
 
@@ -50,7 +56,10 @@ def sheet(
     columns = min(2, len(panels))
     rows = (len(panels) + 1) // 2
     if size is not None and (size[0] / columns < LEAST[0] or size[1] / rows < LEAST[1]):
-        raise InputError(f"size {size[0]:g}x{size[1]:g} leaves {size[0] / columns:.2g} by {size[1] / rows:.2g} inches for each of {len(panels)} panels, needs {LEAST[0]:g} by {LEAST[1]:g}; draw fewer with only, or give more room")  # fmt: skip
+        raise InputError(
+            f"size {size[0]:g}x{size[1]:g} leaves {size[0] / columns:.2g} by {size[1] / rows:.2g} inches for each of"
+            f" {len(panels)} panels, needs {LEAST[0]:g} by {LEAST[1]:g}; draw fewer with only, or give more room"
+        )
     figure = Figure(figsize=size or (11, height * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:

@@ -103,7 +103,9 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
     values = number.transpose(y, x).values
     across, up = sweep[x].values.astype(float), sweep[y].values.astype(float)
     shades, ticks = _shades(values)
-    mesh = axes.pcolormesh(across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades)  # fmt: skip
+    mesh = axes.pcolormesh(
+        across, up, np.ma.masked_invalid(values.astype(float)), shading="nearest", rasterized=True, **shades
+    )
     bar = axes.figure.colorbar(
         mesh, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), ticks=ticks, extend=_beyond(values, mesh.norm)
     )
@@ -137,7 +139,9 @@ def _shades(values: Values) -> tuple[dict[str, Any], Any]:
 def _beyond(values: Values, norm: Any) -> str:
     """Return at which ends of a scale values lie outside of it."""
     least, most = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
-    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[bool(least < norm.vmin), bool(most > norm.vmax)]  # fmt: skip
+    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[
+        bool(least < norm.vmin), bool(most > norm.vmax)
+    ]
 
 
 def _regions(axes: Axes, outcomes: Values, across: Values, up: Values) -> None:
@@ -173,15 +177,41 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         if OCCURRENCE in one.dims:
             values = one.transpose(dim, OCCURRENCE).values
             size = 0.9 if values.size > LARGE else 2.0
-            axes.plot(np.repeat(x, values.shape[1]), values.ravel(), ".", color=colour, markersize=size, markeredgewidth=0, alpha=0.8, label=label, rasterized=True)  # fmt: skip
+            axes.plot(
+                np.repeat(x, values.shape[1]),
+                values.ravel(),
+                ".",
+                color=colour,
+                markersize=size,
+                markeredgewidth=0,
+                alpha=0.8,
+                label=label,
+                rasterized=True,
+            )
         elif AT in one.dims:
             chosen = np.unique(np.linspace(0, one.sizes[AT] - 1, min(MOST_LINES, one.sizes[AT])).astype(int))
             for j, i in enumerate(chosen.tolist()):
-                axes.plot(x, one.isel({AT: i}).values, color=COLOURS[j % len(COLOURS)], linestyle=dashes, linewidth=1.1, label=f"{at_time(sweep[AT_TIME], float(sweep[AT_TIME][i]), 4)} {label}".strip())  # fmt: skip
+                axes.plot(
+                    x,
+                    one.isel({AT: i}).values,
+                    color=COLOURS[j % len(COLOURS)],
+                    linestyle=dashes,
+                    linewidth=1.1,
+                    label=f"{at_time(sweep[AT_TIME], float(sweep[AT_TIME][i]), 4)} {label}".strip(),
+                )
         else:
             values = one.values.astype(float)
             rows = thinned(values)
-            axes.plot(x[rows], values[rows], marker="" if len(x) > 40 else ".", linestyle=dashes, color=colour, linewidth=1.2, markersize=4, label=label)  # fmt: skip
+            axes.plot(
+                x[rows],
+                values[rows],
+                marker="" if len(x) > 40 else ".",
+                linestyle=dashes,
+                color=colour,
+                linewidth=1.2,
+                markersize=4,
+                label=label,
+            )
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
     axes.set_title(words(f"{name}{omitted}"), loc="left", fontsize=10)
@@ -215,7 +245,12 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
             finite, bins=min(60, max(5, int(np.sqrt(finite.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
         )
         for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if finite.size else ():
-            axes.axvline(float(np.quantile(finite, q)), color=COLOURS[0], linewidth=1.0, linestyle="-" if q == QUANTILES[2] else "--")  # fmt: skip
+            axes.axvline(
+                float(np.quantile(finite, q)),
+                color=COLOURS[0],
+                linewidth=1.0,
+                linestyle="-" if q == QUANTILES[2] else "--",
+            )
         axes.set(xlabel=_labelled(sweep, name), ylabel="members")
     drawn = ", ".join(str(key) for key, each in sweep.variables.items() if each.attrs.get(AXIS) == dim)
     axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)

@@ -11,12 +11,23 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, N
 from xdynamics.kernels.program import Compute, Load, Operand, Place, Store
 
 _OPERATIONS = {
-    "+": "add", "-": "subtract", "*": "multiply", "/": "divide",
-    "<": "less", "<=": "at_most", ">": "more", ">=": "at_least", "==": "equal", "!=": "unequal",
-}  # fmt: skip
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "<": "less",
+    "<=": "at_most",
+    ">": "more",
+    ">=": "at_least",
+    "==": "equal",
+    "!=": "unequal",
+}
 _FOLDED: dict[str, Callable[..., float]] = {
-    "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "negative": operator.neg,
-}  # fmt: skip
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "negative": operator.neg,
+}
 _CALLED = {"min": "least", "max": "greatest", "where": "choose"}
 
 Line = Compute | Load | Store

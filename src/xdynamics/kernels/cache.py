@@ -127,9 +127,12 @@ def advise(reason: str) -> None:
         return
     _ADVISED.append(reason)
     logging.getLogger("xdynamics").warning(
-        "xdynamics: compiled code cannot be kept in '%s' (%s), so every process compiles it again; set %s to a folder of"
-        " your own that nobody else can write to and that has room", escaped(str(folder())), reason, ENVIRONMENT,
-    )  # fmt: skip
+        "xdynamics: compiled code cannot be kept in '%s' (%s), so every process compiles it again; set %s to a folder"
+        " of your own that nobody else can write to and that has room",
+        escaped(str(folder())),
+        reason,
+        ENVIRONMENT,
+    )
 
 
 def _reason(error: OSError) -> str:

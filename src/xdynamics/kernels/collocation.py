@@ -32,7 +32,21 @@ from xdynamics.methods.radau import T as T_MATRIX
 # Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
 # of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
 # derivatives, its factors and its estimate have to be computed.
-LASTING = ("factored", "theta", "eta", "before", "norm_before", "linearised", "fresh", "since", "turns", "iterations", "evaluations", "jacobians", "factorisations")  # fmt: skip
+LASTING = (
+    "factored",
+    "theta",
+    "eta",
+    "before",
+    "norm_before",
+    "linearised",
+    "fresh",
+    "since",
+    "turns",
+    "iterations",
+    "evaluations",
+    "jacobians",
+    "factorisations",
+)
 KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
 LINEARISE, FACTORISE, CORRECT, ESTIMATE = "linearise", "factorise", "correct", "estimate"
 
@@ -52,10 +66,22 @@ lacks = ready*where(known > 0, 0, 1)
 refactors = ready*where(lacks > 0, 1, where(abs(width - of_step) <= same_step*width, 0, 1))
 """
 _RECALLED = {
-    "linearised": "where(lacks > 0, 1, known)", "fresh": "where(lacks > 0, 1, newest)", "factored": "of_step", "before": "last_step",
-    "norm_before": "last_norm", "eta": "last_eta", "eta_tried": "damped_eta", "theta": "0", "since": "1",
-    "missing": "lacks", "unfactored": "refactors", "jacobians": "jacobians + lacks", "open": "ready", "vain": "0", "turn": "0",
-}  # fmt: skip
+    "linearised": "where(lacks > 0, 1, known)",
+    "fresh": "where(lacks > 0, 1, newest)",
+    "factored": "of_step",
+    "before": "last_step",
+    "norm_before": "last_norm",
+    "eta": "last_eta",
+    "eta_tried": "damped_eta",
+    "theta": "0",
+    "since": "1",
+    "missing": "lacks",
+    "unfactored": "refactors",
+    "jacobians": "jacobians + lacks",
+    "open": "ready",
+    "vain": "0",
+    "turn": "0",
+}
 _POLYNOMIAL = """
 middle = (z0 - z1)/c12
 first = where(moved > 0, (z1 - z2)/c21, p0)
@@ -89,10 +115,19 @@ close = where(eta_then*size <= tolerance, 1, where(turn_now == most_turns, where
 verdict = where(size - size == 0, where(so_far == 0, close, so_far), 2)
 """
 CONSTANTS: dict[str, Operand] = {
-    "few_turns": float(radau.FEW_TURNS), "slow": radau.SLOW, "least_norm": radau.LEAST_NORM, "eps": EPS, "same_step": radau.SAME_STEP,
-    "diverging": radau.DIVERGING, "stalled": radau.STALLED, "smallest": radau.SMALLEST, "held": radau.HELD, "most_turns": float(radau.MOST_TURNS),
-    "work": 2.0 * radau.MOST_TURNS, "least_work": 1.0 + 2.0 * radau.MOST_TURNS,
-}  # fmt: skip
+    "few_turns": float(radau.FEW_TURNS),
+    "slow": radau.SLOW,
+    "least_norm": radau.LEAST_NORM,
+    "eps": EPS,
+    "same_step": radau.SAME_STEP,
+    "diverging": radau.DIVERGING,
+    "stalled": radau.STALLED,
+    "smallest": radau.SMALLEST,
+    "held": radau.HELD,
+    "most_turns": float(radau.MOST_TURNS),
+    "work": 2.0 * radau.MOST_TURNS,
+    "least_work": 1.0 + 2.0 * radau.MOST_TURNS,
+}
 
 
 class Collocation:
@@ -153,9 +188,11 @@ class Collocation:
     def ended(self) -> tuple[Instruction, ...]:
         """Write the state at the end of the step, which is its third stage."""
         body = (
-            Load("_y", Place("y")), Load("_stage", self._place("stages", 2 * self._used)),
-            Compute("_sum", "add", ("_y", "_stage")), Store(Place("z"), "_sum"),
-        )  # fmt: skip
+            Load("_y", Place("y")),
+            Load("_stage", self._place("stages", 2 * self._used)),
+            Compute("_sum", "add", ("_y", "_stage")),
+            Store(Place("z"), "_sum"),
+        )
         return (Each(self._used, body),)
 
     def estimated(self) -> tuple[Instruction, ...]:
@@ -243,15 +280,19 @@ class Collocation:
             place = self._place("matrix", k)
             f.store(place, f.of("where(unfactored > 0, new, old)", new=value, old=f.load(place)))
         updates = {
-            "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)", "factorisations": "factorisations + unfactored*sound",
-            "open": "where(unfactored > 0, open*sound, open)", "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
-        }  # fmt: skip
+            "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)",
+            "factorisations": "factorisations + unfactored*sound",
+            "open": "where(unfactored > 0, open*sound, open)",
+            "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
+        }
         values = {name: f.of(text, h=h) for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)
         return self._finished(FACTORISE, "The factors of both matrices for the step.", f)
 
-    def _matrices(self, f: Formulas) -> tuple[elimination.Columns, elimination.Columns, elimination.Columns, list[Operand], list[Operand]]:  # fmt: skip
+    def _matrices(
+        self, f: Formulas
+    ) -> tuple[elimination.Columns, elimination.Columns, elimination.Columns, list[Operand], list[Operand]]:
         """Read the factors and the row exchanges."""
         size = self._size
         flat = [f.load(self._place("matrix", k)) for k in range(3 * size * size + 2 * size)]
@@ -271,7 +312,9 @@ class Collocation:
         elimination.substitute(f, matrix, pivots, right)
         return [f.of("(v + w)/gamma", v=vector[i], w=right[i], gamma=gamma) for i in range(n)] + right
 
-    def _solve_complex(self, f: Formulas, first: list[Operand], second: list[Operand]) -> tuple[list[Operand], list[Operand]]:  # fmt: skip
+    def _solve_complex(
+        self, f: Formulas, first: list[Operand], second: list[Operand]
+    ) -> tuple[list[Operand], list[Operand]]:
         """Solve ((alpha + i beta)/h - J) d = r: `transformed.solve_complex`."""
         n, (_, re, im, _, pivots) = self._n, self._matrices(f)
         f.write(_OF_FACTORS, a=ALPHA, b=BETA)
@@ -319,7 +362,9 @@ class Collocation:
         local = {f"stage{k}": len(self._layout.record) for k in range(3)} | {f"at_stage{k}": len(AT) for k in range(3)}
         return self._finished(CORRECT, "One simplified Newton iteration.", f, **local)
 
-    def _correction(self, f: Formulas, y: list[Operand], stages: list[list[Operand]], changes: list[list[Operand]]) -> Operand:  # fmt: skip
+    def _correction(
+        self, f: Formulas, y: list[Operand], stages: list[list[Operand]], changes: list[list[Operand]]
+    ) -> Operand:
         """Return the largest ratio of a last correction to its tolerance: `radau.correction`."""
         largest: Operand = 0.0
         for i in range(self._used):
@@ -339,13 +384,23 @@ class Collocation:
         f.write(_JUDGED)
         for remaining in range(1, int(radau.MOST_TURNS) - 1):  # one for each remaining iteration
             f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
-        f.write("rounding = ten*eps/rtol\ntolerance = max(share*rounding, min(most_share, sqrt(rtol)))", ten=10.0, share=0.05, most_share=radau.SHARE)  # fmt: skip
+        f.write(
+            "rounding = ten*eps/rtol\ntolerance = max(share*rounding, min(most_share, sqrt(rtol)))",
+            ten=10.0,
+            share=0.05,
+            most_share=radau.SHARE,
+        )
         f.write(_VERDICT)
         updates = {
-            "turn": "turn_now", "theta": "where(turn_now > 1.5, theta_now, theta)", "ratio": "where(turn_now > 1.5, ratio_now, ratio)",
-            "eta_tried": "where(passes > 0, eta_then, eta_tried)", "change": "where(passes > 0, max(size, eps), change)",
-            "turns": "where(passes > 0, turn_now, turns)", "vain": "where(verdict == 2, 1, vain)", "open": "where(verdict == 0, open, 0)",
-        }  # fmt: skip
+            "turn": "turn_now",
+            "theta": "where(turn_now > 1.5, theta_now, theta)",
+            "ratio": "where(turn_now > 1.5, ratio_now, ratio)",
+            "eta_tried": "where(passes > 0, eta_then, eta_tried)",
+            "change": "where(passes > 0, max(size, eps), change)",
+            "turns": "where(passes > 0, turn_now, turns)",
+            "vain": "where(verdict == 2, 1, vain)",
+            "open": "where(verdict == 0, open, 0)",
+        }
         values = {name: f.of(f"where(open > 0, {text}, {name})") for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)

@@ -84,7 +84,12 @@ def factorise_complex(lines: Assignments, re: Columns, im: Columns) -> tuple[lis
             im[k][i] = lines.compute("choose", filled[i], imaginary, im[k][i])
         for j in range(k + 1, n):
             u, v = re[j][k], im[j][k]
-            nonzero = lines.compute("choose", lines.compute("unequal", u, 0.0), 1.0, lines.compute("choose", lines.compute("unequal", v, 0.0), 1.0, 0.0))  # fmt: skip
+            nonzero = lines.compute(
+                "choose",
+                lines.compute("unequal", u, 0.0),
+                1.0,
+                lines.compute("choose", lines.compute("unequal", v, 0.0), 1.0, 0.0),
+            )
             nonzero = lines.compute("more", nonzero, 0.0)
             for i in range(k + 1, n):
                 real, imaginary = _product(lines, u, v, re[k][i], im[k][i])
@@ -95,7 +100,9 @@ def factorise_complex(lines: Assignments, re: Columns, im: Columns) -> tuple[lis
     return pivots, sound
 
 
-def substitute_complex(lines: Assignments, re: Columns, im: Columns, pivots: list[Operand], right: list[Operand], imaginary: list[Operand]) -> None:  # fmt: skip
+def substitute_complex(
+    lines: Assignments, re: Columns, im: Columns, pivots: list[Operand], right: list[Operand], imaginary: list[Operand]
+) -> None:
     """Solve with the factors of `factorise_complex`; the solution replaces both parts of the right-hand side."""
     n = len(re)
     for k in range(n):
@@ -112,7 +119,16 @@ def substitute_complex(lines: Assignments, re: Columns, im: Columns, pivots: lis
             _take(lines, right, imaginary, k, i, re[k][i], im[k][i], filled[i])
 
 
-def _take(lines: Assignments, right: list[Operand], imaginary: list[Operand], k: int, i: int, p: Operand, q: Operand, filled: Operand) -> None:  # fmt: skip
+def _take(
+    lines: Assignments,
+    right: list[Operand],
+    imaginary: list[Operand],
+    k: int,
+    i: int,
+    p: Operand,
+    q: Operand,
+    filled: Operand,
+) -> None:
     """Subtract a multiple of the k-th unknown from the i-th equation."""
     real_part, imaginary_part = _product(lines, right[k], imaginary[k], p, q)
     right[i] = lines.compute("choose", filled, lines.compute("subtract", right[i], real_part), right[i])

@@ -30,9 +30,17 @@ from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 Line = Compute | Load | Store
 Bounds = tuple[Operand, Operand, Operand]  # lower and upper bound of a value, and its flaw
 NUMBERS: dict[str, Operand] = {
-    "eps": EPS, "ulps": ULPS, "rounded": ROUNDED, "least": LEAST, "most": MOST,
-    "arched": ARCHED, "bent_by": BENT, "unbounded": float(UNBOUNDED), "two_pi": 6.283185307179586, "inf": float("inf"),
-}  # fmt: skip
+    "eps": EPS,
+    "ulps": ULPS,
+    "rounded": ROUNDED,
+    "least": LEAST,
+    "most": MOST,
+    "arched": ARCHED,
+    "bent_by": BENT,
+    "unbounded": float(UNBOUNDED),
+    "two_pi": 6.283185307179586,
+    "inf": float("inf"),
+}
 # Lines that compute `low` and `high` from the operands a_low, a_high, b_low, b_high: bounds, rounded outward where
 # `_OUTWARD` follows. A result that is not an interval may be anything.
 _OUTWARD = """
@@ -123,8 +131,10 @@ _ROWS = {
     "square": _SQUARE + _OUTWARD,
     "divide": _INVERSE + _PRODUCT + _OUTWARD,
     "negative": "low = -a_high\nhigh = -a_low",
-    "abs": "one = abs(a_low)\nother = abs(a_high)\nleast_size = min(one, other)\n"
-    "low = where(a_low < 0, where(0 < a_high, 0, least_size), least_size)\nhigh = max(one, other)",
+    "abs": (
+        "one = abs(a_low)\nother = abs(a_high)\nleast_size = min(one, other)\n"
+        "low = where(a_low < 0, where(0 < a_high, 0, least_size), least_size)\nhigh = max(one, other)"
+    ),
     "least": "low = min(a_low, b_low)\nhigh = min(a_high, b_high)",
     "greatest": "low = max(a_low, b_low)\nhigh = max(a_high, b_high)",
     "positive": "low = a_low\nhigh = a_high\nflaw = where(a_low > 0, flaw, unbounded)",
@@ -273,14 +283,20 @@ class _Writing:
 
     def _coordinate(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
-        operands = {f"{letter}{end}": self._loaded(Place(array, first + i))
-                 for end, array in enumerate("yz") for letter, first in (("q", 0), ("v", n), ("a", used))}  # fmt: skip
+        operands = {
+            f"{letter}{end}": self._loaded(Place(array, first + i))
+            for end, array in enumerate("yz")
+            for letter, first in (("q", 0), ("v", n), ("a", used))
+        }
         return self._written(_COORDINATE[row[3]], operands)
 
     def _state(self, row: list[int]) -> Bounds:
         n, used, i = len(self._layout.coordinates), len(self._layout.used), row[2]
-        operands = {f"{letter}{end}": self._loaded(Place(array, first + i))
-                 for end, array in enumerate("yz") for letter, first in (("x", 2 * n), ("r", used + n))}  # fmt: skip
+        operands = {
+            f"{letter}{end}": self._loaded(Place(array, first + i))
+            for end, array in enumerate("yz")
+            for letter, first in (("x", 2 * n), ("r", used + n))
+        }
         return self._written(_STATE[row[3]], operands)
 
     def _written(self, text: str, operands: dict[str, Operand]) -> Bounds:

@@ -103,7 +103,16 @@ class _Printer:
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
         moving = {*self._layout.used, *self._layout.reactions}
         of_time = tuple(not (detector.sampled or model.reads(detector.function) & moving) for detector in watched)
-        return Enclosing(rows, np.array(self._numbers), (first, first + middle, first + wide, len(rows)), count, tuple(functions), tuple(slopes), tuple(bends), of_time)  # fmt: skip
+        return Enclosing(
+            rows,
+            np.array(self._numbers),
+            (first, first + middle, first + wide, len(rows)),
+            count,
+            tuple(functions),
+            tuple(slopes),
+            tuple(bends),
+            of_time,
+        )
 
     def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
         """Return for each moving name a function that makes its row from the place of its value."""
@@ -130,7 +139,9 @@ class _Printer:
             return lines.value(self._inner[name])  # type: ignore[arg-type]
         drive = name.removeprefix(slope(""))
         number = self._layout.drives.index(drive)
-        return lines.compute("value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number)  # fmt: skip
+        return lines.compute(
+            "value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number
+        )
 
     def _taken(self, lines: Assignments, value: Operand) -> int:
         """Turn the assignments so far into rows; return the place of a value."""
@@ -158,7 +169,13 @@ class _Printer:
         if line.operation in ("value_at", "slope_at"):
             argument, number = line.arguments
             drive = list(self._layout.model.drives.values())[int(number)]
-            row = (VALUE if line.operation == "value_at" else SLOPE, self._new(line.target), self._place(argument), int(number), int(drive.argument == "t"))  # fmt: skip
+            row = (
+                VALUE if line.operation == "value_at" else SLOPE,
+                self._new(line.target),
+                self._place(argument),
+                int(number),
+                int(drive.argument == "t"),
+            )
             self._rows.append(row)
             return
         places = [self._place(argument) for argument in line.arguments]

@@ -37,9 +37,36 @@ from xdynamics.kernels.program import (
 # function the side of zero on which it has to stay (2: either, 0: unknown), and for a gap how large it was; what
 # `collocation` keeps; for each switch declared smooth its side, how often it was passed, and when first.
 LANE = (
-    "t", "h", "norm", "tried", "step", "step_log", "rejected", "grid", "on_grid", "done", "accepted", "most", "lives",
-    "node", "snap", "inner", "landed", "start", "step_size", "rtol", "floor", "rest", "k", "safety", "least", "greatest", "min_step", "max_step", "ordinary",
-)  # fmt: skip
+    "t",
+    "h",
+    "norm",
+    "tried",
+    "step",
+    "step_log",
+    "rejected",
+    "grid",
+    "on_grid",
+    "done",
+    "accepted",
+    "most",
+    "lives",
+    "node",
+    "snap",
+    "inner",
+    "landed",
+    "start",
+    "step_size",
+    "rtol",
+    "floor",
+    "rest",
+    "k",
+    "safety",
+    "least",
+    "greatest",
+    "min_step",
+    "max_step",
+    "ordinary",
+)
 STRIDE, DERIVED = "stride", "derived"
 STRETCH = 1.01  # of a step that would end just before a node
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
@@ -59,7 +86,10 @@ counts = where(lands > 0, where(node >= proposed - snap, 1, 0), 1)
 reach = where(lands > 0, node, proposed)
 width = where(on_grid > 0, where(counts > 0, step_size, reach - t), reach - t)
 """
-_SIDE = "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over < 0, 1, 0), 0)))"
+_SIDE = (
+    "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over <"
+    " 0, 1, 0), 0)))"
+)
 _ASLEEP = "silent{0} = silent*where(side > 1.5, 1, 0)"
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
@@ -275,23 +305,40 @@ class _Writing:
             self._tops(Place("z"))
         for begin, end, kind, follows in self._pieces():
             least: tuple[Compute | Load | Store, ...] = (
-                Load("_top", Place("tops", kind, same=True)), Compute("_least", "multiply", (floor, "_top")),
-                Load("_slope", Place("z", self._slope(begin))), Compute("_steep", "abs", ("_slope",)),
-                Compute("_moved", "unequal", ("_atol", 0.0)), Compute("_time", "multiply", (rtol, rest)), Compute("_reach", "multiply", ("_time", "_steep")),
-                Compute("_beginning", "choose", ("_moved", 0.0, "_reach")),
-                Compute("_more", "greatest", ("_atol", "_least")), Compute("_allowed", "greatest", ("_more", "_beginning")),
-            ) if follows else ()  # fmt: skip
+                (
+                    Load("_top", Place("tops", kind, same=True)),
+                    Compute("_least", "multiply", (floor, "_top")),
+                    Load("_slope", Place("z", self._slope(begin))),
+                    Compute("_steep", "abs", ("_slope",)),
+                    Compute("_moved", "unequal", ("_atol", 0.0)),
+                    Compute("_time", "multiply", (rtol, rest)),
+                    Compute("_reach", "multiply", ("_time", "_steep")),
+                    Compute("_beginning", "choose", ("_moved", 0.0, "_reach")),
+                    Compute("_more", "greatest", ("_atol", "_least")),
+                    Compute("_allowed", "greatest", ("_more", "_beginning")),
+                )
+                if follows
+                else ()
+            )
             body: tuple[Compute | Load | Store, ...] = (
-                Load("_e", Place("e", begin)), Load("_y", Place("y", begin)), Load("_z", Place("z", begin)), Load("_atol", Place("w", first + begin)),
-                Load("_norm", Place("norm", same=True)), *least,
-                Compute("_before", "abs", ("_y",)), Compute("_behind", "abs", ("_z",)),
+                Load("_e", Place("e", begin)),
+                Load("_y", Place("y", begin)),
+                Load("_z", Place("z", begin)),
+                Load("_atol", Place("w", first + begin)),
+                Load("_norm", Place("norm", same=True)),
+                *least,
+                Compute("_before", "abs", ("_y",)),
+                Compute("_behind", "abs", ("_z",)),
                 Compute("_size", "greatest", ("_before", "_behind")),
                 Compute("_relative", "multiply", (rtol, "_size")),
                 Compute("_scale", "add", ("_allowed" if follows else "_atol", "_relative")),
-                Compute("_error", "abs", ("_e",)), Compute("_ratio", "divide", ("_error", "_scale")),
-                Compute("_there", "unequal", ("_e", 0.0)), Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
-                Compute("_largest", "greatest", ("_norm", "_mine")), Store(Place("norm", same=True), "_largest"),
-            )  # fmt: skip
+                Compute("_error", "abs", ("_e",)),
+                Compute("_ratio", "divide", ("_error", "_scale")),
+                Compute("_there", "unequal", ("_e", 0.0)),
+                Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
+                Compute("_largest", "greatest", ("_norm", "_mine")),
+                Store(Place("norm", same=True), "_largest"),
+            )
             self.body.append(Each(end - begin, body))
 
     def _slope(self, i: int) -> int:
@@ -314,9 +361,12 @@ class _Writing:
         for begin, end, kind, _ in self._pieces():
             top = Place("tops", kind, same=True)
             body = (
-                Load("_value", Place(of.array, of.index + begin)), Load("_top", top), Compute("_amount", "abs", ("_value",)),
-                Compute("_greater", "greatest", ("_top", "_amount")), Store(top, "_greater"),
-            )  # fmt: skip
+                Load("_value", Place(of.array, of.index + begin)),
+                Load("_top", top),
+                Compute("_amount", "abs", ("_value",)),
+                Compute("_greater", "greatest", ("_top", "_amount")),
+                Store(top, "_greater"),
+            )
             self.body.append(Each(end - begin, body))
 
     def _settle(self, first: int) -> None:
@@ -328,10 +378,13 @@ class _Writing:
         for begin, end, kind, follows in self._pieces():
             if follows:
                 body = (
-                    Load("_largest", Place("w", first + used + begin)), Load("_top", Place("tops", kind, same=True)),
-                    Compute("_own", "multiply", (rtol, "_largest")), Compute("_least", "multiply", (floor, "_top")),
-                    Compute("_allowed", "greatest", ("_own", "_least")), Store(Place("w", first + begin), "_allowed"),
-                )  # fmt: skip
+                    Load("_largest", Place("w", first + used + begin)),
+                    Load("_top", Place("tops", kind, same=True)),
+                    Compute("_own", "multiply", (rtol, "_largest")),
+                    Compute("_least", "multiply", (floor, "_top")),
+                    Compute("_allowed", "greatest", ("_own", "_least")),
+                    Store(Place("w", first + begin), "_allowed"),
+                )
                 self.body.append(Each(end - begin, body))
 
     def watch(self) -> None:
@@ -375,14 +428,21 @@ class _Writing:
 
         if adaptive:
             larger = (
-                Load("_largest", Place("w", first)), Load("_z", Place("z")), Compute("_size", "abs", ("_z",)),
-                Compute("_most", "greatest", ("_largest", "_size")), *chosen("_most", Place("w", first), "_largest"),
-            )  # fmt: skip
+                Load("_largest", Place("w", first)),
+                Load("_z", Place("z")),
+                Compute("_size", "abs", ("_z",)),
+                Compute("_most", "greatest", ("_largest", "_size")),
+                *chosen("_most", Place("w", first), "_largest"),
+            )
             self.body.append(Each(used, larger))
         if any(self._followers):
             self._settle(len(LANE))
         if self._layout.estimates:
-            error = (Load("_e", Place("e")), Load("_kept", Place("w", first + used)), *chosen("_e", Place("w", first + used), "_kept"))  # fmt: skip
+            error = (
+                Load("_e", Place("e")),
+                Load("_kept", Place("w", first + used)),
+                *chosen("_e", Place("w", first + used), "_kept"),
+            )
             self.body.append(Each(used, error))
         first += 2 * used + len(self._layout.watched)
         for i, gap in enumerate(interval_lanes.is_gap(self._layout)):

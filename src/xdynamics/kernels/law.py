@@ -154,7 +154,9 @@ class Law:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return self.plain
         by_name = self._marching.addresses
-        return np.array([*_alone(CONTROL).addresses.values(), *(by_name.get(name, 0) for name in self.printed.names)], np.int64)  # fmt: skip
+        return np.array(
+            [*_alone(CONTROL).addresses.values(), *(by_name.get(name, 0) for name in self.printed.names)], np.int64
+        )
 
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
@@ -171,7 +173,10 @@ class Law:
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
             | functions
-            | {"_empty": np.empty, "_zero": np.float64(0.0)}
+            | {
+                "_empty": np.empty,
+                "_zero": np.float64(0.0),
+            }
         )
         exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
         keys = [next(_KEYS) for _ in range(len(CONTROL) + len(self.entries))]

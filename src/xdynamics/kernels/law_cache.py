@@ -61,9 +61,12 @@ def read(key: str) -> tuple[Printed, bytes] | None:
         return None
     head, _, code = content.partition(b"\n")
     fields: dict[str, Any] = json.loads(head)
-    return Printed(
-        fields["source"], tuple(fields["names"]), fields["memory"], tuple(map(_equations, fields["equations"]))
-    ), code
+    return (
+        Printed(
+            fields["source"], tuple(fields["names"]), fields["memory"], tuple(map(_equations, fields["equations"]))
+        ),
+        code,
+    )
 
 
 def write(key: str, printed: Printed, code: bytes) -> None:

@@ -130,7 +130,14 @@ def row(layout: Layout, memory: int) -> Program:
     return Program("row", "A row of the log.", tuple(body), sound=sound, spread=True)
 
 
-def _returning(name: str, about: str, layout: Layout, trees: Iterable[Node], inner: Mapping[str, Any] | None = None, known: Iterable[str] | None = None) -> Program:  # fmt: skip
+def _returning(
+    name: str,
+    about: str,
+    layout: Layout,
+    trees: Iterable[Node],
+    inner: Mapping[str, Any] | None = None,
+    known: Iterable[str] | None = None,
+) -> Program:
     lines = Assignments(_Names(layout, layout.record if known is None else known, inner or {}))
     count = 0
     for count, tree in enumerate(trees, start=1):

@@ -82,8 +82,9 @@ def _of_mass(march: March) -> Iterator[str]:
     if conditions[worst] > WELL_CONDITIONED:
         digits = max(0.0, -math.log10(conditions[worst] * EPS))
         yield (
-            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t = {states[worst]['t']:.6g}{behind(model.time_unit)}:"
-            f" of the 16 digits of accelerations about {digits:.0f} are right; choose other coordinates"
+            f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t ="
+            f" {states[worst]['t']:.6g}{behind(model.time_unit)}: of the 16 digits of accelerations about {digits:.0f}"
+            " are right; choose other coordinates"
         )
 
 
@@ -93,8 +94,9 @@ def _of_switches(march: March) -> Iterator[str]:
     if len(hidden) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
         owners = ", ".join(f"'{switch}'" for switch in dict.fromkeys(switch.owner for switch in hidden))
         yield (
-            f"{len(hidden)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES} at most"
-            " are located: all were stepped over, which costs the order; declare those smooth that need not be located"
+            f"{len(hidden)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES}"
+            " at most are located: all were stepped over, which costs the order; declare those smooth that need not be"
+            " located"
         )
 
 
@@ -104,13 +106,23 @@ def of_smooth_switches(march: March) -> str:
     if not counts.any():
         return ""
     unit = march.model.time_unit.text
-    passings = sorted((time, switch_name, count) for time, switch_name, count in zip(times.tolist(), (switch.name for switch in march.layout.smooth), counts.tolist(), strict=True) if count)  # fmt: skip
+    passings = sorted(
+        (time, switch_name, count)
+        for time, switch_name, count in zip(
+            times.tolist(), (switch.name for switch in march.layout.smooth), counts.tolist(), strict=True
+        )
+        if count
+    )
     descriptions = [
-        f"{name} {'once' if count == 1 else f'{count} times'}, first before t = {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
+        f"{name} {'once' if count == 1 else f'{count} times'}, first before t ="
+        f" {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
         for time, name, count in passings[:MOST_NAMED]
     ]
     remainder = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
-    return f"switches in forces that are declared smooth were passed by a step: {', '.join(descriptions)}{remainder}; without smooth = true they are located"
+    return (
+        f"switches in forces that are declared smooth were passed by a step: {', '.join(descriptions)}{remainder};"
+        " without smooth = true they are located"
+    )
 
 
 def _of_contacts(model: Model) -> Iterator[str]:
@@ -130,11 +142,14 @@ def _of_contacts(model: Model) -> Iterator[str]:
         if size == 0.0 or slip == 0.0:
             continue
         if abs(float(normal @ along)) > ALIKE * size * slip:
-            yield f"the slip of contact '{entry.owner}' is not along its surface: its direction at the start is not at right angles to the gap's gradient"
+            yield (
+                f"the slip of contact '{entry.owner}' is not along its surface: its direction at the start is not at"
+                " right angles to the gap's gradient"
+            )
         elif abs(size / slip - 1.0) > ALIKE:
             yield (
-                f"the gap of contact '{entry.owner}' grows {size / slip:.6g} times as fast as a distance, going by its slip:"
-                " contact_force and friction are in that measure; divide the gap by it"
+                f"the gap of contact '{entry.owner}' grows {size / slip:.6g} times as fast as a distance, going by its"
+                " slip: contact_force and friction are in that measure; divide the gap by it"
             )
 
 
@@ -145,7 +160,10 @@ def _of_gains(march: March) -> Iterator[str]:
         return
     law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
     name = march.layout.watched[int(gains.detector)].name
-    where = f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost = {-gains.energy:.3g} {unit})"
+    where = (
+        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost ="
+        f" {-gains.energy:.3g} {unit})"
+    )
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
     frictional = any(contact.slip is not None for contact in model.contacts.values())
     causes = ["there is friction (Kane's paradox)"] * frictional + ["several are struck at once"] * (
@@ -155,7 +173,8 @@ def _of_gains(march: March) -> Iterator[str]:
         f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"
     )
     yield (
-        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)}; {alternatives}"
+        f"energy was created in {times} {where}: restitution by law = '{law}' may do so where {' or '.join(causes)};"
+        f" {alternatives}"
     )
 
 
@@ -166,8 +185,8 @@ def _of_places(march: March) -> Iterator[str]:
     )
     if names:
         yield (
-            f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of t,"
-            " leaves more; event_position says where"
+            f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of"
+            " t, leaves more; event_position says where"
         )
 
 

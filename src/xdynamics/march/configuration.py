@@ -62,7 +62,10 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
-        raise InputError(f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give rtol or atol too")  # fmt: skip
+        raise InputError(
+            f"{', '.join(paced)} {'is' if len(paced) == 1 else 'are'} for chosen steps, and the steps are given; give"
+            " rtol or atol too"
+        )
     read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
     settings = Settings(
         method,
@@ -97,7 +100,10 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
         If rows or columns are to be left out, or a setting is missing or wrong.
     """
     if left := [name for name in THINNING if asked.get(name) is not None]:
-        raise InputError(f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows and columns of a march are needed")  # fmt: skip
+        raise InputError(
+            f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows"
+            " and columns of a march are needed"
+        )
     return replace(settings_for(model, **asked), **RECORDING)
 
 

@@ -39,7 +39,10 @@ def dispute(march: March) -> str:
     for k, reaction in enumerate(all_reactions):
         touch = run.touches[k]
         if touch.near and not _grams(march)[k, k] > FLAT * touch.steepest:
-            return f"the gap of contact '{reaction.owner}' closes where its gradient vanishes, which is its normal; write a gap that passes zero with a slope"
+            return (
+                f"the gap of contact '{reaction.owner}' closes where its gradient vanishes, which is its normal; write"
+                " a gap that passes zero with a slope"
+            )
     for reaction, size in zip(all_reactions, numbers[:, SIZE].tolist(), strict=True):
         if reaction.sort == NORMAL and not 0.0 <= size <= 1.0:
             return f"the restitution of contact '{reaction.owner}' is {size:.6g}, and needs to be from 0 to 1"
@@ -47,7 +50,10 @@ def dispute(march: March) -> str:
         if reaction.sort != NORMAL and not size >= 0.0:
             return f"the friction of '{reaction.owner}' is {size:.6g} while it slips, and needs to be non-negative"
         if reaction.sort != NORMAL and not static >= size:
-            return f"the friction of '{reaction.owner}' sticks with {static:.6g} and slips with {size:.6g}: static is at least kinetic"
+            return (
+                f"the friction of '{reaction.owner}' sticks with {static:.6g} and slips with {size:.6g}: static is at"
+                " least kinetic"
+            )
     if why := _struck_together(march, numbers[:, RATE].tolist()):
         return why
     for k, reaction in enumerate(all_reactions):
@@ -70,8 +76,8 @@ def _struck_together(march: March, rates: list[float]) -> str:
     if len(near) == 1:
         return f"the impact of contact {named} does not end: friction holds it as fast as it is pressed"
     return (
-        f"contacts {named} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time: how"
-        " several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
+        f"contacts {named} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time:"
+        " how several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
     )
 
 
@@ -135,8 +141,8 @@ def inconsistency(march: March) -> str:
     scale = march.settings.scales.of(dimension)
     figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
     return (
-        f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and rounding allow"
-        f" {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
+        f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and"
+        f" rounding allow {bound:.3g}: the march contradicts itself, which is no fault of the model; please report it"
     )
 
 

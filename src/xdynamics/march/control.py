@@ -18,10 +18,21 @@ from xdynamics.march.tolerance_sizes import tops_of
 
 SPACINGS = 10.0  # of t in the shortest step, as in scipy
 NONFINITE_FACTOR = 0.25
-CONTROLLER = "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1 (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
-PREDICTIVE = "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations; a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
+CONTROLLER = (
+    "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1"
+    " (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
+)
+PREDICTIVE = (
+    "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations;"
+    " a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake"
+    " of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
+)
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
-FIRST_STEP = "Hairer, Norsett, Wanner I, section II.4, with the norm above, in units of T = max(size/slope, sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1 at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
+FIRST_STEP = (
+    "Hairer, Norsett, Wanner I, section II.4, with the norm above, in units of T = max(size/slope,"
+    " sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1"
+    " at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
+)
 
 
 @compiled

@@ -126,11 +126,22 @@ class PartsAbreast:
         result, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
         blocks = (self._blocks[name] for name in ("at", "y", "p", "pieces", "z"))
         inputs = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
-        side_by_side().parts(self._run, *self._addresses, self._table, *blocks, *inputs, np.ascontiguousarray(jobs), np.ascontiguousarray(times), result)  # fmt: skip
+        side_by_side().parts(
+            self._run,
+            *self._addresses,
+            self._table,
+            *blocks,
+            *inputs,
+            np.ascontiguousarray(jobs),
+            np.ascontiguousarray(times),
+            result,
+        )
         return result
 
 
-def rows_of_times(time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool) -> NDArray[np.int64]:  # fmt: skip
+def rows_of_times(
+    time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool
+) -> NDArray[np.int64]:
     """Return the row at the start of the step to each time, between two rows; see `entries.rows_of_times`."""
     rows = np.empty(wanted.size, np.int64)
     engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, rows)

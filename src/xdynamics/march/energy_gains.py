@@ -63,9 +63,13 @@ def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
     speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
     work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
     return Impacts(
-        events["kind"], events["row_before"], events["detector"], events["time"] * scales.of(TIME),
-        log.impulses[n, :count] * energy, work * energy,
-    )  # fmt: skip
+        events["kind"],
+        events["row_before"],
+        events["detector"],
+        events["time"] * scales.of(TIME),
+        log.impulses[n, :count] * energy,
+        work * energy,
+    )
 
 
 def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
@@ -85,6 +89,8 @@ def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
     members = indices[group == worst]
     event = int(members[np.argmin(impacts.lost[members])])
     return gains._replace(
-        energy=float(-lost[worst]), time=float(impacts.time[event]), detector=float(impacts.detector[event]),
+        energy=float(-lost[worst]),
+        time=float(impacts.time[event]),
+        detector=float(impacts.detector[event]),
         event=float(first + event),
-    )  # fmt: skip
+    )

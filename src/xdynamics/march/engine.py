@@ -217,7 +217,10 @@ def _contacts(kept: Kept) -> int:
 def _lanes(kept: Kept) -> Lanes:
     """The same for marches side by side."""
     march = kept.function(march_lanes, _LANES[0], **UNCOUNTED)
-    gather, parts = (kept.function(function, signature) for function, signature in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True))  # fmt: skip
+    gather, parts = (
+        kept.function(function, signature)
+        for function, signature in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True)
+    )
     return Lanes(march, gather, lambda run, *arguments: parts(run.address, *arguments))
 
 
@@ -232,10 +235,12 @@ def _array(dtype: Any, dims: int) -> Any:
 _STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
 _MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 3, types.int64, types.boolean)
 _SIGNATURES = (
-    (types.int64, types.int64, *_MANY), (types.int64, *[_array("f8", 2)] * 5, types.boolean, types.boolean),
-    (types.int64, *[_array("f8", 2)] * 2), (types.int64, *[_array("f8", 2)] * 4),
+    (types.int64, types.int64, *_MANY),
+    (types.int64, *[_array("f8", 2)] * 5, types.boolean, types.boolean),
+    (types.int64, *[_array("f8", 2)] * 2),
+    (types.int64, *[_array("f8", 2)] * 4),
     (_array("f8", 1), *[_array("i8", 1)] * 2, _array("f8", 1), types.boolean, _array("i8", 1)),
-)  # fmt: skip
+)
 
 
 _WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
@@ -243,16 +248,45 @@ _FLAGS, _LISTS, _ROW = _array("i1", 2), _array("i8", 2), _array("f8", 1)
 _ROWS = (_array("f8", 3), _array("i1", 3), _LISTS)  # with their flags and owners
 _LANES = (
     types.boolean(
-        _WHOLE, types.int64, types.int64, _WHOLE, *[_BLOCK] * 4, _LISTS, *[_BLOCK] * 2, _WHOLE, _WHOLE,
-        _array(PLAN, 1), *[_BLOCK] * 3, _array(NOW, 1), *[_BLOCK] * 3, _array(EVENT_ROW, 1), *[_BLOCK] * 2, _WHOLE,
-        _BLOCK, _LISTS, *_ROWS, _ROW, _FLAGS,
+        _WHOLE,
+        types.int64,
+        types.int64,
+        _WHOLE,
+        *[_BLOCK] * 4,
+        _LISTS,
+        *[_BLOCK] * 2,
+        _WHOLE,
+        _WHOLE,
+        _array(PLAN, 1),
+        *[_BLOCK] * 3,
+        _array(NOW, 1),
+        *[_BLOCK] * 3,
+        _array(EVENT_ROW, 1),
+        *[_BLOCK] * 2,
+        _WHOLE,
+        _BLOCK,
+        _LISTS,
+        *_ROWS,
+        _ROW,
+        _FLAGS,
     ),
     types.void(*_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS),
     types.void(
-        types.int64, types.int64, types.int64, _WHOLE, *[_BLOCK] * 3, _LISTS, *[_BLOCK] * 2, _FLAGS, _BLOCK, _ROW,
-        _LISTS, _ROW, _BLOCK,
+        types.int64,
+        types.int64,
+        types.int64,
+        _WHOLE,
+        *[_BLOCK] * 3,
+        _LISTS,
+        *[_BLOCK] * 2,
+        _FLAGS,
+        _BLOCK,
+        _ROW,
+        _LISTS,
+        _ROW,
+        _BLOCK,
     ),
-)  # fmt: skip
+)
 
 
 def _key() -> str:
@@ -268,6 +302,11 @@ def _key() -> str:
     ]
     files = sorted([*rooms, package / "schema.py", *constants])
     return cache.digest(
-        *(path.read_text(encoding="utf-8") for path in files), numba.__version__, np.__version__, sys.version,
-        binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
-    )  # fmt: skip
+        *(path.read_text(encoding="utf-8") for path in files),
+        numba.__version__,
+        np.__version__,
+        sys.version,
+        binding.get_process_triple(),
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )

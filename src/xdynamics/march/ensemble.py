@@ -232,9 +232,15 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
     base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
     return Log(
-        log.base, log.rows[:, :rows].copy(), log.flags[:, :rows].copy(), log.samples[:, :0], log.trials[:0],
-        log.events[:events].copy(), log.rates[:, :events].copy(), log.impulses[:, :events].copy(),
-    )  # fmt: skip
+        log.base,
+        log.rows[:, :rows].copy(),
+        log.flags[:, :rows].copy(),
+        log.samples[:, :0],
+        log.trials[:0],
+        log.events[:events].copy(),
+        log.rates[:, :events].copy(),
+        log.impulses[:, :events].copy(),
+    )
 
 
 def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
@@ -245,10 +251,15 @@ def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str,
         rows, counts = [np.ascontiguousarray(piece.lasts.T) for piece in parts], np.ones(len(ends), np.int64)
         flags = [np.zeros((len(pieces[0].flags), len(ends)), np.int8)]
     log = Log(
-        pieces[0].base, _beside(rows), _beside(flags), pieces[0].samples, pieces[0].trials,
-        np.concatenate([piece.events for piece in pieces]), np.hstack([piece.rates for piece in pieces]),
+        pieces[0].base,
+        _beside(rows),
+        _beside(flags),
+        pieces[0].samples,
+        pieces[0].trials,
+        np.concatenate([piece.events for piece in pieces]),
+        np.hstack([piece.rates for piece in pieces]),
         np.hstack([piece.impulses for piece in pieces]),
-    )  # fmt: skip
+    )
     return Runs(
         law.layout,
         settings.scales,
@@ -324,5 +335,6 @@ def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str,
         tolerances = settings.tolerances
         if kind == "initial value" and tolerances is not None and tolerances.of(name) == 0.0 and (values == 0.0).any():
             ledger.note(
-                f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a positive one"
+                f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a"
+                " positive one"
             )

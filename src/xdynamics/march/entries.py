@@ -31,7 +31,20 @@ _NO_TRIAL, _NO_PIECE, _NOT_KEPT = np.zeros(1, TRIAL), np.zeros(1, PIECE), np.zer
 _NO_WATCH, _NO_TOUCH = np.zeros(1, WATCH), np.zeros(1, TOUCH)
 
 
-def march_many(address: Any, march_at: Any, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, first: int, kept: bool) -> int:  # fmt: skip
+def march_many(
+    address: Any,
+    march_at: Any,
+    plans: Records,
+    starts: Floats,
+    parameters: Floats,
+    atols: Floats,
+    ends: Records,
+    lasts: Floats,
+    largest: Floats,
+    passed: Floats,
+    first: int,
+    kept: bool,
+) -> int:
     """March many runs one after the other through one `Run`, from arrays of starts and parameters to the ends.
 
     Parameters
@@ -101,8 +114,11 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     """Set a run to its start; the log continues after the previous run."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.events, base.samples = (
-        base.rows - now.rows, base.trials - now.trials, base.events - now.events, base.samples - now.samples,
-    )  # fmt: skip
+        base.rows - now.rows,
+        base.trials - now.trials,
+        base.events - now.events,
+        base.samples - now.samples,
+    )
     run.plan[0] = plans[k]
     now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
@@ -134,7 +150,16 @@ def forget(run: Run) -> None:
         run.e[i] = run.located_e[i] = run.full_e[i] = 0.0
 
 
-def states_inside(address: Any, parameters: Floats, steps: Floats, states: Floats, ends: Floats, found: Floats, reintegrated: bool, judged: bool) -> None:  # fmt: skip
+def states_inside(
+    address: Any,
+    parameters: Floats,
+    steps: Floats,
+    states: Floats,
+    ends: Floats,
+    found: Floats,
+    reintegrated: bool,
+    judged: bool,
+) -> None:
     """Evaluate the state at each time inside its step, and its distance from a more accurate one.
 
     Parameters

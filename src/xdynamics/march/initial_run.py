@@ -51,9 +51,11 @@ from xdynamics.units import TIME, Scales
 Floats = NDArray[np.float64]
 
 _NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
-    "equations": np.zeros(0, EQUATIONS), "unknowns": np.zeros((0, 3), np.int64), "entries": np.zeros((0, 4), np.int64),
+    "equations": np.zeros(0, EQUATIONS),
+    "unknowns": np.zeros((0, 3), np.int64),
+    "entries": np.zeros((0, 4), np.int64),
     "pivots": np.zeros(0, np.int64),
-} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))  # fmt: skip
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
 DEEPEST = 64  # halvings of a step in search of events
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
@@ -145,7 +147,12 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     wider = widened(law, tolerances.rtol) if tolerances else 1.0
     atols = [None if tolerances is None else tolerances.of(name) for name in layout.used]
     unspecified = np.inf if tolerances is None else 0.0  # a tolerance that follows its variable is not known yet
-    arrays["atol"] = np.array([unspecified if atol is None else atol / sizes[name] * wider for name, atol in zip(layout.used, atols, strict=True)])  # fmt: skip
+    arrays["atol"] = np.array(
+        [
+            unspecified if atol is None else atol / sizes[name] * wider
+            for name, atol in zip(layout.used, atols, strict=True)
+        ]
+    )
     arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
     arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
     return arrays

@@ -34,15 +34,75 @@ FlagBlocks = NDArray[np.int8]
 Records = NDArray[Any]
 
 (
-    L_T, L_H, L_NORM, L_TRIED, L_STEP, L_STEP_LOG, L_REJECTED, L_GRID, L_ON_GRID, L_DONE, L_ACCEPTED, L_MOST, L_LIVES,
-    L_NODE, L_SNAP, L_INNER, L_LANDED, L_START, L_STEP_SIZE, L_RTOL, L_FLOOR, L_REST, L_ORDER, L_SAFETY, L_LEAST, L_GREATEST, L_MIN_STEP, L_MAX_STEP, L_ORDINARY,
-) = range(len(LANE))  # fmt: skip
+    L_T,
+    L_H,
+    L_NORM,
+    L_TRIED,
+    L_STEP,
+    L_STEP_LOG,
+    L_REJECTED,
+    L_GRID,
+    L_ON_GRID,
+    L_DONE,
+    L_ACCEPTED,
+    L_MOST,
+    L_LIVES,
+    L_NODE,
+    L_SNAP,
+    L_INNER,
+    L_LANDED,
+    L_START,
+    L_STEP_SIZE,
+    L_RTOL,
+    L_FLOOR,
+    L_REST,
+    L_ORDER,
+    L_SAFETY,
+    L_LEAST,
+    L_GREATEST,
+    L_MIN_STEP,
+    L_MAX_STEP,
+    L_ORDINARY,
+) = range(len(LANE))
 NONE = -1  # no run is in the lane
 LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `standing`: lanes with a run, next run, events and rows handed out
 OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane holds a number of a row: in `w`, in `y`, in `noted`
 
 
-def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, at: Floats, y: Floats, before: Floats, p: Floats, pieces: Whole, z: Floats, w: Floats, members: Whole, standing: Whole, plans: Records, starts: Floats, parameters: Floats, atols: Floats, ends: Records, lasts: Floats, largest: Floats, passed: Floats, met: Records, rates: Floats, impulses: Floats, owners: Whole, noted: Floats, columns: Whole, rows: Blocks, flags: FlagBlocks, row_owners: Whole, reached: Floats, marks: Flags) -> bool:  # fmt: skip
+def march_lanes(
+    addresses: Whole,
+    march_at: Any,
+    stride_at: Any,
+    table: Whole,
+    at: Floats,
+    y: Floats,
+    before: Floats,
+    p: Floats,
+    pieces: Whole,
+    z: Floats,
+    w: Floats,
+    members: Whole,
+    standing: Whole,
+    plans: Records,
+    starts: Floats,
+    parameters: Floats,
+    atols: Floats,
+    ends: Records,
+    lasts: Floats,
+    largest: Floats,
+    passed: Floats,
+    met: Records,
+    rates: Floats,
+    impulses: Floats,
+    owners: Whole,
+    noted: Floats,
+    columns: Whole,
+    rows: Blocks,
+    flags: FlagBlocks,
+    row_owners: Whole,
+    reached: Floats,
+    marks: Flags,
+) -> bool:
     """March runs from their starts and parameters to their ends.
 
     Parameters
@@ -111,7 +171,18 @@ def march_lanes(addresses: Whole, march_at: Any, stride_at: Any, table: Whole, a
 
 
 @borrowing
-def serve(address: Any, march_at: Any, lane: int, members: Whole, standing: Whole, blocks: Any, given: Any, results: Any, events: Any, keeping: Any) -> bool:  # fmt: skip
+def serve(
+    address: Any,
+    march_at: Any,
+    lane: int,
+    members: Whole,
+    standing: Whole,
+    blocks: Any,
+    given: Any,
+    results: Any,
+    events: Any,
+    keeping: Any,
+) -> bool:
     """Make a lane's step by the single march, and start the next run where one is over; False if there is no room."""
     run, (_, y, before, _, _, w) = run_at(address), blocks
     if lacks_room(run, len(members), standing, events, keeping):
@@ -182,7 +253,9 @@ def aim_behind(run: Run, w: Floats, lane: int) -> None:
 
 
 @borrowing
-def take(standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any) -> None:  # fmt: skip
+def take(
+    standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any
+) -> None:
     """Keep the rows after a step in all lanes; the row of a lane that did not move belongs to no run."""
     to, lanes, (columns, rows, flags, owners) = standing[ROWS], members.shape[0], keeping
     for k in range(columns.shape[0]):
@@ -370,7 +443,9 @@ def close(run: Run, member: int, results: Any) -> None:
     keep_passed(run, passed, member)
 
 
-def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, places: Whole, to_rows: Floats, to_flags: Flags) -> None:  # fmt: skip
+def gather_rows(
+    rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, places: Whole, to_rows: Floats, to_flags: Flags
+) -> None:
     """Sort rows of many runs, kept in turn, into one run after the other.
 
     Parameters
@@ -396,7 +471,24 @@ def gather_rows(rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, 
                 to_flags[k, to] = flags[row, k, lane]
 
 
-def parts_of_steps(address: Any, forces_at: Any, propose_at: Any, table: Whole, at: Floats, y: Floats, p: Floats, pieces: Whole, z: Floats, log: Floats, flags: Flags, parameters: Floats, factors: Floats, jobs: Whole, times: Floats, found: Floats) -> None:  # fmt: skip
+def parts_of_steps(
+    address: Any,
+    forces_at: Any,
+    propose_at: Any,
+    table: Whole,
+    at: Floats,
+    y: Floats,
+    p: Floats,
+    pieces: Whole,
+    z: Floats,
+    log: Floats,
+    flags: Flags,
+    parameters: Floats,
+    factors: Floats,
+    jobs: Whole,
+    times: Floats,
+    found: Floats,
+) -> None:
     """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
 
     Parameters

@@ -38,8 +38,16 @@ class Log(NamedTuple):
 
     def lend(self, run: Run) -> None:
         """Have a run write to this log from now on."""
-        run.put(base=self.base, log_rows=self.rows, log_flags=self.flags, log_samples=self.samples,
-                log_trials=self.trials, log_events=self.events, log_rates=self.rates, log_impulses=self.impulses)  # fmt: skip
+        run.put(
+            base=self.base,
+            log_rows=self.rows,
+            log_flags=self.flags,
+            log_samples=self.samples,
+            log_trials=self.trials,
+            log_events=self.events,
+            log_rates=self.rates,
+            log_impulses=self.impulses,
+        )
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
         """Have the system provide the memory of some rows to come at once: page by page costs twice as much."""

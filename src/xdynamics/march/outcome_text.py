@@ -67,7 +67,9 @@ def ending(march: March) -> Ending:
         failure = diagnose(march)
     t, h = float(now.t) * scale, float(now.h) * scale
     second = behind(march.model.time_unit)
-    text = failure.outcome.sentence.format(t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause)  # fmt: skip
+    text = failure.outcome.sentence.format(
+        t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause
+    )
     # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
@@ -159,8 +161,8 @@ def _cause(march: March) -> str:
             events = int(march.now.events)
             search = f", with those that located {events} events" if events and plan.apart else ""
             return (
-                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)} has"
-                f" the largest error; raise max_steps{'' if search else ' or the tolerances'}"
+                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)}"
+                f" has the largest error; raise max_steps{'' if search else ' or the tolerances'}"
             )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
@@ -171,8 +173,8 @@ def _cause(march: March) -> str:
             )
         case status if status == STEP_TOO_SMALL and plan.adaptive and norm > 1.0:
             return (
-                f"the error test fails, with norm {norm:.3g}, most of all in {of_error(march)}, at the shortest step that t"
-                " resolves; the solution has a singularity here, or t is too large for its time scale"
+                f"the error test fails, with norm {norm:.3g}, most of all in {of_error(march)}, at the shortest step"
+                " that t resolves; the solution has a singularity here, or t is too large for its time scale"
             )
         case status if status == STEP_TOO_SMALL:
             return "t + h is t in double precision; take a longer step or an earlier t"

@@ -26,8 +26,10 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # are located one by one, as in version 0.2; `margin` is added to the rounding by which an interval is widened; `order`
 # is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method.
 PLAN = _record(
-    "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps divisor margin",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
+    "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
+    " divisor margin",
+    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples"
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -44,7 +46,8 @@ TRIAL = _record("t h unsound unsound_events", "landing iterations")
 # `turn` equals `rate`.
 DETECTOR = _record(
     "tolerance position",
-    "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate turn",
+    "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate"
+    " turn",
 )
 # The state of an event function. `armed` is its side since it left zero, 0 until it does, `began` the value before the
 # trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the current trial: whether
@@ -81,7 +84,8 @@ REACTION = _record("tolerance rest_height", "role normal law")
 # of an impact and the rate after them; `near` is 1 where a contact touches, `hit` is the detector that met it, `held`
 # what it did before the event, `slack` the uncertainty of a rate.
 TOUCH = _record(
-    "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after slack rate total",
+    "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
+    " slack rate total",
     "state part place way hit near held",
 )
 # Entries of the engine, after the elementary functions in `functions`.
@@ -123,10 +127,25 @@ Touches = NDArray[Any]
 TrialRows = NDArray[Any]
 EventRows = NDArray[Any]
 KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
-    "Floats": ("f8", 1), "Columns": ("f8", 2), "Whole": ("i8", 1), "Lists": ("i8", 2), "Flags": ("i1", 2),
-    "Plans": (PLAN, 1), "Nows": (NOW, 1), "Trials": (TRIAL, 1), "Detectors": (DETECTOR, 1), "Solves": (EQUATIONS, 1),
-    "Reactions": (REACTION, 1), "Touches": (TOUCH, 1), "Watches": (WATCH, 1), "Pieces": (PIECE, 1), "Kepts": (KEPT, 1), "Bases": (BASE, 1), "TrialRows": (TRIAL_ROW, 1), "EventRows": (EVENT_ROW, 1),
-}  # fmt: skip
+    "Floats": ("f8", 1),
+    "Columns": ("f8", 2),
+    "Whole": ("i8", 1),
+    "Lists": ("i8", 2),
+    "Flags": ("i1", 2),
+    "Plans": (PLAN, 1),
+    "Nows": (NOW, 1),
+    "Trials": (TRIAL, 1),
+    "Detectors": (DETECTOR, 1),
+    "Solves": (EQUATIONS, 1),
+    "Reactions": (REACTION, 1),
+    "Touches": (TOUCH, 1),
+    "Watches": (WATCH, 1),
+    "Pieces": (PIECE, 1),
+    "Kepts": (KEPT, 1),
+    "Bases": (BASE, 1),
+    "TrialRows": (TRIAL_ROW, 1),
+    "EventRows": (EVENT_ROW, 1),
+}
 FLEETING = (
     "law",
     "functions",
@@ -134,8 +153,32 @@ FLEETING = (
 )  # not part of the memory, like everything that begins with log_: addresses belong to a process
 # given by the model and the settings, or computed from the rest when needed
 FIXED = (
-    "plan", "p", "tables", "of_time", "leaves", "reactions", "wanted", "atol", "followers", "kinds", "tops", "probe", "turning", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts", "equations", "unknowns", "entries",
-)  # fmt: skip
+    "plan",
+    "p",
+    "tables",
+    "of_time",
+    "leaves",
+    "reactions",
+    "wanted",
+    "atol",
+    "followers",
+    "kinds",
+    "tops",
+    "probe",
+    "turning",
+    "nodes",
+    "snaps",
+    "grid",
+    "steps",
+    "detectors",
+    "targets",
+    "rows",
+    "numbers",
+    "parts",
+    "equations",
+    "unknowns",
+    "entries",
+)
 
 
 class Twins(NamedTuple):
@@ -291,7 +334,28 @@ _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
 # of runs side by side; modes are in p
-SHARED = ("tables", "leaves", "of_time", "nodes", "snaps", "grid", "steps", "detectors", "targets", "rows", "numbers", "parts",
-          "reactions", "equations", "unknowns", "entries", "law", "functions", "modes", "followers", "kinds")  # fmt: skip
+SHARED = (
+    "tables",
+    "leaves",
+    "of_time",
+    "nodes",
+    "snaps",
+    "grid",
+    "steps",
+    "detectors",
+    "targets",
+    "rows",
+    "numbers",
+    "parts",
+    "reactions",
+    "equations",
+    "unknowns",
+    "entries",
+    "law",
+    "functions",
+    "modes",
+    "followers",
+    "kinds",
+)
 _ALIGNED = 64  # bytes
 CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))

@@ -30,11 +30,13 @@ SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
 EARLIEST_FIRST, ONE_BY_ONE = "earliest first", "one by one"
 ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the second
     EARLIEST_FIRST: (
-        "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
-        " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
+        "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else"
+        " ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is"
+        " accepted"
     ),
     ONE_BY_ONE: (
-        "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is accepted"
+        "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is"
+        " accepted"
     ),
 }
 
@@ -84,7 +86,10 @@ class Tolerances:
         """List everything that an error test could not use."""
         faults = []
         if not LEAST_RTOL <= self.rtol < 1:
-            faults.append(f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as large, to 1")  # fmt: skip
+            faults.append(
+                f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as"
+                " large, to 1"
+            )
         names = variables(model)
         atols = {f" of '{name}'": value for name, value in self.atol.items()}
         atols |= {} if self.bare is None else {"": self.bare}
@@ -266,23 +271,26 @@ class Settings:
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:
             faults.append(
-                f"min_step is {self.pacing.min_step!r}{second}, needs to be at most the span of {self.until - start!r}{second}"
+                f"min_step is {self.pacing.min_step!r}{second}, needs to be at most the span of"
+                f" {self.until - start!r}{second}"
             )
         if not isfinite(self.until) or self.until <= start:
             faults.append(f"until is {self.until!r}{second}, needs a time after the start at t = {start!r}{second}")
         faults += [
-            f"nodes has {one!r}{second}, needs times between the start at t = {start!r}{second} and until = {self.until!r}{second}"
+            f"nodes has {one!r}{second}, needs times between the start at t = {start!r}{second} and until ="
+            f" {self.until!r}{second}"
             for one in self.nodes
             if not start < one < self.until
         ]
         if self.method.stepping and any(one.law == ENERGETIC for one in model.contacts.values()):
             faults.append(
-                f"method '{self.method.name}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}' is"
-                " for impacts that are located; take another method or law = 'newton'"
+                f"method '{self.method.name}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}'"
+                " is for impacts that are located; take another method or law = 'newton'"
             )
         if self.method.stepping and self.estimator != NO_ESTIMATE and reactions(model):
             faults.append(
-                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
+                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator ="
+                " 'none'"
             )
         faults += self._faults_of_scales(model)
         if len(faults) > 1:
@@ -310,13 +318,21 @@ class Settings:
             last = given_times(start, self.step, self.until)[-1]
             if last < self.until:
                 return [
-                    f"step has {len(self.step)} steps up to t = {last!r}{second}, needs to reach until = {self.until!r}{second}"
+                    (
+                        f"step has {len(self.step)} steps up to t = {last!r}{second}, needs to reach until ="
+                        f" {self.until!r}{second}"
+                    )
                 ]
             return []
         if not isfinite(self.step) or self.step <= 0:
             return [f"step is {self.step!r}{second}, needs a positive time"]
         if self.adaptive and not self.pacing.min_step <= self.step <= self.pacing.max_step:
-            return [f"step, the first one, is {self.step!r}{second}, needs to be from min_step = {self.pacing.min_step!r}{second} to max_step = {self.pacing.max_step!r}{second}"]  # fmt: skip
+            return [
+                (
+                    f"step, the first one, is {self.step!r}{second}, needs to be from min_step ="
+                    f" {self.pacing.min_step!r}{second} to max_step = {self.pacing.max_step!r}{second}"
+                )
+            ]
         if not self.adaptive and (self.until - start) / self.step > 2**53:
             return [f"step {self.step!r}{second} makes over 2**53 steps to {self.until!r}{second}; take a longer one"]
         return []

@@ -75,17 +75,37 @@ def march_abreast(
     kept, marks = _Rows.of(room, 0, sources, layout.flags, lanes), np.zeros((layout.flags, lanes), np.int8)
     while not finished:
         finished = side_by_side().march(
-            twins.addresses, stride, table, *state_blocks, members, standing, *inputs,
-            part.ends, part.lasts, part.largest, part.passed, event_log.events, event_log.rates, event_log.impulses, owners,
-            blocks["noted"], sources, *kept, reached, marks,
-        )  # fmt: skip
+            twins.addresses,
+            stride,
+            table,
+            *state_blocks,
+            members,
+            standing,
+            *inputs,
+            part.ends,
+            part.lasts,
+            part.largest,
+            part.passed,
+            event_log.events,
+            event_log.rates,
+            event_log.impulses,
+            owners,
+            blocks["noted"],
+            sources,
+            *kept,
+            reached,
+            marks,
+        )
         count, standing[EVENTS] = int(standing[EVENTS]), 0
         part.logs.append(_events(event_log, np.arange(count)))
         event_owners.append(owners[:count].copy())
         if len(sources):
             rows.append(kept.first(int(standing[ROWS])))
             kept, standing[ROWS] = kept if finished else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
-    together = [np.concatenate(pieces, axis=-1) for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)]  # fmt: skip
+    together = [
+        np.concatenate(pieces, axis=-1)
+        for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)
+    ]
     order = np.argsort(np.concatenate(event_owners), kind="stable")  # events of a run keep their order
     events = _events(event_log._replace(events=together[0], rates=together[1], impulses=together[2]), order)
     part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
@@ -118,13 +138,21 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
     places = {"time": (OF_LANE, LANE.index("t")), "step_size": (OF_LANE, LANE.index("h"))}
     places |= {name: (OF_STATE, i) for i, name in enumerate(state)}
     places |= {name: (OF_NOTED, i) for i, name in enumerate(layout.derived)}
-    places |= dict(zip(layout.errors, [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))], strict=False))  # fmt: skip
+    places |= dict(
+        zip(
+            layout.errors,
+            [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))],
+            strict=False,
+        )
+    )
     places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
     sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in columns]
     return np.array(sources, np.int64).reshape(-1, 3)
 
 
-def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room) -> Log:  # fmt: skip
+def _with_rows(
+    log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room
+) -> Log:
     """Put the rows of all runs into a log, one run after the other; columns that were not kept are undefined."""
     places, total = np.concatenate([[0], np.cumsum(counts)[:-1]]), int(counts.sum())
     rows, flags = (
@@ -140,9 +168,15 @@ def _with_rows(log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDA
 def _room(log: Log, events: int) -> Log:
     """Return a log with room for events alone."""
     return Log(
-        log.base, log.rows[:, :0], log.flags[:, :0], log.samples[:, :0], log.trials[:0], np.zeros(events, EVENT_ROW),
-        np.zeros((len(log.rates), events)), np.zeros((len(log.impulses), events)),
-    )  # fmt: skip
+        log.base,
+        log.rows[:, :0],
+        log.flags[:, :0],
+        log.samples[:, :0],
+        log.trials[:0],
+        np.zeros(events, EVENT_ROW),
+        np.zeros((len(log.rates), events)),
+        np.zeros((len(log.impulses), events)),
+    )
 
 
 def _events(log: Log, indices: NDArray[np.int64]) -> Log:

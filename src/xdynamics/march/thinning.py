@@ -84,7 +84,12 @@ class Thinning:
     def thinned(self, run: Run, block: Block, *, last: bool) -> Block:
         """Return a copy of the kept part of a block; with `last` the march is over, and its last row an end."""
         log, first = block.log, int(block.log.base[0]["rows"])
-        new = Part(log.rows[:, : block.rows], log.flags[:, : block.rows], log.samples[:, : block.samples], log.trials[: block.trials])  # fmt: skip
+        new = Part(
+            log.rows[:, : block.rows],
+            log.flags[:, : block.rows],
+            log.samples[:, : block.samples],
+            log.trials[: block.trials],
+        )
         parts = [new] if self.waiting is None else [self.waiting, new]
         begin = first - (len(parts) - 1)
         events = log.events[: block.events].copy()
@@ -106,8 +111,16 @@ class Thinning:
         self.kept += numbers.size
         newest = begin + wanted.size - 1
         self.waiting = None if not wanted.size or wanted[-1] else _joined([part.last(newest) for part in parts], rows=1)
-        kept = Log(base, joined.rows, joined.flags, joined.samples, joined.trials, events,
-                   log.rates[:, : block.events].copy(), log.impulses[:, : block.events].copy())  # fmt: skip
+        kept = Log(
+            base,
+            joined.rows,
+            joined.flags,
+            joined.samples,
+            joined.trials,
+            events,
+            log.rates[:, : block.events].copy(),
+            log.impulses[:, : block.events].copy(),
+        )
         return Block(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
 
     def rest(self, run: Run) -> Block | None:
@@ -116,8 +129,16 @@ class Thinning:
             return None
         base = np.zeros(1, BASE)
         base["rows"], base["events"] = run.now["rows"], run.now["events"]
-        empty = Log(base, waiting.rows[:, :0], waiting.flags[:, :0], waiting.samples[:, :0], waiting.trials[:0],
-                   run.log_events[:0], run.log_rates[:, :0], run.log_impulses[:, :0])  # fmt: skip
+        empty = Log(
+            base,
+            waiting.rows[:, :0],
+            waiting.flags[:, :0],
+            waiting.samples[:, :0],
+            waiting.trials[:0],
+            run.log_events[:0],
+            run.log_rates[:, :0],
+            run.log_impulses[:, :0],
+        )
         return self.thinned(run, Block(empty, 0, 0, 0, 0), last=True)
 
     def _want(self, marks: Array, run: Run, parts: list[Part], begin: int) -> None:

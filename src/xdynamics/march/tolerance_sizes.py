@@ -16,10 +16,11 @@ from xdynamics.march.force_evaluation import evaluate, slope_of
 from xdynamics.march.run import Run
 
 ATOL_RULE = (
-    "atol not given: rtol (solver_rtol_used) times the size of the variable, its largest absolute value so far; never less"
-    " than 1e-6 rtol, or 10 spacings, of the largest of its kind (coordinates, velocities, states of one dimension), nor of"
-    " what the forces about the start make of it in 1/omega, omega the fastest rate there, longer than which the first step"
-    " is not; of what moves when nothing of its kind has moved yet, of its rate in a hundredth of the time to the first node or the end"
+    "atol not given: rtol (solver_rtol_used) times the size of the variable, its largest absolute value so far; never"
+    " less than 1e-6 rtol, or 10 spacings, of the largest of its kind (coordinates, velocities, states of one"
+    " dimension), nor of what the forces about the start make of it in 1/omega, omega the fastest rate there, longer"
+    " than which the first step is not; of what moves when nothing of its kind has moved yet, of its rate in a"
+    " hundredth of the time to the first node or the end"
 )
 
 State = NDArray[Any]

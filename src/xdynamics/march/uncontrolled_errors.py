@@ -39,7 +39,9 @@ class Effect(NamedTuple):
     loose: NDArray[np.bool_]
 
 
-def uncontrolled(asked: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]) -> NDArray[np.bool_]:  # fmt: skip
+def uncontrolled(
+    asked: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """Return the variables whose given absolute tolerances allow errors that add up to a part of their size.
 
     Judged from sizes alone, as if errors neither grew nor decayed. A variable that is very small beside others of its
@@ -84,12 +86,16 @@ def effect_of(march: March) -> Effect:
         followed = None if reason else _followed(march, end, steps, moves, sizes)
     if followed is None:
         reason = reason or "the forces give no finite slopes beside the run"
-        words = f"not looked at: {reason}; errors of atol, or as large as estimated, in each of {march.accepted} steps are {share.max():.2g} of a variable if they neither grow nor decay"
+        words = (
+            f"not looked at: {reason}; errors of atol, or as large as estimated, in each of {march.accepted} steps are"
+            f" {share.max():.2g} of a variable if they neither grow nor decay"
+        )
         return Effect(words, share > LOSS)
     growth, covered, rows = followed
     words = (
-        f"{share.max() * growth:.2g} of a variable, by errors of atol, or as large as estimated, in each of {march.accepted} steps that come to {growth:.3g}"
-        f" times their size over the run; followed from {rows} of its rows over {covered:.0%} of it"
+        f"{share.max() * growth:.2g} of a variable, by errors of atol, or as large as estimated, in each of"
+        f" {march.accepted} steps that come to {growth:.3g} times their size over the run; followed from {rows} of its"
+        f" rows over {covered:.0%} of it"
     )
     return Effect(words, share * growth > LOSS)
 

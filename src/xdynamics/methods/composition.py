@@ -11,7 +11,10 @@ from xdynamics.model import Trait
 REFUSES = (Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES)
 
 _HLW = "Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd ed., section V.3.2"
-_WORDS = "drifts with the newest velocity and kicks with the force at the newest position in turn, {} first, time with the drifts"
+_WORDS = (
+    "drifts with the newest velocity and kicks with the force at the newest position in turn, {} first, time with the"
+    " drifts"
+)
 
 
 def update_of(text: str) -> str:
@@ -114,8 +117,14 @@ POSITION_VERLET = Method(
         drift  1/2  1/2
         kick    1
     """),
-    words="half a drift with the old velocity, a kick with the force there at t + h/2, half a drift with the new velocity, then the force",
-    reference="Tuckerman, Berne, Martyna 1992, J. Chem. Phys. 97, 1990, doi:10.1063/1.463137; Hairer, Lubich, Wanner, section I.1.4",
+    words=(
+        "half a drift with the old velocity, a kick with the force there at t + h/2, half a drift with the new"
+        " velocity, then the force"
+    ),
+    reference=(
+        "Tuckerman, Berne, Martyna 1992, J. Chem. Phys. 97, 1990, doi:10.1063/1.463137; Hairer, Lubich, Wanner, section"
+        " I.1.4"
+    ),
     refuses=REFUSES,
 )
 
@@ -130,7 +139,10 @@ RUTH3 = Method(
         drift  2/3   -2/3    1
     """),
     words=_WORDS.format("kick"),
-    reference="Ruth 1983, IEEE Trans. Nucl. Sci. 30, 2669, doi:10.1109/TNS.1983.4332919; Hairer, Norsett, Wanner I, section II.16",
+    reference=(
+        "Ruth 1983, IEEE Trans. Nucl. Sci. 30, 2669, doi:10.1109/TNS.1983.4332919; Hairer, Norsett, Wanner I, section"
+        " II.16"
+    ),
     refuses=REFUSES,
 )
 
@@ -147,8 +159,10 @@ FOREST_RUTH = Method(
         -1.702414383919315268095376
     """),
     words=_WORDS.format("kick"),
-    reference="Forest, Ruth 1990, Physica D 43, 105, doi:10.1016/0167-2789(90)90019-L; "
-    "Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3; Hairer, Lubich, Wanner, section II.4, eq. (4.4)",
+    reference=(
+        "Forest, Ruth 1990, Physica D 43, 105, doi:10.1016/0167-2789(90)90019-L; Yoshida 1990, Phys. Lett. A 150, 262,"
+        " doi:10.1016/0375-9601(90)90092-3; Hairer, Lubich, Wanner, section II.4, eq. (4.4)"
+    ),
     refuses=REFUSES,
 )
 
@@ -226,8 +240,11 @@ YOSHIDA8 = Method(
         -0.79688793935291635401978884
     """),
     words=_WORDS.format("kick"),
-    reference="Suzuki, Umeno 1993, Springer Proc. Phys. 76, 74, doi:10.1007/978-3-642-78448-4_7; McLachlan 1995, SIAM J. Sci. Comput. 16, 151, doi:10.1137/0916010; "
-    f"{_HLW}, eq. (3.13); the 15-stage form: Yoshida 1990, Phys. Lett. A 150, 262, doi:10.1016/0375-9601(90)90092-3",
+    reference=(
+        "Suzuki, Umeno 1993, Springer Proc. Phys. 76, 74, doi:10.1007/978-3-642-78448-4_7; McLachlan 1995, SIAM J."
+        f" Sci. Comput. 16, 151, doi:10.1137/0916010; {_HLW}, eq. (3.13); the 15-stage form: Yoshida 1990, Phys. Lett."
+        " A 150, 262, doi:10.1016/0375-9601(90)90092-3"
+    ),
     refuses=REFUSES,
 )
 

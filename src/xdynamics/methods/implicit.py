@@ -23,8 +23,14 @@ IMPLICIT_VELOCITY_VERLET = Method(
             x1 = x + h/2*(r + r2)
         a1, r1 = f(t1, q1, v1, x1)
     """,
-    words="position with the old velocity and acceleration, the velocity that agrees with the mean of both accelerations, solved for, then the force",
-    reference="Swope et al. 1982, J. Chem. Phys. 76, 637, doi:10.1063/1.442716; Newmark 1959, J. Eng. Mech. Div. 85, 67, eq. (3), (6)",
+    words=(
+        "position with the old velocity and acceleration, the velocity that agrees with the mean of both accelerations,"
+        " solved for, then the force"
+    ),
+    reference=(
+        "Swope et al. 1982, J. Chem. Phys. 76, 637, doi:10.1063/1.442716; Newmark 1959, J. Eng. Mech. Div. 85, 67, eq."
+        " (3), (6)"
+    ),
     refuses=(Trait.NO_COORDINATES, Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 

@@ -274,7 +274,10 @@ def spread(text: str) -> str:
     for line in dedent(text).strip("\n").splitlines():
         if match := _SOLVE.fullmatch(line):
             unknowns = [unknown.strip() for unknown in match.group(1).split(",")]
-            written.append(f"solve {', '.join([_as(unknown, 'v', 'a') for unknown in unknowns] + [_as(unknown, 'x', 'r') for unknown in unknowns])}:")  # fmt: skip
+            written.append(
+                "solve"
+                f" {', '.join([_as(unknown, 'v', 'a') for unknown in unknowns] + [_as(unknown, 'x', 'r') for unknown in unknowns])}:"
+            )
         elif match := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
             indent, stage, time, point = match.groups()
             written.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")

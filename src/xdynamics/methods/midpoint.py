@@ -18,8 +18,13 @@ MIDPOINT = Method(
         x1 = x + h*rm
         a1, r1 = f(t1, q1, v1, x1)
     """,
-    words="a half step with the old velocity and acceleration, the force there at t + h/2, a full step with both, then the force",
-    reference="Runge 1895, Math. Ann. 46, 167, doi:10.1007/BF01446807; Hairer, Norsett, Wanner I, section II.1, eq. (1.3)",
+    words=(
+        "a half step with the old velocity and acceleration, the force there at t + h/2, a full step with both, then"
+        " the force"
+    ),
+    reference=(
+        "Runge 1895, Math. Ann. 46, 167, doi:10.1007/BF01446807; Hairer, Norsett, Wanner I, section II.1, eq. (1.3)"
+    ),
 )
 
 METHODS = (MIDPOINT,)

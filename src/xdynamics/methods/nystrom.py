@@ -103,13 +103,21 @@ DPRKN6 = Method(
     symplectic=False,
     evaluations=5,
     update=_update(_read(_ROWS)),
-    words="forces at four positions inside the step, each from those before, the position with their weighted sum, the force there, the velocity with the weighted sum of all",
-    reference='Dormand, Prince 1987, "Runge-Kutta-Nystrom triples", Comput. Math. Appl. 13, 937, doi:10.1016/0898-1221(87)90066-6',
+    words=(
+        "forces at four positions inside the step, each from those before, the position with their weighted sum, the"
+        " force there, the velocity with the weighted sum of all"
+    ),
+    reference=(
+        'Dormand, Prince 1987, "Runge-Kutta-Nystrom triples", Comput. Math. Appl. 13, 937,'
+        " doi:10.1016/0898-1221(87)90066-6"
+    ),
     refuses=(Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES),
     estimate=_estimate(_read(_ROWS)),
     estimate_order=4,
     extension=_extension(_read(_EXTENSION)),
-    interpolation="the triple's own, without further evaluations: degree 6 in the coordinates, 5 in velocities and states",
+    interpolation=(
+        "the triple's own, without further evaluations: degree 6 in the coordinates, 5 in velocities and states"
+    ),
     interpolation_order=5,
 )
 

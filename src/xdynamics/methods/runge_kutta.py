@@ -19,7 +19,9 @@ HEUN = Method(
     evaluations=2,
     update=_HEUN.update,
     words="an Euler step, the force there, the step again with the mean of both slopes, then the force",
-    reference="Heun 1900, Z. Math. Phys. 45, 23; Hairer, Norsett, Wanner I, section II.1; the embedded formula is Euler's",
+    reference=(
+        "Heun 1900, Z. Math. Phys. 45, 23; Hairer, Norsett, Wanner I, section II.1; the embedded formula is Euler's"
+    ),
     estimate=_HEUN.estimate,
     estimate_order=1,
 )
@@ -40,7 +42,10 @@ RK4 = Method(
     symplectic=False,
     evaluations=4,
     update=_RK4.update,
-    words="the slope at the start, two at t + h/2 and one at t1, each from the one before, a step with their weighted mean, then the force",
+    words=(
+        "the slope at the start, two at t + h/2 and one at t1, each from the one before, a step with their weighted"
+        " mean, then the force"
+    ),
     reference="Kutta 1901, Z. Math. Phys. 46, 435; Hairer, Norsett, Wanner I, section II.1, Table 1.2",
 )
 
@@ -61,7 +66,10 @@ BOGACKI_SHAMPINE = Method(
     symplectic=False,
     evaluations=3,
     update=_BOGACKI_SHAMPINE.update,
-    words="slopes at t + h/2 and t + 3/4*h, a step with the weighted mean of three, then the force, which also enters the error estimate",
+    words=(
+        "slopes at t + h/2 and t + 3/4*h, a step with the weighted mean of three, then the force, which also enters the"
+        " error estimate"
+    ),
     reference="Bogacki, Shampine 1989, Appl. Math. Lett. 2, 321, doi:10.1016/0893-9659(89)90079-7",
     estimate=_BOGACKI_SHAMPINE.estimate,
     estimate_order=2,
@@ -95,9 +103,15 @@ DORMAND_PRINCE = Method(
     symplectic=False,
     evaluations=6,
     update=_DORMAND_PRINCE.update,
-    words="five slopes inside the step and at t1, each from those before, a step with the weighted mean, then the force, which also enters the error estimate",
-    reference="Dormand, Prince 1980, J. Comput. Appl. Math. 6, 19, doi:10.1016/0771-050X(80)90013-3; Hairer, Norsett, Wanner I, section II.5, Table 5.2; "
-    "extension: Shampine 1986, Math. Comp. 46, 135, doi:10.1090/S0025-5718-1986-0815836-3; Hairer, Norsett, Wanner I, section II.6, eq. (6.12)",
+    words=(
+        "five slopes inside the step and at t1, each from those before, a step with the weighted mean, then the force,"
+        " which also enters the error estimate"
+    ),
+    reference=(
+        "Dormand, Prince 1980, J. Comput. Appl. Math. 6, 19, doi:10.1016/0771-050X(80)90013-3; Hairer, Norsett, Wanner"
+        " I, section II.5, Table 5.2; extension: Shampine 1986, Math. Comp. 46, 135,"
+        " doi:10.1090/S0025-5718-1986-0815836-3; Hairer, Norsett, Wanner I, section II.6, eq. (6.12)"
+    ),
     estimate=_DORMAND_PRINCE.estimate,
     estimate_order=4,
     extension=spread(f"""
@@ -247,9 +261,13 @@ DOP853 = Method(
     symplectic=False,
     evaluations=12,
     update=DOP853_TABLEAU.update,
-    words="eleven slopes inside the step and at t1, each from those before, a step with the weighted mean, then the force",
-    reference="Hairer, Norsett, Wanner I, sections II.5 and II.10 (error estimate, p. 254), section II.6 (extension, p. 194); "
-    "coefficients by Dormand and Prince: Hairer's code dop853.f",
+    words=(
+        "eleven slopes inside the step and at t1, each from those before, a step with the weighted mean, then the force"
+    ),
+    reference=(
+        "Hairer, Norsett, Wanner I, sections II.5 and II.10 (error estimate, p. 254), section II.6 (extension, p. 194);"
+        " coefficients by Dormand and Prince: Hairer's code dop853.f"
+    ),
     # yu falls as h**6 and yw as h**4, so ye falls as h**8; the code combines norms, here it is done by component
     estimate=spread(f"""
         yu = {DOP853_TABLEAU.increment(DOP853_FIFTH)}

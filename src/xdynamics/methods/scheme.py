@@ -10,17 +10,28 @@ from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, M
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
-    "none", "embedded", "step_doubling", "step_doubling_extrapolated",
-)  # fmt: skip
+    "none",
+    "embedded",
+    "step_doubling",
+    "step_doubling_extrapolated",
+)
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
 REINTEGRATE, INTERPOLANT = RULES = ("reintegrate", "interpolant")
-REINTEGRATION_WORDS = "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are located on the same"
+REINTEGRATION_WORDS = (
+    "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are"
+    " located on the same"
+)
 INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
-INNER_NORM = "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is proportional to the tolerances"
+INNER_NORM = (
+    "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is"
+    " proportional to the tolerances"
+)
 ESTIMATE_WORDS = {
     EMBEDDED: "difference from an embedded formula; the higher order goes on (local extrapolation)",
     STEP_DOUBLING: "two half steps less one whole step, over 2**order - 1; the two half steps go on",
-    EXTRAPOLATED: "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)",
+    EXTRAPOLATED: (
+        "two half steps less one whole step, over 2**order - 1, added to the two half steps (local extrapolation)"
+    ),
 }
 
 

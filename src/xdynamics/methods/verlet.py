@@ -16,7 +16,10 @@ VELOCITY_VERLET = Method(
         v1 = v + h/2*(a + a1)
         x1 = x + h/2*(r + r1)
     """,
-    words="position with the old velocity and acceleration, the force at the new position, velocity with the mean of both accelerations",
+    words=(
+        "position with the old velocity and acceleration, the force at the new position, velocity with the mean of both"
+        " accelerations"
+    ),
     reference="Swope et al. 1982, J. Chem. Phys. 76, 637, doi:10.1063/1.442716; Hairer, Lubich, Wanner, section I.1.4",
     refuses=(Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES),
 )

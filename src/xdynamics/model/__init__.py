@@ -6,5 +6,15 @@ from xdynamics.model.parts import Coordinate, Drive, Event, Force, Function, Par
 from xdynamics.model.traits import Trait, traits_of
 
 __all__ = [
-    "Coordinate", "Drive", "Event", "Force", "Function", "Model", "Parameter", "State", "Table", "Trait", "traits_of",
-]  # fmt: skip
+    "Coordinate",
+    "Drive",
+    "Event",
+    "Force",
+    "Function",
+    "Model",
+    "Parameter",
+    "State",
+    "Table",
+    "Trait",
+    "traits_of",
+]

@@ -43,9 +43,14 @@ def validation(name: str, given: Any, time: Unit) -> Validation:
     if not isinstance(quantity, str):
         raise InputError(f"quantity is {quantity!r}, needs the name of one")
     return Validation(
-        parse(given["expression"]), quantity, tuple(time_in(time, instant, "times") for instant in times), _bound(given["bound"]),
-        event, occurrence, described(given),
-    )  # fmt: skip
+        parse(given["expression"]),
+        quantity,
+        tuple(time_in(time, instant, "times") for instant in times),
+        _bound(given["bound"]),
+        event,
+        occurrence,
+        described(given),
+    )
 
 
 def _bound(written: Any) -> str | Quantity:

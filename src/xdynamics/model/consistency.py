@@ -89,7 +89,10 @@ def _check_times(statement: Statement, ledger: Ledger) -> None:
         for name, part in getattr(statement, kind).items():
             tolerance = part.time_tolerance
             if tolerance is not None and tolerance.unit.dimension != statement.time_unit.dimension:
-                ledger.note(f"{kind.removesuffix('s')} '{name}': time_tolerance is '{tolerance}', needs a positive time in '{statement.time_unit.text}'")  # fmt: skip
+                ledger.note(
+                    f"{kind.removesuffix('s')} '{name}': time_tolerance is '{tolerance}', needs a positive time in"
+                    f" '{statement.time_unit.text}'"
+                )
 
 
 def _check_place(tolerance: Quantity | None, what: str, dimension: Dimension) -> None:
@@ -108,7 +111,19 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         if len({function.digest for function in functions if function.name == name}) > 1:
             ledger.note(f"two different functions are named '{name}'; rename one")
     owner_of: dict[str, str] = {}
-    sections = ("coordinates", "parameters", "definitions", "drives", "states", "forces", "events", "contacts", "frictions", "regimes", "observables")  # fmt: skip
+    sections = (
+        "coordinates",
+        "parameters",
+        "definitions",
+        "drives",
+        "states",
+        "forces",
+        "events",
+        "contacts",
+        "frictions",
+        "regimes",
+        "observables",
+    )
     for section in sections:
         for name in getattr(statement, section):
             what = f"{section.removesuffix('s')} '{name}'"
@@ -174,7 +189,8 @@ def _check_action(
     """Check the action of an event: the regime that it switches to, the values that it sets."""
     if event.to and event.to not in statement.regimes:
         ledger.note(
-            f"event '{name}' switches to '{event.to}', which is no regime; there are: {', '.join(statement.regimes) or 'none'}"
+            f"event '{name}' switches to '{event.to}', which is no regime; there are:"
+            f" {', '.join(statement.regimes) or 'none'}"
         )
     variables = [variable for name in statement.coordinates for variable in (name, velocity(name))] + list(
         statement.states
@@ -302,7 +318,8 @@ def _check_potential(
     for drive in used & set(statement.drives):
         if statement.drives[drive].argument != "t":
             ledger.note(
-                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a component"
+                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a"
+                " component"
             )
     if any(name.startswith("v_") and name[2:] in force_dimensions for name in used):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
@@ -320,7 +337,8 @@ def _check_function(
     for name in function.arguments:
         if name in statement.definitions:
             ledger.note(
-                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is made of"
+                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is"
+                " made of"
             )
         elif name not in dimensions:
             ledger.note(f"{what}: function '{function.name}' asks for '{name}', which is not declared")

@@ -38,7 +38,10 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
         ledger.note(f"contacts have several laws ({laws}); several of them at once need one, so give all the same")
     for term, force in statement.forces.items():
         if any(isinstance(part, Function) for part in force.components.values()):
-            ledger.note(f"force '{term}' is written in Python, and contacts and friction need forces that can be differentiated; write it as an expression")  # fmt: skip
+            ledger.note(
+                f"force '{term}' is written in Python, and contacts and friction need forces that can be"
+                " differentiated; write it as an expression"
+            )
     power = _power(statement, known)
     for name, contact in contacts.items():
         with ledger.entry(f"contact '{name}'"):
@@ -54,12 +57,17 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
 def _check_contact(contact: Contact, statement: Statement, dimensions: Dimensions) -> None:
     gap = dimension_of(contact.gap, dimensions)
     tree = expand(contact.gap, statement.definitions)
-    for what, names in (("state", statement.states), ("drive", statement.drives), ("velocity", map(velocity, statement.coordinates))):  # fmt: skip
+    for what, names in (
+        ("state", statement.states),
+        ("drive", statement.drives),
+        ("velocity", map(velocity, statement.coordinates)),
+    ):
         for one in sorted(free_names(tree) & set(names)):
             raise InputError(f"gap reads the {what} '{one}', and may read coordinates, time and parameters")
     if kinks := sorted({one.function for one in every(tree) if isinstance(one, Call)} & KINKS):
         raise InputError(
-            f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts, where all of them hold at once"
+            f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts, where all of"
+            " them hold at once"
         )
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
@@ -93,7 +101,10 @@ def _check_start(gap: Node, statement: Statement) -> None:
     distance = evaluate(gap, values)
     terms = (evaluate(derivative(gap, {name: ONE}), values) * values[name] for name in statement.coordinates)
     if distance < -ROUNDING * sum(map(abs, terms)):
-        raise InputError(f"gap is {distance:.6g} (SI units) at the start: one body is inside the other; begin where gaps are not negative")  # fmt: skip
+        raise InputError(
+            f"gap is {distance:.6g} (SI units) at the start: one body is inside the other; begin where gaps are not"
+            " negative"
+        )
 
 
 def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statement) -> None:
@@ -135,7 +146,10 @@ def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dim
     for input_name in sorted(free_names(tree) & set(statement.drives)):
         drive = statement.drives[input_name]
         if (drive.argument, drive.interpolation) != ("t", "linear"):
-            raise InputError(f"slip reads the drive '{input_name}', {drive.interpolation} in {drive.argument}; it may be one of t that is linear")  # fmt: skip
+            raise InputError(
+                f"slip reads the drive '{input_name}', {drive.interpolation} in {drive.argument}; it may be one of t"
+                " that is linear"
+            )
     if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):
         raise InputError("slip depends on no velocity: no factor of one is other than zero")
     for name in sorted(velocities):

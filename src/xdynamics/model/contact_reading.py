@@ -35,9 +35,16 @@ def contact(given: Any) -> Contact:
             raise InputError(f"{', '.join(unused)} is for tangential = 'coulomb', and this contact is frictionless")
         own = {}
     return Contact(
-        parse(given["gap"]), _expression(given, "restitution"), tangential, time_tolerance=tolerance(given), position_tolerance=place_tolerance(given), rest_height=_height(given),
-        law=choice(given, "law", IMPACT_LAWS, "newton"), description=described(given), **own,
-    )  # fmt: skip
+        parse(given["gap"]),
+        _expression(given, "restitution"),
+        tangential,
+        time_tolerance=tolerance(given),
+        position_tolerance=place_tolerance(given),
+        rest_height=_height(given),
+        law=choice(given, "law", IMPACT_LAWS, "newton"),
+        description=described(given),
+        **own,
+    )
 
 
 def impact(given: Any) -> Contact:

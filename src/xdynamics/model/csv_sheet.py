@@ -73,7 +73,11 @@ class Sheet:
         InputError
             If it is empty, mixes decimal commas and points, or a cell is too long.
         """
-        lines = [(n, one) for n, one in enumerate(normal(text).split("\n"), 1) if one.strip() and not one.lstrip().startswith(COMMENTS)]  # fmt: skip
+        lines = [
+            (n, one)
+            for n, one in enumerate(normal(text).split("\n"), 1)
+            if one.strip() and not one.lstrip().startswith(COMMENTS)
+        ]
         if not lines:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         number, first = lines[0]
@@ -136,7 +140,8 @@ class Sheet:
                 continue
             if gaps:
                 ledger.note(
-                    f'line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it, or leave such lines out with gaps = "skip"'
+                    f"line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it, or leave such lines out"
+                    ' with gaps = "skip"'
                 )
                 continue
             parsed = [self._number(cell) for cell in selected]
@@ -207,7 +212,9 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
     commas = next((n for n, cells in rows for cell in cells if _DECIMAL_COMMA.fullmatch(cell)), 0)
     points = next((n for n, cells in rows for cell in cells if "." in cell and "," not in cell), 0)
     if commas and points:
-        raise InputError(f"table '{name}' has decimal commas (line {commas}) and points (line {points}); write one of them")  # fmt: skip
+        raise InputError(
+            f"table '{name}' has decimal commas (line {commas}) and points (line {points}); write one of them"
+        )
     return "," if commas else "."
 
 
@@ -235,5 +242,8 @@ def written(columns: dict[str, Any]) -> str:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(values)
-    rows.writerows(tuple("" if value != value else repr(value) for value in row) for row in zip(*(value.tolist() for value in values.values()), strict=True))  # fmt: skip
+    rows.writerows(
+        tuple("" if value != value else repr(value) for value in row)
+        for row in zip(*(value.tolist() for value in values.values()), strict=True)
+    )
     return text.getvalue()

@@ -74,7 +74,18 @@ def detectors(model: Model) -> tuple[Detector, ...]:
         sampled = isinstance(event.function, Function)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
         place = event.position_tolerance
-        all_detectors.append(Detector(name, tree, OCCASION, event.time_tolerance, event.direction, event, sampled=sampled, position_tolerance=place))  # fmt: skip
+        all_detectors.append(
+            Detector(
+                name,
+                tree,
+                OCCASION,
+                event.time_tolerance,
+                event.direction,
+                event,
+                sampled=sampled,
+                position_tolerance=place,
+            )
+        )
     for k, reaction in enumerate(reactions(model)):
         part = model.frictions[reaction.owner] if reaction.owner in model.frictions else model.contacts[reaction.owner]
         if reaction.sort == NORMAL:
@@ -171,7 +182,11 @@ def followed(model: Model) -> tuple[Assignment, ...]:
 
 def function_rate(model: Model, detector: Detector) -> Node:
     """Return the time derivative of a detector's function along the motion; see `followed`."""
-    rates = {assignment.name.removeprefix("_rate_of_"): Name(assignment.name) for assignment in followed(model) if assignment.name.startswith("_rate_of_")}  # fmt: skip
+    rates = {
+        assignment.name.removeprefix("_rate_of_"): Name(assignment.name)
+        for assignment in followed(model)
+        if assignment.name.startswith("_rate_of_")
+    }
     return derivative(detector.looked_at, {**rates, **model.rates})
 
 
@@ -180,4 +195,22 @@ def function_bend(model: Model, detector: Detector) -> Node:
     return derivative(function_rate(model, detector), model.rates)
 
 
-__all__ = ["GAP", "GRIP", "KINK", "LIMIT", "OCCASION", "PULL", "SLIP", "SWITCH", "Detector", "Reaction", "detectors", "followed", "function_bend", "function_dimension", "function_rate", "labels", "python_values"]  # fmt: skip
+__all__ = [
+    "GAP",
+    "GRIP",
+    "KINK",
+    "LIMIT",
+    "OCCASION",
+    "PULL",
+    "SLIP",
+    "SWITCH",
+    "Detector",
+    "Reaction",
+    "detectors",
+    "followed",
+    "function_bend",
+    "function_dimension",
+    "function_rate",
+    "labels",
+    "python_values",
+]

@@ -157,12 +157,17 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
             if values
             else "no column of values beside the first"
         )
-        raise InputError(f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.found}, and needs two with units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value, 'u_common(thrust) [N]' of all together")  # fmt: skip
+        raise InputError(
+            f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.found}, and needs two with"
+            " units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value,"
+            " 'u_common(thrust) [N]' of all together"
+        )
     value_title, doubt_places = titles[values[0]], doubts_of(names[values[0]], names)
     for place in doubt_places.values():
         if titles[place].unit.dimension != value_title.unit.dimension:
             raise InputError(
-                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the values in '{value_title.unit.text}'"
+                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the"
+                f" values in '{value_title.unit.text}'"
             )
     return {ARGUMENT: 0, VALUE: values[0]} | doubt_places
 

@@ -43,12 +43,18 @@ def event(given: Any, functions: Functions) -> Event:
     if not isinstance(given.get("to", ""), str):
         raise InputError(f"to is {given['to']!r}, needs the name of a regime")
     return Event(
-        function, choice(given, "direction", DIRECTIONS, "either"), action, within, described(given),
-        to=given.get("to", ""), reset=_reset(given.get("set", {})), count=count,
+        function,
+        choice(given, "direction", DIRECTIONS, "either"),
+        action,
+        within,
+        described(given),
+        to=given.get("to", ""),
+        reset=_reset(given.get("set", {})),
+        count=count,
         root_state=choice(given, "root_state", ROOT_STATES, "reintegrate"),
         unit=parse_unit(given["unit"]) if "unit" in given else None,
         position_tolerance=place_tolerance(given),
-    )  # fmt: skip
+    )
 
 
 def _reset(entries: Any) -> dict[str, Node]:

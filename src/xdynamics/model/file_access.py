@@ -41,8 +41,8 @@ class Reach:
         """
         if self.tables == EMBEDDED:
             raise InputError(
-                f"table {name!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or read a"
-                " model file with Model.from_toml"
+                f"table {name!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or"
+                " read a model file with Model.from_toml"
             )
         path = self.folder / name
         if self.tables == BELOW:

@@ -115,7 +115,8 @@ OF_CONTACTS = (
     Key(
         "law",
         _words(IMPACT_LAWS),
-        "of impacts: Newton's restitution of rates, Poisson's of impulses, Newton's one by one, Stronge's of energy (one contact at a time)",
+        "of impacts: Newton's restitution of rates, Poisson's of impulses, Newton's one by one, Stronge's of energy"
+        " (one contact at a time)",
         "newton",
     ),
     DESCRIPTION,

@@ -82,13 +82,23 @@ def motion_of(
     for i, row in enumerate(mass):
         for j, entry in enumerate(row):
             if moving := sorted(free_names(entry) & set(velocities)):
-                raise InputError(f"kinetic is not quadratic in velocities: its second derivative by {velocities[i]} and {velocities[j]} still reads '{moving[0]}'; write squares, like v_x**2 + v_y**2, in the place of roots and absolute values")  # fmt: skip
+                raise InputError(
+                    f"kinetic is not quadratic in velocities: its second derivative by {velocities[i]} and"
+                    f" {velocities[j]} still reads '{moving[0]}'; write squares, like v_x**2 + v_y**2, in the place of"
+                    " roots and absolute values"
+                )
     if massless := [name for name, row in zip(coordinates, mass, strict=True) if all(entry == ZERO for entry in row)]:
-        raise InputError(f"kinetic does not read {velocity(massless[0])}, so that '{massless[0]}' has no inertia; add its term, or make it a first-order state")  # fmt: skip
+        raise InputError(
+            f"kinetic does not read {velocity(massless[0])}, so that '{massless[0]}' has no inertia; add its term, or"
+            " make it a first-order state"
+        )
     n = len(coordinates)
     matrix = tuple(tuple(mass[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
     forces = {}
-    terms = {name: _velocity_terms(kinetic, momentum, coordinates, name) for name, momentum in zip(coordinates, momenta, strict=True)}  # fmt: skip
+    terms = {
+        name: _velocity_terms(kinetic, momentum, coordinates, name)
+        for name, momentum in zip(coordinates, momenta, strict=True)
+    }
     if acting := {name: v for name, v in terms.items() if v != ZERO}:
         forces[INERTIA] = Force(None, dict(acting), SAID, smooth=True)
     if energies.potential is not None:

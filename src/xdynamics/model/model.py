@@ -147,7 +147,9 @@ class Model:
         except InputError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except ValueError:
-            raise ModelError(f"model file '{path}' cannot be read: it is no text in UTF-8; archives are shown by `xdynamics show`") from None  # fmt: skip
+            raise ModelError(
+                f"model file '{path}' cannot be read: it is no text in UTF-8; archives are shown by `xdynamics show`"
+            ) from None
         model = cls._parsed(text, path, functions, Reach(path.parent, tables))
         model.file = path.absolute()
         return model
@@ -255,7 +257,8 @@ class Model:
         missing = [function.name for function in self.python_functions if function.callable is None]
         if missing:
             raise ModelError(
-                f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name: function}}"
+                f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name:"
+                " function}"
             )
 
     @property
@@ -284,9 +287,22 @@ class Model:
         initial = {name: Quantity(0.0, entry.unit) for name, entry in self.initial.items()}
         drives = {name: replace(drive, table=drive.table.form, description="") for name, drive in self.drives.items()}
         stripped = replace(
-            self.statement, name="", description="", parameters=parameters, drives=drives, initial=initial, starts={}, observed={}, run={},
-            validation={}, correlations={}, discrepancy={}, pictured=Pictured(), fit=None, at_rest=(),
-        )  # fmt: skip
+            self.statement,
+            name="",
+            description="",
+            parameters=parameters,
+            drives=drives,
+            initial=initial,
+            starts={},
+            observed={},
+            run={},
+            validation={},
+            correlations={},
+            discrepancy={},
+            pictured=Pictured(),
+            fit=None,
+            at_rest=(),
+        )
         return toml.write(stripped)
 
     @cached_property

@@ -204,7 +204,7 @@ def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
         (name, by): derivative
         for name, tree in force_totals(model).items()
         for by, derivative in _derivatives(model, tree)
-    }  # fmt: skip
+    }
 
 
 @lru_cache(maxsize=64)

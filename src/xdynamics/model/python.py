@@ -38,6 +38,7 @@ def _function(entry: Mapping[str, Any], functions: Functions) -> Function:
     passed = Function.of(functions[name])
     if passed.digest != kept.digest:
         raise InputError(
-            f"function '{name}' handed over has digest {passed.digest[:12]}…, the model was made with {kept.digest[:12]}…"
+            f"function '{name}' handed over has digest {passed.digest[:12]}…, the model was made with"
+            f" {kept.digest[:12]}…"
         )
     return passed

@@ -32,7 +32,10 @@ def tabled(owner: str, given: Any) -> str:
         return written(_columns(owner, given))
     if isinstance(given, Mapping):
         return written({str(name): column for name, column in given.items()})
-    raise InputError(f'table is {shown(str(given))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their headers: {{"t [s]": …, "{owner} [N]": …}}')  # fmt: skip
+    raise InputError(
+        f"table is {shown(str(given))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
+        f' headers: {{"t [s]": …, "{owner} [N]": …}}'
+    )
 
 
 def _columns(owner: str, table: Any) -> dict[str, Any]:

@@ -71,7 +71,19 @@ def reactions(model: Model) -> tuple[Reaction, ...]:
     for i, (name, contact) in enumerate(model.contacts.items()):
         rate = model.rate_of(contact.gap)
         restitution = expand(model.expanded(contact.restitution), {APPROACH: Negative(rate)})
-        forces.append(Reaction(contact_force(name), name, NORMAL, i, model.expanded(contact.gap), rate, *_moved(model, rate), restitution, ONE))  # fmt: skip
+        forces.append(
+            Reaction(
+                contact_force(name),
+                name,
+                NORMAL,
+                i,
+                model.expanded(contact.gap),
+                rate,
+                *_moved(model, rate),
+                restitution,
+                ONE,
+            )
+        )
     for i, (name, contact) in enumerate(model.contacts.items()):
         if contact.slip is not None and contact.friction is not None and contact.static is not None:
             forces.append(_tangent(model, name, TANGENT, i, (contact.slip, contact.friction, contact.static)))

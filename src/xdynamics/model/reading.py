@@ -231,8 +231,14 @@ def _pictured(section: Mapping[str, Any]) -> Pictured:
 
 def _plane(row: Any) -> tuple[tuple[Node, Node], ...]:
     pairs = [row] if isinstance(row, list | tuple) and all(isinstance(item, str) for item in row) else row
-    if not isinstance(pairs, list | tuple) or not pairs or any(not isinstance(item, list | tuple) or len(item) != 2 for item in pairs):  # fmt: skip
-        raise InputError(f'plane is {row!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs')  # fmt: skip
+    if (
+        not isinstance(pairs, list | tuple)
+        or not pairs
+        or any(not isinstance(item, list | tuple) or len(item) != 2 for item in pairs)
+    ):
+        raise InputError(
+            f'plane is {row!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
+        )
     return tuple((parse(across), parse(up)) for across, up in pairs)
 
 
@@ -343,7 +349,9 @@ def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
         raise InputError("stands beside [mass], which follows from it; leave one out")
     if clashing := [name for name in TERMS if name in parts["forces"]]:
         raise InputError(f"makes a force '{clashing[0]}', and [forces] has one of that name; rename it")
-    matrix, forces = motion_of(parts["lagrangian"], list(parts["coordinates"]), parts["definitions"], {*parts["parameters"], *CONSTANTS, "pi"})  # fmt: skip
+    matrix, forces = motion_of(
+        parts["lagrangian"], list(parts["coordinates"]), parts["definitions"], {*parts["parameters"], *CONSTANTS, "pi"}
+    )
     parts["mass"], parts["forces"] = matrix, forces | parts["forces"]
 
 

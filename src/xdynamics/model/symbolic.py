@@ -10,10 +10,23 @@ from xdynamics.faults import InputError
 from xdynamics.schema import velocity
 
 FUNCTIONS = {
-    "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan", "atan2": "atan2",
-    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log", "Abs": "abs", "sign": "sign",
-    "Min": "min", "Max": "max",
-}  # fmt: skip
+    "sin": "sin",
+    "cos": "cos",
+    "tan": "tan",
+    "asin": "asin",
+    "acos": "acos",
+    "atan": "atan",
+    "atan2": "atan2",
+    "sinh": "sinh",
+    "cosh": "cosh",
+    "tanh": "tanh",
+    "exp": "exp",
+    "log": "log",
+    "Abs": "abs",
+    "sign": "sign",
+    "Min": "min",
+    "Max": "max",
+}
 TERM = "motion"  # the force term that holds the right-hand side
 
 
@@ -39,13 +52,17 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     except ImportError:
         raise InputError("Model.from_sympy needs sympy: pip install 'xdynamics[sympy]'") from None
     if not isinstance(equations, KanesMethod | LagrangesMethod):
-        raise InputError(f"equations are {str(equations)[:60]!r}, need a LagrangesMethod or KanesMethod of sympy.physics.mechanics")  # fmt: skip
+        raise InputError(
+            f"equations are {str(equations)[:60]!r}, need a LagrangesMethod or KanesMethod of sympy.physics.mechanics"
+        )
     time = dynamicsymbols._t  # noqa: SLF001 - sympy's own name for the time of dynamic symbols
     coordinates = list(equations.q)
     speeds = [coordinate.diff(time) for coordinate in coordinates]
     if isinstance(equations, KanesMethod):
         derivatives = equations.kindiffdict()
-        if [sympy.simplify(derivatives[speed] - own) for speed, own in zip(speeds, equations.u, strict=True)] != [0] * len(speeds):  # fmt: skip
+        if [sympy.simplify(derivatives[speed] - own) for speed, own in zip(speeds, equations.u, strict=True)] != [
+            0
+        ] * len(speeds):
             raise InputError(
                 "the generalised speeds of KanesMethod are no time derivatives of its coordinates; choose u = q'"
             )

@@ -15,7 +15,10 @@ DEEPEST_KEY = 8  # names that dots join
 
 # strings and comments, which may contain anything; one that is not closed ends with its line or the file;
 # quantifiers are possessive (`++`): a backtracking one keeps every position it might return to
-_TEXTS = re.compile(r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)|\'\'\'.*?(?:\'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|\'[^\'\n]*\'?|#[^\n]*', re.DOTALL)  # fmt: skip
+_TEXTS = re.compile(
+    r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)|\'\'\'.*?(?:\'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|\'[^\'\n]*\'?|#[^\n]*',
+    re.DOTALL,
+)
 _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
 _SIZES = "; so many numbers belong into a table"
 

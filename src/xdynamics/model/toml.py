@@ -35,7 +35,11 @@ def write(statement: Statement) -> str:
     _section(lines, "definitions", {name: text_of(node) for name, node in statement.definitions.items()})
     _forces(lines, statement)
     starts = statement.starts
-    initial: dict[str, Any] = {name: _parameter(starts[name]) if name in starts else str(quantity) for name, quantity in statement.initial.items() if name not in statement.at_rest}  # fmt: skip
+    initial: dict[str, Any] = {
+        name: _parameter(starts[name]) if name in starts else str(quantity)
+        for name, quantity in statement.initial.items()
+        if name not in statement.at_rest
+    }
     _section(lines, "initial", initial | ({"regime": statement.regime} if statement.regime else {}))
     _events(lines, statement)
     _section(lines, "observables", {name: _observable(statement, name) for name in statement.observables})

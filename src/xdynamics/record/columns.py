@@ -56,13 +56,18 @@ def _logged(available: list[Column], log: str | tuple[str, ...]) -> list[Column]
     if log != STATES:
         for name in log:
             if name not in by_rows:
-                raise InputError(f"log names '{name}', which is no column of this run's log{near(name, tuple(by_rows))}; there are {', '.join(by_rows)}")  # fmt: skip
+                raise InputError(
+                    f"log names '{name}', which is no column of this run's log{near(name, tuple(by_rows))}; there are"
+                    f" {', '.join(by_rows)}"
+                )
     roles = (*ALWAYS, *OF_STATES) if log == STATES else ALWAYS
     return [
         column
         for column in available
-        if (name := column.variable.name) not in by_rows or name in log or (column.variable.role in roles and column.variable.dims == (STEPS,))
-    ]  # fmt: skip
+        if (name := column.variable.name) not in by_rows
+        or name in log
+        or (column.variable.role in roles and column.variable.dims == (STEPS,))
+    ]
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
@@ -286,9 +291,12 @@ def _forces_by_regime(model: Model) -> dict[str, str]:
 def _trials(about: About) -> list[Column]:
     time = about.units.time
     takes = (
-        trial_of("time", "f8", time), trial_of("step", "i8"), trial_of("step_size", "f8", time), trial_of("error_norm", "f8"),
+        trial_of("time", "f8", time),
+        trial_of("step", "i8"),
+        trial_of("step_size", "f8", time),
+        trial_of("error_norm", "f8"),
         trial_of("reason", "i1"),
-    )  # fmt: skip
+    )
     return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
 
 
@@ -311,8 +319,13 @@ def _samples(about: About) -> list[Column]:
             else "used in"
         )
         variable = Variable(
-            schema.sampled(name), (SAMPLES,), "f8", unit.text, f"{name} {origin} the force evaluation", "sample",
+            schema.sampled(name),
+            (SAMPLES,),
+            "f8",
+            unit.text,
+            f"{name} {origin} the force evaluation",
+            "sample",
             _between(about.model, name),
-        )  # fmt: skip
+        )
         collected.append(Column(variable, sample_of(order[name], units.factor(unit))))
     return collected

@@ -209,7 +209,10 @@ def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[st
             values = np.asarray(variable.values)
             wrong = np.flatnonzero(~np.isin(values, np.atleast_1d(variable.attrs["flag_values"])))
             if wrong.size:
-                yield f"variable '{name}' has the value {values.flat[wrong[0]]} at {wrong[0]}, which no word in flag_meanings stands for"
+                yield (
+                    f"variable '{name}' has the value {values.flat[wrong[0]]} at {wrong[0]}, which no word in"
+                    " flag_meanings stands for"
+                )
 
 
 def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
@@ -222,8 +225,8 @@ def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
     if wrong.size:
         row = int(wrong[0]) + 1
         yield (
-            f"variable 'time' goes from {float(time[row - 1])!r} to {float(time[row])!r} at row {row}: it must increase,"
-            " but at an event's pair"
+            f"variable 'time' goes from {float(time[row - 1])!r} to {float(time[row])!r} at row {row}: it must"
+            " increase, but at an event's pair"
         )
 
 

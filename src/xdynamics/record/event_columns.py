@@ -75,15 +75,40 @@ def _of_impacts(about: About) -> list[Column]:
     for i, name in enumerate(model.coordinates):
         impulse = _impulse_unit(model, i, name)
         collected += [
-            Column(Variable(f"event_impulse_{name}", (EVENTS,), "f8", impulse.text, f"contact impulse along {name}", "event", _laws(model)), _impulse(about, i, impulse)),
-            Column(Variable(f"event_offset_{name}", (EVENTS,), "f8", about.units.known[name].text, f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where none was", "event"), _offset(about, i, about.units.known[name])),
-        ]  # fmt: skip
+            Column(
+                Variable(
+                    f"event_impulse_{name}",
+                    (EVENTS,),
+                    "f8",
+                    impulse.text,
+                    f"contact impulse along {name}",
+                    "event",
+                    _laws(model),
+                ),
+                _impulse(about, i, impulse),
+            ),
+            Column(
+                Variable(
+                    f"event_offset_{name}",
+                    (EVENTS,),
+                    "f8",
+                    about.units.known[name].text,
+                    f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add"
+                    " up; 0 where none was",
+                    "event",
+                ),
+                _offset(about, i, about.units.known[name]),
+            ),
+        ]
     if about.layout.reactions:
         energy = spell(
             _impulse_unit(model, 0, name := next(iter(model.coordinates))).dimension
             * model.dimensions[schema.velocity(name)]
         )
-        long_name = "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that moves"
+        long_name = (
+            "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that"
+            " moves"
+        )
         lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, long_name, "event")
         collected.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
     return collected
@@ -181,7 +206,10 @@ def _tangential(contact: Contact) -> str:
     """Describe how a contact acts along its surface."""
     if contact.slip is None or contact.friction is None or contact.static is None:
         return contact.tangential
-    return f"{contact.tangential}, slip {text_of(contact.slip)}, friction {text_of(contact.friction)}, static {text_of(contact.static)}"
+    return (
+        f"{contact.tangential}, slip {text_of(contact.slip)}, friction {text_of(contact.friction)}, static"
+        f" {text_of(contact.static)}"
+    )
 
 
 def _rule(friction: Friction) -> str:
@@ -191,7 +219,10 @@ def _rule(friction: Friction) -> str:
 
 def _text(function: Node | Function) -> str:
     if isinstance(function, Function):
-        return f"{function.name}({', '.join(function.arguments)}) in Python, looked at {LOOKS} times a step, slopes by differences"
+        return (
+            f"{function.name}({', '.join(function.arguments)}) in Python, looked at {LOOKS} times a step, slopes by"
+            " differences"
+        )
     return text_of(function)
 
 
@@ -232,12 +263,26 @@ def _values(about: About) -> list[Column]:
 
         return take
 
-    long_name = "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated error of the step"
+    long_name = (
+        "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated"
+        " error of the step"
+    )
     return [
-        Column(Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", extra), taken("residual")),
-        Column(Variable("event_function_uncertainty", (EVENTS,), "f8", unit, long_name, "event", extra), taken("uncertainty")),
-        Column(Variable("event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"), event_of("substeps", "i4")),
-    ]  # fmt: skip
+        Column(
+            Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", extra),
+            taken("residual"),
+        ),
+        Column(
+            Variable("event_function_uncertainty", (EVENTS,), "f8", unit, long_name, "event", extra),
+            taken("uncertainty"),
+        ),
+        Column(
+            Variable(
+                "event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"
+            ),
+            event_of("substeps", "i4"),
+        ),
+    ]
 
 
 def _positions(about: About) -> list[Column]:
@@ -246,7 +291,16 @@ def _positions(about: About) -> list[Column]:
     if all(detector.position_tolerance is None for detector in watched):
         return []
     scales, model = about.scales, about.model
-    tolerances = np.array([np.inf if detector.position_tolerance is None else detector.position_tolerance.si / scales.of(function_dimension(model, detector)) for detector in watched])  # fmt: skip
+    tolerances = np.array(
+        [
+            (
+                np.inf
+                if detector.position_tolerance is None
+                else detector.position_tolerance.si / scales.of(function_dimension(model, detector))
+            )
+            for detector in watched
+        ]
+    )
 
     def take(block: Block) -> Array:
         events = block.log.events[: block.events]

@@ -40,11 +40,12 @@ if TYPE_CHECKING:
 EVERYWHERE = "everywhere"
 KEPT_ROWS = (
     "rows of the grid whose number this divides (of chosen and given steps, rows of the march), those of events and of"
-    " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected there"
+    " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected"
+    " there"
 )
 KEPT_COLUMNS = (
-    "of the columns along step and sample times, steps and flags are kept, and with them coordinates, velocities, states"
-    " and errors (states), or what solver_log_variables names (chosen); events and rejected trials are whole"
+    "of the columns along step and sample times, steps and flags are kept, and with them coordinates, velocities,"
+    " states and errors (states), or what solver_log_variables names (chosen); events and rejected trials are whole"
 )
 _SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
@@ -184,12 +185,19 @@ def _time_scales(march: March) -> dict[str, Any]:
     if scales is None:
         return {"run_h_omega_rule": "not looked at: the forces give no finite rate at the start"}
     reported: dict[str, Any] = {
-        "run_fastest_rate": scales.rate, "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
-        "run_h_omega_start": scales.start, "run_h_omega_largest": scales.largest, "run_h_omega_rule": RULE.format(rows=scales.rows),
-    }  # fmt: skip
+        "run_fastest_rate": scales.rate,
+        "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
+        "run_h_omega_start": scales.start,
+        "run_h_omega_largest": scales.largest,
+        "run_h_omega_rule": RULE.format(rows=scales.rows),
+    }
     if np.isfinite(scales.period):
         span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.initial["t"].si
-        reported |= {"run_slowest_period": scales.period, "run_slowest_period_units": "s", "run_slowest_periods": float(f"{span / scales.period:.3g}")}  # fmt: skip
+        reported |= {
+            "run_slowest_period": scales.period,
+            "run_slowest_period_units": "s",
+            "run_slowest_periods": float(f"{span / scales.period:.3g}"),
+        }
     elif np.isnan(scales.period):
         reported["run_slowest_period_rule"] = f"not looked at: the state has more than {FEW} numbers"
     return reported
@@ -362,7 +370,10 @@ def _errors(march: March) -> dict[str, Any]:
         }
     elif method.implicit:
         reported |= {
-            "solver_equations_solved_by": "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its unknown",
+            "solver_equations_solved_by": (
+                "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its"
+                " unknown"
+            ),
             "solver_newton_tolerance": NEWTON_TOLERANCE,
             "solver_newton_most_iterations": MOST_ITERATIONS,
         }

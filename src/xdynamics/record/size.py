@@ -122,5 +122,6 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     if needed > room:
         limit = f"{said(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
         raise InputError(
-            f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer step or an earlier end"
+            f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
+            " step or an earlier end"
         )

@@ -11,5 +11,11 @@ from xdynamics.stability.limits import (
 )
 
 __all__ = [
-    "decay_limit", "fastest_rate", "oscillator_limit", "stable_step", "stable_step_of", "stiffness", "surely_stable",
-]  # fmt: skip
+    "decay_limit",
+    "fastest_rate",
+    "oscillator_limit",
+    "stable_step",
+    "stable_step_of",
+    "stiffness",
+    "surely_stable",
+]

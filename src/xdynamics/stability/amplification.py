@@ -23,8 +23,11 @@ Vectors = dict[str, Any]
 AT_REST = 1e-6  # a mode that one step changes by less says nothing: it is at rest, or far slower than the step
 SLOWEST = 1e-7  # eigenvalues below this fraction of the largest are zero apart from round-off
 _ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-}  # fmt: skip
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+}
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,10 @@ def _conflicts(plan: Plan, existing: Plan) -> Iterator[str]:
     varying = {entry.name for _, entry in grid.columns} | {entry.name for _, entry in old_grid.columns}
     for name in sorted({*grid.asked, *old_grid.asked} - varying):
         if grid.asked.get(name) != old_grid.asked.get(name):
-            yield f"setting '{name}' is {old_grid.asked.get(name, 'that of the model')} there, here {grid.asked.get(name, 'that of the model')}"  # fmt: skip
+            yield (
+                f"setting '{name}' is {old_grid.asked.get(name, 'that of the model')} there, here"
+                f" {grid.asked.get(name, 'that of the model')}"
+            )
     if plan.keeping.words != existing.keeping.words:
         yield f"keep is {', '.join(existing.keeping.words)} there, here {', '.join(plan.keeping.words)}"
     if plan.keeping.times.tolist() != existing.keeping.times.tolist():
@@ -112,7 +115,10 @@ def _conflicts(plan: Plan, existing: Plan) -> Iterator[str]:
         if new_axis is None:
             yield f"its axis '{old_axis.dim}' is none of this sweep; give it too"
         elif {_kind(entry) for entry in new_axis.columns} != {_kind(entry) for entry in old_axis.columns}:
-            yield f"its axis '{old_axis.dim}' varies {', '.join(entry.label for entry in old_axis.columns)}, here {', '.join(entry.label for entry in new_axis.columns)}"  # fmt: skip
+            yield (
+                f"its axis '{old_axis.dim}' varies {', '.join(entry.label for entry in old_axis.columns)}, here"
+                f" {', '.join(entry.label for entry in new_axis.columns)}"
+            )
 
 
 def _few(times: Values) -> str:
@@ -139,7 +145,10 @@ def _places(axis: Axis, old_grid: Grid, faults: list[str]) -> Places:
     missing = [i for i in remaining.tolist() if not _alike(axis.columns, columns, i)]
     if missing:
         first_missing = ", ".join(f"{entry.label} = {entry.values[missing[0]]}" for entry in columns)
-        faults.append(f"it has {first_missing}{f' and {len(missing) - 1} more values' if len(missing) > 1 else ''}, which this sweep has not; give them too")  # fmt: skip
+        faults.append(
+            f"it has {first_missing}{f' and {len(missing) - 1} more values' if len(missing) > 1 else ''}, which this"
+            " sweep has not; give them too"
+        )
     return places
 
 

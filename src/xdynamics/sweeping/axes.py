@@ -23,16 +23,32 @@ from xdynamics.units import NONE, Quantity, Range, Unit, is_range, parse_quantit
 Values = NDArray[Any]
 
 PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
-    "parameter", "initial", "start", "step", "rtol", "table", "setting",
-)  # fmt: skip
+    "parameter",
+    "initial",
+    "start",
+    "step",
+    "rtol",
+    "table",
+    "setting",
+)
 NUMBERS = (PARAMETER, INITIAL, STEP, RTOL)  # kinds whose members march side by side
 OF_MODEL = {PARAMETER: "parameters", INITIAL: "initial", START: "initial"}  # and their section in the model
 FOR_INITIAL = "initial_"  # prefix of an initial value, for an axis that needs another name than the variable
 # settings that are numbers or words; rows and mappings cannot be an axis
 SETTINGS = (
-    "method", "until", "estimator", "safety", "min_step", "max_step", "max_steps", "jacobian", "summation", "switches",
-    "time_tolerance", "atol",
-)  # fmt: skip
+    "method",
+    "until",
+    "estimator",
+    "safety",
+    "min_step",
+    "max_step",
+    "max_steps",
+    "jacobian",
+    "summation",
+    "switches",
+    "time_tolerance",
+    "atol",
+)
 TIMES = ("until", "min_step", "max_step", "time_tolerance")
 TAKEN = (AT, AT_TIME, OCCURRENCE, "occurrence_number", "model_toml")  # names that no axis can have
 MOST_AXES, MOST_VALUES = 24, 10_000_000  # and values along one axis
@@ -166,7 +182,12 @@ def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
         )
         for i, name in enumerate(names):
             value, unit = declared[name].quantity.value, declared[name].quantity.unit
-            columns.append(replace(column_of(model, name, [f"{value!r} {unit.text}"]), values=value + declared[name].uncertainty * offsets[:, i]))  # fmt: skip
+            columns.append(
+                replace(
+                    column_of(model, name, [f"{value!r} {unit.text}"]),
+                    values=value + declared[name].uncertainty * offsets[:, i],
+                )
+            )
         return tuple(columns)
     for i, name in enumerate(names):
         column = range_of(model, name, draws.ends[name])
@@ -364,5 +385,8 @@ def _check_once(axes: Sequence[Axis]) -> None:
     for axis in axes:
         for column in axis.columns:
             if (column.kind, column.name) in seen:
-                raise InputError(f"'{column.name}' varies along both '{seen[column.kind, column.name]}' and '{axis.dim}'; give it one axis")  # fmt: skip
+                raise InputError(
+                    f"'{column.name}' varies along both '{seen[column.kind, column.name]}' and '{axis.dim}'; give it"
+                    " one axis"
+                )
             seen[column.kind, column.name] = axis.dim

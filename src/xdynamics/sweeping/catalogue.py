@@ -216,7 +216,10 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
         archive.check_target(folder / CATALOGUE)  # nobody may be reading the file to be replaced
     work = folder / UNFINISHED / _work(plan.digest)
     if others := [path for path in unfinished(folder) if path != work]:
-        raise InputError(f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give it up by removing '{others[0]}'")  # fmt: skip
+        raise InputError(
+            f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
+            f" it up by removing '{others[0]}'"
+        )
     with _alone_in(made_folder(work)):
         blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
         parts = [work / f"{_said(block)}.nc" for block in blocks]
@@ -259,7 +262,9 @@ def _alone_in(work: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(f"another process marches into '{work.parents[1]}'; wait for it, or name another folder") from None  # fmt: skip
+            raise InputError(
+                f"another process marches into '{work.parents[1]}'; wait for it, or name another folder"
+            ) from None
         except OSError:  # a file system without locks
             pass
         yield
@@ -280,13 +285,19 @@ def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
     return chunks
 
 
-def _march(plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, existing: Additions | None) -> None:  # fmt: skip
+def _march(
+    plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, existing: Additions | None
+) -> None:
     """March the missing blocks, on whichever dask scheduler is active."""
     from dask import base
     from dask.delayed import delayed
 
     compute: Any = base.compute  # dask's functions are not typed
-    todo = [(block, part) for block, part in zip(blocks, parts, strict=True) if not digests_of(part, partial(_is_part, plan, block))[0]]  # fmt: skip
+    todo = [
+        (block, part)
+        for block, part in zip(blocks, parts, strict=True)
+        if not digests_of(part, partial(_is_part, plan, block))[0]
+    ]
     if not todo:
         return
     delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_keep), delayed(existing)
@@ -304,7 +315,10 @@ def _keep(plan: Plan, block: Block, part: str, existing: Additions | None) -> No
         files.mkdir(exist_ok=True)
         present = existing.there(block) if existing else np.zeros(plan.grid.shape_of(block), bool)
         archived(plan, block, files, values, present)
-    variables = {variable.name: ((*plan.grid.dims, *variable.dims), values[variable.name], variable.attributes) for variable in plan.variables}  # fmt: skip
+    variables = {
+        variable.name: ((*plan.grid.dims, *variable.dims), values[variable.name], variable.attributes)
+        for variable in plan.variables
+    }
     archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
 
 
@@ -324,7 +338,9 @@ def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any
     da: Any = dask.array  # its functions are not typed
     shapes = {entry.name: (*plan.grid.shape, *entry.sizes) for entry in plan.variables}
     texts = {entry.name: np.dtype(entry.dtype) for entry in plan.variables if np.dtype(entry.dtype).kind == "U"}
-    types = {entry.name: entry.dtype for entry in plan.variables} | {name: f"S{entry.itemsize // 4}" for name, entry in texts.items()}  # fmt: skip
+    types = {entry.name: entry.dtype for entry in plan.variables} | {
+        name: f"S{entry.itemsize // 4}" for name, entry in texts.items()
+    }
     arrays: dict[str, Any] = {name: np.empty(shape, types[name]) for name, shape in shapes.items()}
     for block, part in zip(blocks, parts, strict=True):
         values = values_of(part)

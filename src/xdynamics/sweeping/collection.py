@@ -35,10 +35,14 @@ SHARED = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
 VARIES, WHAT, AXIS = "varies", "varies_what", "axis_of"  # attributes of axis values: kind, name, axis
 _SAID = {
-    "parameter": "parameter {0}", "initial": "initial value of {0}", "start": "time at which runs begin",
-    "step": "step of the grid, or the first one", "rtol": "relative tolerance", "table": "table of drive {0}",
+    "parameter": "parameter {0}",
+    "initial": "initial value of {0}",
+    "start": "time at which runs begin",
+    "step": "step of the grid, or the first one",
+    "rtol": "relative tolerance",
+    "table": "table of drive {0}",
     "setting": "setting {0} of the march",
-}  # fmt: skip
+}
 
 
 def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -51,7 +55,11 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     """
     grid = plan.grid
     coordinates = _coordinates(grid)
-    kept = {variable.name: ((*grid.dims, *variable.dims), arrays[variable.name], variable.attributes) for variable in plan.variables if variable.name in arrays}  # fmt: skip
+    kept = {
+        variable.name: ((*grid.dims, *variable.dims), arrays[variable.name], variable.attributes)
+        for variable in plan.variables
+        if variable.name in arrays
+    }
     names = [variable.name for variable in plan.variables]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(
@@ -113,7 +121,11 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
             )
             if column.kind == TABLE:
                 texts = np.array(column.tables)
-                coordinates[f"{column.label}_table"] = ((axis.dim,), texts, about("1", f"tables of drive {column.name}, as CSV", "table"))  # fmt: skip
+                coordinates[f"{column.label}_table"] = (
+                    (axis.dim,),
+                    texts,
+                    about("1", f"tables of drive {column.name}, as CSV", "table"),
+                )
     return coordinates
 
 
@@ -172,7 +184,15 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
 
 def settings_said(sweep: xr.Dataset) -> str:
     """Describe the settings that all members of a sweep share."""
-    recorded = {name: f"{sweep.attrs[key]:g}{behind(str(sweep.attrs.get(f'{key}_units', '1')))}" if name != "method" else sweep.attrs[key] for name in SHARED if (key := f"solver_{name}") in sweep.attrs}  # fmt: skip
+    recorded = {
+        name: (
+            f"{sweep.attrs[key]:g}{behind(str(sweep.attrs.get(f'{key}_units', '1')))}"
+            if name != "method"
+            else sweep.attrs[key]
+        )
+        for name in SHARED
+        if (key := f"solver_{name}") in sweep.attrs
+    }
     asked = json.loads(str(sweep.attrs[ASKED]))
     text = ", ".join(
         f"{name} {value}"
@@ -226,7 +246,9 @@ def _axis(sweep: xr.Dataset, dim: str) -> Axis:
             continue
         if variable.dims not in ((), (dim,)) or not variable.size:
             along = f"varies along {', '.join(map(str, variable.dims))}" if variable.size else "has no values"
-            raise InputError(f"'{name}' {along}, and is of the axis '{dim}' of a sweep; take parts of it by isel or sel, with slices")  # fmt: skip
+            raise InputError(
+                f"'{name}' {along}, and is of the axis '{dim}' of a sweep; take parts of it by isel or sel, with slices"
+            )
         values, kind = np.atleast_1d(variable.values), str(variable.attrs[VARIES])
         tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)

@@ -58,14 +58,22 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
     reference_member = sweep.isel({dim: at})
     variables: dict[str, Any] = {
-        f"difference_{name}": (sweep[name].dims, (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data, _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"))
+        f"difference_{name}": (
+            sweep[name].dims,
+            (sweep[name] - reference_member[name]).transpose(*sweep[name].dims).data,
+            _about(sweep, name, f"{sweep[name].attrs['long_name']}, less that of the reference"),
+        )
         for name in numbers(sweep)
-    }  # fmt: skip
+    }
     differs = sweep[OUTCOME] != reference_member[OUTCOME]
     if STOPPED_BY in sweep:
         differs = differs | (sweep[STOPPED_BY] != reference_member[STOPPED_BY])
     differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
-    variables["outcome_differs"] = (differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE))  # fmt: skip
+    variables["outcome_differs"] = (
+        differs.dims,
+        differs.data,
+        about("1", "1 where the run ended in another way than the reference", ROLE),
+    )
     label = str(reference_member[dim].values) if dim in sweep.coords else str(at)
     return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
 
@@ -143,13 +151,28 @@ def influences(sweep: xr.Dataset) -> xr.Dataset:
         values = ended(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
         shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
-        variables[f"{word}_changes"] = (("axis",), np.array(shares), about("1", f"share of neighbours along the axis that differ in {name}", ROLE))  # fmt: skip
+        variables[f"{word}_changes"] = (
+            ("axis",),
+            np.array(shares),
+            about("1", f"share of neighbours along the axis that differ in {name}", ROLE),
+        )
     for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
         number = sweep[name].astype(float)
         variance = float(number.var())
         rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
-        effects = [float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance if variance > rounding else 0.0 for dim in axes]  # fmt: skip
-        variables[f"main_effect_{name}"] = (("axis",), np.array(effects), about("1", f"share of the variance of {name} that the axis has alone", ROLE))  # fmt: skip
+        effects = [
+            (
+                float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance
+                if variance > rounding
+                else 0.0
+            )
+            for dim in axes
+        ]
+        variables[f"main_effect_{name}"] = (
+            ("axis",),
+            np.array(effects),
+            about("1", f"share of the variance of {name} that the axis has alone", ROLE),
+        )
     return _exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
 
 
@@ -179,26 +202,46 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
     _check_axis(sweep, dim)
     kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
     if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
-        raise InputError(f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol")  # fmt: skip
+        raise InputError(
+            f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol"
+        )
     fine = sweep.sortby(dim, ascending=False)
     fine = fine.chunk({dim: -1}) if any(entry.chunks for entry in fine.data_vars.values()) else fine
     steps, order = fine[dim].values.astype(float), _orders(sweep)
     variables: dict[str, Any] = {}
     for name in (entry for entry in numbers(sweep) if sweep[entry].dtype.kind == "f" and dim in sweep[entry].dims):
         results = xr.apply_ufunc(
-            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP), fine[name].astype(float), order,
-            input_core_dims=[[dim], []], output_core_dims=[["told"]], dask="parallelized", output_dtypes=[float],
+            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP),
+            fine[name].astype(float),
+            order,
+            input_core_dims=[[dim], []],
+            output_core_dims=[["told"]],
+            dask="parallelized",
+            output_dtypes=[float],
             dask_gufunc_kwargs={"output_sizes": {"told": 4}},
-        )  # fmt: skip
+        )
         dims = tuple(str(entry) for entry in results.dims if entry != "told")
         verdict = results.isel(told=1)
         judged = {
             "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
-            "verdict": (verdict.astype(np.int8), "1", f"what the levels tell of {name}", flags(dict(enumerate(VERDICTS)))),
+            "verdict": (
+                verdict.astype(np.int8),
+                "1",
+                f"what the levels tell of {name}",
+                flags(dict(enumerate(VERDICTS))),
+            ),
             "limit": (results.isel(told=2), sweep[name].attrs["units"], f"{name} with an ever smaller {dim}", {}),
-            "uncertainty": (results.isel(told=3), sweep[name].attrs["units"], f"uncertainty of {name} at the finest level, at about 95 %", {}),
-        }  # fmt: skip
-        variables |= {f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra) for word, (entry, units, description, extra) in judged.items()}  # fmt: skip
+            "uncertainty": (
+                results.isel(told=3),
+                sweep[name].attrs["units"],
+                f"uncertainty of {name} at the finest level, at about 95 %",
+                {},
+            ),
+        }
+        variables |= {
+            f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra)
+            for word, (entry, units, description, extra) in judged.items()
+        }
     return _exhibited(
         "convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim}
     )
@@ -242,7 +285,15 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
         error = abs(sweep[name] - exact_values.get(name, sweep[name].isel(finest, drop=True))).transpose(
             *sweep[name].dims
         )
-        variables[f"off_{name}"] = (error.dims, error.data, _about(sweep, name, f"distance of {name} from {'the right value' if name in exact_values else 'the finest one'}"))  # fmt: skip
+        variables[f"off_{name}"] = (
+            error.dims,
+            error.data,
+            _about(
+                sweep,
+                name,
+                f"distance of {name} from {'the right value' if name in exact_values else 'the finest one'}",
+            ),
+        )
     work = sweep[EVALUATIONS]
     variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
     return _exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
@@ -328,7 +379,11 @@ def _exhibited(
 ) -> xr.Dataset:
     """Assemble a survey, with the coordinates of its axes."""
     dims = {dim for variable in variables.values() for dim in variable[0]}
-    coordinates = {str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in sweep.coords.items() if AXIS in variable.attrs and {*variable.dims} <= dims}  # fmt: skip
+    coordinates = {
+        str(name): (variable.dims, variable.data, dict(variable.attrs))
+        for name, variable in sweep.coords.items()
+        if AXIS in variable.attrs and {*variable.dims} <= dims
+    }
     attributes = {
         key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
     }

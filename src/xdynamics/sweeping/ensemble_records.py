@@ -129,10 +129,17 @@ class Harvest:
             wanted += [(entry, following) for entry in used]
         columns = np.stack([self[name][at_rows] for name, at_rows in wanted])
         return states_within(
-            self.model, of_one_step(self.model, self.settings), law_of(self.layout, sampled=False),
-            np.stack([times, time[rows], time[following]]), columns, factors_of(self.model, self.settings)[:, None],
-            reintegrated=True, judged=judged, parameters=self.runs.parameters, runs=members,
-        )  # fmt: skip
+            self.model,
+            of_one_step(self.model, self.settings),
+            law_of(self.layout, sampled=False),
+            np.stack([times, time[rows], time[following]]),
+            columns,
+            factors_of(self.model, self.settings)[:, None],
+            reintegrated=True,
+            judged=judged,
+            parameters=self.runs.parameters,
+            runs=members,
+        )
 
     def at_times(self, times: Floats) -> tuple[Rows, Rows, dict[str, Floats], Rows]:
         """Evaluate all members at times; return member and time index of each, the states, and the row stepped from."""
@@ -155,7 +162,9 @@ class Harvest:
         """Evaluate the rate of a quantity whose rate is known."""
         return self._evaluated(name, RATE, states, members, rows, times)[0]
 
-    def with_rates(self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+    def with_rates(
+        self, name: str, states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats
+    ) -> tuple[Floats, Floats]:
         """Evaluate a quantity and its rate; if the rate is not known, return the quantity for both."""
         if rate_tree(self.model, name) is None:
             values = self.value(name, states, members, rows, times)
@@ -182,7 +191,9 @@ class Harvest:
             total += np.abs(self.value(name, moved, members, rows, times) - value)
         return total
 
-    def _evaluated(self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats) -> list[Floats]:  # fmt: skip
+    def _evaluated(
+        self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats
+    ) -> list[Floats]:
         wanted = _wanted(self.model, name, what)
         arguments: dict[str, Any] = {
             entry: states[entry] * float(self.model.units[entry].factor) for entry in self.layout.used

@@ -51,7 +51,14 @@ class Group:
 
     def part(self, which: slice | NDArray[np.bool_]) -> Arrays:
         """Return the numbers of some of the members."""
-        return {key: {name: values[which] for name, values in numbers.items()} if isinstance(numbers, dict) else numbers[which] for key, numbers in self.arrays.items()}  # fmt: skip
+        return {
+            key: (
+                {name: values[which] for name, values in numbers.items()}
+                if isinstance(numbers, dict)
+                else numbers[which]
+            )
+            for key, numbers in self.arrays.items()
+        }
 
 
 @dataclass(frozen=True)

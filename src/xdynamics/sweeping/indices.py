@@ -77,7 +77,10 @@ def sobol_indices(
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
     if not ranges or isinstance(ranges, str):
-        raise InputError(f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or names of what is uncertain in the model")  # fmt: skip
+        raise InputError(
+            f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or"
+            " names of what is uncertain in the model"
+        )
     spans: dict[str, Column | Parameter]
     if isinstance(ranges, Mapping):
         spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
@@ -91,19 +94,42 @@ def sobol_indices(
     range_text = "where its range" if isinstance(ranges, Mapping) else "where one standard uncertainty beside its value"
     variables: dict[str, Any] = {
         "parameter_name": (("parameter",), np.array([*spans]), about("1", "what was varied", "name")),
-        "parameter_units": (("parameter",), np.array([units for units, _, _ in ends]), about("1", "unit of its range", "name")),
-        "lowest": (("parameter",), np.array([entry for _, entry, _ in ends]), about("1", f"{range_text} begins, in parameter_units", "axis")),
-        "highest": (("parameter",), np.array([entry for _, _, entry in ends]), about("1", f"{range_text} ends, in parameter_units", "axis")),
-    }  # fmt: skip
+        "parameter_units": (
+            ("parameter",),
+            np.array([units for units, _, _ in ends]),
+            about("1", "unit of its range", "name"),
+        ),
+        "lowest": (
+            ("parameter",),
+            np.array([entry for _, entry, _ in ends]),
+            about("1", f"{range_text} begins, in parameter_units", "axis"),
+        ),
+        "highest": (
+            ("parameter",),
+            np.array([entry for _, _, entry in ends]),
+            about("1", f"{range_text} ends, in parameter_units", "axis"),
+        ),
+    }
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
-        variables[f"{name}_interval"] = (("parameter", "bound"), np.stack([low[i], high[i]], axis=-1), about("1", description, ROLE))  # fmt: skip
+        variables[f"{name}_interval"] = (
+            ("parameter", "bound"),
+            np.stack([low[i], high[i]], axis=-1),
+            about("1", description, ROLE),
+        )
     attributes = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, attributes)
 
 
-def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: str, draws: int, seed: int, settings: Mapping[str, Any]) -> NDArray[np.float64]:  # fmt: skip
+def _marched(
+    model: Model,
+    spans: Mapping[str, Column | Parameter],
+    quantity: str,
+    draws: int,
+    seed: int,
+    settings: Mapping[str, Any],
+) -> NDArray[np.float64]:
     """March two designs, and the first with each column of the second; return the numbers, shape (2 + n, draws)."""
     names = list(spans)
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
@@ -113,7 +139,9 @@ def _marched(model: Model, spans: Mapping[str, Column | Parameter], quantity: st
     values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
     sweep = swept(model, {"draw": values}, keep=[quantity], **settings)
     if quantity not in sweep or sweep[quantity].dims != ("draw",):
-        raise InputError(f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'")  # fmt: skip
+        raise InputError(
+            f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
+        )
     f: NDArray[np.float64] = sweep[quantity].values.astype(float)
     if not np.isfinite(f).all():
         i = int(np.flatnonzero(~np.isfinite(f))[0])

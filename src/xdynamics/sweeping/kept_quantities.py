@@ -163,14 +163,24 @@ class _Reader:
 
     def _end(self, name: str) -> Kept:
         column = self.columns[name]
-        return Kept(f"end_{name}", (), (), column.units, f"{column.long_name}, where the run ended", column.role, lambda runs: runs.last(name))  # fmt: skip
+        return Kept(
+            f"end_{name}",
+            (),
+            (),
+            column.units,
+            f"{column.long_name}, where the run ended",
+            column.role,
+            lambda runs: runs.last(name),
+        )
 
     def _at(self, name: str) -> Kept:
         times, column = self.keeping.times, self.columns[name]
         if not times.size:
             raise InputError(f"keep has '{name}', which needs times=[…]; or keep 'end_{name}'")
         if name not in comparable(self.model):
-            raise InputError(f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of")  # fmt: skip
+            raise InputError(
+                f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of"
+            )
 
         def take(runs: Harvest) -> Values:
             values = np.full((runs.size, times.size), np.nan)
@@ -179,10 +189,25 @@ class _Reader:
                 values[members, indices] = runs.value(name, states, members, rows, times[indices])
             return values
 
-        return Kept(name, (AT,), (times.size,), column.units, f"{column.long_name}; nan behind the end of a run", column.role, take, reads=self.motion)  # fmt: skip
+        return Kept(
+            name,
+            (AT,),
+            (times.size,),
+            column.units,
+            f"{column.long_name}; nan behind the end of a run",
+            column.role,
+            take,
+            reads=self.motion,
+        )
 
     def _event_time(self, detector: str) -> Kept:
-        return self._occurrences(f"{EVENT_TIME}{detector}", detector, self.model.time_unit.text, f"time at which '{detector}' was met", lambda runs, places: runs["event_time"][places])  # fmt: skip
+        return self._occurrences(
+            f"{EVENT_TIME}{detector}",
+            detector,
+            self.model.time_unit.text,
+            f"time at which '{detector}' was met",
+            lambda runs, places: runs["event_time"][places],
+        )
 
     def _event_count(self, detector: str) -> Kept:
         def take(runs: Harvest) -> Values:
@@ -220,7 +245,9 @@ class _Reader:
 
         single = (begin, end) == (0, 1)
         dims, sizes = ((), ()) if single else ((OCCURRENCE,), (count,))
-        return Kept(name, dims, sizes, units, f"{description}{', first' if single else ''}; nan where it was not", EVENT, take)  # fmt: skip
+        return Kept(
+            name, dims, sizes, units, f"{description}{', first' if single else ''}; nan where it was not", EVENT, take
+        )
 
     def _extreme(self, word: str, name: str) -> list[Kept]:
         """Return the largest or least value of a quantity, and when it was reached."""
@@ -229,7 +256,17 @@ class _Reader:
         reads, rules = (*self.motion, name), flags({NO_RULE: "none", **dict(enumerate(RULES))})
 
         def kept(end: str, place: int, units: str, description: str, role: str, **extra: Any) -> Kept:
-            return Kept(f"{word}{end}", (), (), units, description, role, lambda runs: extremes(runs, name, sign)[place], reads, **extra)  # fmt: skip
+            return Kept(
+                f"{word}{end}",
+                (),
+                (),
+                units,
+                description,
+                role,
+                lambda runs: extremes(runs, name, sign)[place],
+                reads,
+                **extra,
+            )
 
         return [
             kept("", 0, column.units, description, DIAGNOSTIC),

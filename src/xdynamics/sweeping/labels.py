@@ -63,7 +63,9 @@ def _nearest(column: Column, label: Any) -> int:
     wanted, values_si = unit.to_si(float(values[0])), column.si
     i = int(np.argmin(np.abs(values_si - wanted)))
     if abs(values_si[i] - wanted) > ALIKE * max(abs(values_si[i]), abs(wanted)):
-        raise InputError(f"axis '{column.label}' has no {label!r}; the nearest is {float(column.values[i])!r} {column.unit.text}")  # fmt: skip
+        raise InputError(
+            f"axis '{column.label}' has no {label!r}; the nearest is {float(column.values[i])!r} {column.unit.text}"
+        )
     return i
 
 

@@ -69,7 +69,11 @@ def member(
     results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
         entry: str(run[entry.removeprefix("end_")].values[-1]) for entry in ends if entry.removeprefix("end_") in run
     }
-    differences = [f"{name} is {entry}, in the sweep {value}" for name, entry in results.items() if name in catalogued and (value := str(catalogued[name].values)) != entry]  # fmt: skip
+    differences = [
+        f"{name} is {entry}, in the sweep {value}"
+        for name, entry in results.items()
+        if name in catalogued and (value := str(catalogued[name].values)) != entry
+    ]
     if differences:
         raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(differences)}")
     return run

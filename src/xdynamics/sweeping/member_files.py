@@ -70,7 +70,11 @@ def _apart(march: March, abreast: dict[str, Any]) -> str:
     alone: dict[str, Any] = dict(zip(COUNTS, (march.accepted, now.trials, now.evaluations), strict=True))
     state = zip(march.layout.used, march.run.y.tolist(), strict=False)
     alone |= {f"end_{name}": value * scales[name] for name, value in state}
-    return ", ".join(f"{name} is {result}, side by side {abreast[name]}" for name, result in alone.items() if name in abreast and abreast[name] != result)  # fmt: skip
+    return ", ".join(
+        f"{name} is {result}, side by side {abreast[name]}"
+        for name, result in alone.items()
+        if name in abreast and abreast[name] != result
+    )
 
 
 def digests_of(file: Path, wanted: Callable[[xr.Dataset], bool]) -> tuple[str, str]:

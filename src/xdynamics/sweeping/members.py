@@ -72,7 +72,16 @@ class Plan:
     def digest(self) -> str:
         """sha256 of everything that the numbers of the sweep depend on."""
         grid, keeping = self.grid, self.keeping
-        axes = [[axis.dim, [[entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables] for entry in axis.columns]] for axis in grid.axes]  # fmt: skip
+        axes = [
+            [
+                axis.dim,
+                [
+                    [entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables]
+                    for entry in axis.columns
+                ],
+            ]
+            for axis in grid.axes
+        ]
         words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
         marked = [entry.name for entry in self.variables if entry.more]  # which folders of before may not have
         text = json.dumps([*words, grid.math_functions, xdynamics_version(), *marked], sort_keys=True)
@@ -94,19 +103,37 @@ class Plan:
             ),
             *self.keeping.variables(self.grid.model, settings),
         ]
-        counts = [Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8") for name, take in COUNTS.items()]  # fmt: skip
+        counts = [
+            Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8")
+            for name, take in COUNTS.items()
+        ]
         return (*kept, *counts, *self._judged)
 
     @property
     def _judged(self) -> list[Kept]:
         """The variables that judge every member as a run: doubts, outcome, digest, file."""
-        description = "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their largest value or more; steps that a stricter tolerance of another variable holds err by less, and what errors do to others is not in it: a member that is marched by itself is judged by both"
+        description = (
+            "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their"
+            " largest value or more; steps that a stricter tolerance of another variable holds err by less, and what"
+            " errors do to others is not in it: a member that is marched by itself is judged by both"
+        )
         whole = self.keeping.whole
         stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
         files = [
-            Kept(FILE, (), (), "1", "archive of the run, named by a digest of all that it is marched from", "file", _none, dtype="U72"),
-            Kept(SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, dtype="U64"),
-        ]  # fmt: skip
+            Kept(
+                FILE,
+                (),
+                (),
+                "1",
+                "archive of the run, named by a digest of all that it is marched from",
+                "file",
+                _none,
+                dtype="U72",
+            ),
+            Kept(
+                SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, dtype="U64"
+            ),
+        ]
         return [
             *(files if whole else []),
             Kept(UNCONTROLLED, (), (), "1", description, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
@@ -244,7 +271,10 @@ def ended(sweep: xr.Dataset) -> xr.DataArray:
         return outcome
     import xarray as xr
 
-    texts = [f"{word} {event}".strip() for word, event in zip(outcome.values.ravel().tolist(), sweep[STOPPED_BY].values.ravel().tolist(), strict=True)]  # fmt: skip
+    texts = [
+        f"{word} {event}".strip()
+        for word, event in zip(outcome.values.ravel().tolist(), sweep[STOPPED_BY].values.ravel().tolist(), strict=True)
+    ]
     return xr.DataArray(np.array(texts).reshape(outcome.shape), dims=outcome.dims)
 
 
@@ -267,9 +297,13 @@ def _digests(runs: Harvest) -> Values:
     counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
     rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
     width, first = len(rows) // runs.size, (8 * runs.runs.first_event).tolist()
-    return np.array([
-        sha256(rows[i * width : (i + 1) * width] + events[first[i] : first[i + 1]]).hexdigest()[:DIGITS] for i in range(runs.size)
-    ], f"U{DIGITS}")  # fmt: skip
+    return np.array(
+        [
+            sha256(rows[i * width : (i + 1) * width] + events[first[i] : first[i + 1]]).hexdigest()[:DIGITS]
+            for i in range(runs.size)
+        ],
+        f"U{DIGITS}",
+    )
 
 
 def _bytes(ends: Values, counts: Values) -> bytes:
@@ -320,7 +354,9 @@ def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
         return
     run = record.dataset(march, march.blocks())
     alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
-    differences = [f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]]  # fmt: skip
+    differences = [
+        f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]
+    ]
     if differences:
         raise InputError(
             f"member {grid.said(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"

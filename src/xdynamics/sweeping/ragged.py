@@ -60,7 +60,10 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
         harvests.append((group.places, Harvest(group.model, group.settings, runs)))
         bytes_ += runs.kept.log.rows.nbytes
         if bytes_ > MOST:
-            raise InputError(f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like isel(…)")  # fmt: skip
+            raise InputError(
+                f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like"
+                " isel(…)"
+            )
     names = [name for name in _names(harvests[0][1]) if all(name in harvest.columns for _, harvest in harvests)]
     sizes = np.zeros(grid.size, np.int64)
     for places, harvest in harvests:

@@ -65,7 +65,11 @@ def _convergence(survey: xr.Dataset) -> Iterator[str]:
         )
         number = name.removeprefix("verdict_")
         uncertainty = survey[f"uncertainty_{number}"].values
-        most = f", uncertain by up to {np.nanmax(uncertainty):.3g}{_unit(survey, f'uncertainty_{number}')}" if np.isfinite(uncertainty).any() else ""  # fmt: skip
+        most = (
+            f", uncertain by up to {np.nanmax(uncertainty):.3g}{_unit(survey, f'uncertainty_{number}')}"
+            if np.isfinite(uncertainty).any()
+            else ""
+        )
         yield f"{number}: {', '.join(f'{count} {word}' for word, count in counts.most_common())}{most}"
 
 
@@ -81,7 +85,9 @@ def _precision(survey: xr.Dataset) -> Iterator[str]:
             if errors.ndim and errors.dims[0] in errors.coords
             else [""]
         )
-        shown = ", ".join(f"{label} {value:.3g}".strip() for label, value in zip(labels, np.atleast_1d(errors.values), strict=False))  # fmt: skip
+        shown = ", ".join(
+            f"{label} {value:.3g}".strip() for label, value in zip(labels, np.atleast_1d(errors.values), strict=False)
+        )
         yield f"{name.removeprefix('off_')} with the finest {varied} is off by {shown}{_unit(survey, name)}"
 
 
@@ -96,6 +102,10 @@ def _indices(survey: xr.Dataset) -> Iterator[str]:
 
 
 _TOLD: dict[str, Callable[[xr.Dataset], Iterator[str]]] = {
-    "contrast": _contrast, "sensitivities": _sensitivities, "influences": _influences, "convergence": _convergence,
-    "precision": _precision, "sobol indices": _indices,
-}  # fmt: skip
+    "contrast": _contrast,
+    "sensitivities": _sensitivities,
+    "influences": _influences,
+    "convergence": _convergence,
+    "precision": _precision,
+    "sobol indices": _indices,
+}

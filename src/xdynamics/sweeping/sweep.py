@@ -148,7 +148,10 @@ def _unrecorded(grid: Grid, settings: Mapping[str, Any]) -> Grid:
     """Drop the recording settings of an earlier sweep where no whole runs are kept; refuse them if they were given."""
     if refused := [name for name in grid.recording if settings.get(name) is not None]:
         verb = "says" if len(refused) == 1 else "say"
-        raise InputError(f"{' and '.join(refused)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with path='a folder', or leave {' and '.join(refused)} out; what else is kept is of every row")  # fmt: skip
+        raise InputError(
+            f"{' and '.join(refused)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with"
+            f" path='a folder', or leave {' and '.join(refused)} out; what else is kept is of every row"
+        )
     return grid.unrecorded
 
 

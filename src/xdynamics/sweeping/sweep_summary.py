@@ -33,12 +33,14 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
     loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     if loose:
         lines.append(
-            f"doubt     of {loose} members absolute tolerances may have let pass 3 % of a variable, if every step erred by as much"
-            " as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had. Give smaller ones by atol"
+            f"doubt     of {loose} members absolute tolerances may have let pass 3 % of a variable, if every step erred"
+            " by as much as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had."
+            " Give smaller ones by atol"
         )
     if PASSED.name in sweep and (count := int(np.count_nonzero(sweep[PASSED.name].values))):
         lines.append(
-            f"doubt     {count} members passed switches in forces that are declared smooth; leave smooth out to have them located"
+            f"doubt     {count} members passed switches in forces that are declared smooth; leave smooth out to have"
+            " them located"
         )
     return [*lines, *_kept(sweep)]
 
@@ -60,8 +62,13 @@ def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
 
 
 def _kept(sweep: xr.Dataset) -> Iterator[str]:
-    names = [str(name) for name, variable in sweep.data_vars.items()
-             if variable.dtype.kind in "fi" and variable.attrs.get("role") not in ("parameter", "axis") and not str(name).startswith(_FIRST)]  # fmt: skip
+    names = [
+        str(name)
+        for name, variable in sweep.data_vars.items()
+        if variable.dtype.kind in "fi"
+        and variable.attrs.get("role") not in ("parameter", "axis")
+        and not str(name).startswith(_FIRST)
+    ]
     for name in names[:MOST]:
         if (variable := sweep[name]).attrs.get("role") == "flag":
             counts = Counter(words_of(variable.stack(each=variable.dims) if variable.ndim > 1 else variable))

@@ -22,9 +22,14 @@ REDEFINED = ("event_time_uncertainty",)
 OFFSETS = "event_offset_"  # of 0.2, always 0
 # what follows from a march and is not a setting of it: how `sample` interpolates, by the writing version, and rates
 FOLLOWING = (
-    "solver_interpolation", "solver_interpolation_order", "run_fastest_rate", "run_h_omega_start", "run_h_omega_largest",
-    "run_h_omega_rule", ATOL_EFFECT,
-)  # fmt: skip
+    "solver_interpolation",
+    "solver_interpolation_order",
+    "run_fastest_rate",
+    "run_h_omega_start",
+    "run_h_omega_largest",
+    "run_h_omega_rule",
+    ATOL_EFFECT,
+)
 
 
 def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -92,7 +97,8 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
         if relative > worst:
             worst, row = relative, int(np.argmax(differences.max(axis=1)))
             sentence = escaped(
-                f"the largest difference is {largest:.3g} {variable.attrs.get('units', '')} in '{name}', row {row}: {worst:.2g} of its largest value"
+                f"the largest difference is {largest:.3g} {variable.attrs.get('units', '')} in '{name}', row {row}:"
+                f" {worst:.2g} of its largest value"
             )
     rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
     return sentence if rows[0] == rows[1] else f"{sentence}; {rows[0]} rows became {rows[1]}"
@@ -111,10 +117,18 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
     table = xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs", "units": "1", "role": "index"}),
-            "same": ("variable", np.array([row is None for row in rows], np.int8), {"long_name": "1 where every bit agrees", "units": "1", "role": "index"}),
-            "first_row": ("variable", np.array([-1 if row is None else row for row in rows]), {"long_name": "first row that differs, -1 for none", "units": "1", "role": "index"}),
+            "same": (
+                "variable",
+                np.array([row is None for row in rows], np.int8),
+                {"long_name": "1 where every bit agrees", "units": "1", "role": "index"},
+            ),
+            "first_row": (
+                "variable",
+                np.array([-1 if row is None else row for row in rows]),
+                {"long_name": "first row that differs, -1 for none", "units": "1", "role": "index"},
+            ),
         }
-    )  # fmt: skip
+    )
     identical = all(row is None for row in rows) and not settings
     return table.assign_attrs(
         identical=int(identical),

@@ -37,9 +37,20 @@ EPS = float(np.finfo(float).eps)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 # settings that follow from the model, the method and how its steps are chosen
 FOLLOWING = (
-    "title", "summary", "source", "model_digest", "force_digest", "run_outcome_text", "solver_order",
-    "solver_update_equations", "solver_update_order", "solver_reference", "solver_last_step", "solver_first_step", "solver_rtol_used",
-)  # fmt: skip
+    "title",
+    "summary",
+    "source",
+    "model_digest",
+    "force_digest",
+    "run_outcome_text",
+    "solver_order",
+    "solver_update_equations",
+    "solver_update_order",
+    "solver_reference",
+    "solver_last_step",
+    "solver_first_step",
+    "solver_rtol_used",
+)
 
 
 def compare(
@@ -139,7 +150,8 @@ def _check(run: Any) -> None:
     check(run, whole=False, values=False)
     if any(run[name].dims != (STEPS,) for name in ("time", "row_kind")):  # in derived data these may be anything
         raise InputError(
-            f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {run['time'].dims} and {run['row_kind'].dims}"
+            f"compare needs 'time' and 'row_kind' along '{STEPS}', and they are along {run['time'].dims} and"
+            f" {run['row_kind'].dims}"
         )
 
 
@@ -148,7 +160,10 @@ def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     grids, unit = [np.asarray(run["time"]) for run in (first, other)], behind(time_unit(first))
     for which, grid in zip(("first", "second"), grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
-            raise InputError(f"the times of the {which} run do not increase behind t = {float(grid[wrong[0]])!r}{unit}, as a run's do")  # fmt: skip
+            raise InputError(
+                f"the times of the {which} run do not increase behind t = {float(grid[wrong[0]])!r}{unit}, as a"
+                " run's do"
+            )
     begin, end = max(grid[0] for grid in grids), min(grid[-1] for grid in grids)
     if begin > end:
         spans = [f"{float(grid[0])!r}{unit} to {float(grid[-1])!r}{unit}" for grid in grids]
@@ -159,7 +174,10 @@ def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
             union = union[np.isin(union, grid)]
     inside: Floats = union[(union >= begin) & (union <= end)]
     if not inside.size:
-        raise InputError("the runs have no row of one time in common: keep_every left the others out; march one of them again with keep_every = 1")  # fmt: skip
+        raise InputError(
+            "the runs have no row of one time in common: keep_every left the others out; march one of them again with"
+            " keep_every = 1"
+        )
     return inside
 
 
@@ -182,7 +200,9 @@ def _shared(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     return names
 
 
-def _sampled(run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool) -> dict[str, tuple[Any, Any]]:  # fmt: skip
+def _sampled(
+    run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool
+) -> dict[str, tuple[Any, Any]]:
     """Return values and interpolation errors at times; on dask arrays of states only."""
     if lazy:
         states = sample(run, at, functions=functions)
@@ -203,10 +223,16 @@ def _difference(
     text = str(first.attrs["units"])
     difference = second_sample[0] * factor - first_sample[0]
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
-    return scaled("difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text) | {
+    return scaled(
+        "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text
+    ) | {
         f"difference_{name}": ((AT,), difference, about(text, f"{name}, second run minus first", ROLE)),
-        f"interpolation_error_{name}": ((AT,), second_sample[1] * factor + first_sample[1], about(text, f"what {name} of both runs may be off between accepted states", "error")),
-    }  # fmt: skip
+        f"interpolation_error_{name}": (
+            (AT,),
+            second_sample[1] * factor + first_sample[1],
+            about(text, f"what {name} of both runs may be off between accepted states", "error"),
+        ),
+    }
 
 
 def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
@@ -237,7 +263,14 @@ def _events(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
             time_unit(first).text,
             scale_text,
         ).items()
-        yield f"interpolation_error_event_time_{name}", ((OCCURRENCE,), uncertainty, about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"))  # fmt: skip
+        yield (
+            f"interpolation_error_event_time_{name}",
+            (
+                (OCCURRENCE,),
+                uncertainty,
+                about(time_unit(first).text, f"what the location of {name} is uncertain by in both runs", "error"),
+            ),
+        )
 
 
 def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
@@ -295,7 +328,10 @@ def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
-            sentence = f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an interpolation error of {float(uncertainty[k]):.2g} {units}"
+            sentence = (
+                f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an"
+                f" interpolation error of {float(uncertainty[k]):.2g} {units}"
+            )
     return sentence
 
 
@@ -364,12 +400,18 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
                 else f"occurrence {worst + 1}"
             )
             kind, _, quantity = str(name).partition("_")
-            yield f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']} {where}{_over_scale(table, kind, quantity, worst)}"
+            yield (
+                f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']}"
+                f" {where}{_over_scale(table, kind, quantity, worst)}"
+            )
         elif variable.attrs.get("role") == "residual" and not variable.dims:
             scale = (
                 f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
             )
-            yield f"{name} = {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
+            yield (
+                f"{name} ="
+                f" {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
+            )
 
 
 def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:

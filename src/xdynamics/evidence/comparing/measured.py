@@ -125,7 +125,8 @@ def residuals(
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
     if outside.size:
         raise InputError(
-            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{unit_text} is outside the run, from {begin!r}{unit_text} to {end!r}{unit_text}"
+            f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{unit_text} is outside the"
+            f" run, from {begin!r}{unit_text} to {end!r}{unit_text}"
         )
     names = list(data.values)
     computed = observe(run, model, names, data.times)
@@ -157,17 +158,39 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
         f"measured_{name}": ((AT,), values, about(units, f"{name} as measured", "measured")),
         name: ((AT,), computed, about(units, f"{name} as computed", "computed")),
         f"difference_{name}": ((AT,), differences, about(units, f"{name}, measured minus computed", "difference")),
-        f"interpolation_error_{name}": ((AT,), errors, about(units, f"what {name} may be off between accepted states", "error")),
-        f"rms_difference_{name}": ((), np.sqrt(np.mean(differences**2)), about(units, f"root of the mean square of difference_{name}", "residual")),
+        f"interpolation_error_{name}": (
+            (AT,),
+            errors,
+            about(units, f"what {name} may be off between accepted states", "error"),
+        ),
+        f"rms_difference_{name}": (
+            (),
+            np.sqrt(np.mean(differences**2)),
+            about(units, f"root of the mean square of difference_{name}", "residual"),
+        ),
         **scaled("difference", name, differences, scale_of(values, computed), (AT,), units, scale_text, ("rms",)),
-    }  # fmt: skip
+    }
     if name in data.uncertainties:
         uncertainty = converted(*data.uncertainties[name])
         square = np.mean((differences / uncertainty) ** 2)
         variables |= {
-            f"measured_uncertainty_{name}": ((AT,), uncertainty, about(units, f"standard uncertainty of {name} as measured", "uncertainty")),
-            f"reduced_chi_square_{name}": ((), square, about("1", f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are degrees of freedom", "residual") | {"degrees_of_freedom": differences.size}),
-        }  # fmt: skip
+            f"measured_uncertainty_{name}": (
+                (AT,),
+                uncertainty,
+                about(units, f"standard uncertainty of {name} as measured", "uncertainty"),
+            ),
+            f"reduced_chi_square_{name}": (
+                (),
+                square,
+                about(
+                    "1",
+                    f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are"
+                    " degrees of freedom",
+                    "residual",
+                )
+                | {"degrees_of_freedom": differences.size},
+            ),
+        }
     return variables
 
 
@@ -239,7 +262,8 @@ def _of_dataset(given: Any) -> Measured:
     sizes = {name: len(numbers) for name, (numbers, _) in columns.items()}
     if len({*sizes.values()}) > 1:
         ledger.note(
-            f"variables have {', '.join(f'{size} ({name})' for name, size in sizes.items())} rows, need one dimension for all"
+            f"variables have {', '.join(f'{size} ({name})' for name, size in sizes.items())} rows, need one dimension"
+            " for all"
         )
     ledger.settle()
     return _sorted_out("the Dataset", columns)

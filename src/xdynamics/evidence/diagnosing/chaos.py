@@ -47,15 +47,26 @@ def lyapunov(
     grown = largest * (float(run["time"][-1]) - exponents.begin) > float(log(GROWN))
     unit = str(run["time"].attrs["units"])
     per_time = "1" if unit == "1" else f"{unit}-1"
-    rule = {"rule": rules.RULE, "ancillary_variables": LYAPUNOV_UNCERTAINTY, "piece_tolerance": TOLERANCE,
-            "transient": rules.TRANSIENT_RULE, "transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}  # fmt: skip
+    rule = {
+        "rule": rules.RULE,
+        "ancillary_variables": LYAPUNOV_UNCERTAINTY,
+        "piece_tolerance": TOLERANCE,
+        "transient": rules.TRANSIENT_RULE,
+        "transient_end": exponents.begin,
+        "pieces": exponents.pieces,
+        "variables": exponents.variables,
+    }
     long_names = {
         LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
         LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
         LYAPUNOV: f"the largest of {LYAPUNOVS}",
-        LYAPUNOV_TIME: f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold",
-        FINITE_TIME_GROWTH: "logarithm of how much the change of the start that grows most has grown at the end of the run,"
-        " each variable in units of its range, over the run's time; transients are in it",
+        LYAPUNOV_TIME: (
+            f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold"
+        ),
+        FINITE_TIME_GROWTH: (
+            "logarithm of how much the change of the start that grows most has grown at the end of the run,"
+            " each variable in units of its range, over the run's time; transients are in it"
+        ),
     }
     numbers: dict[str, Any] = {
         LYAPUNOVS: exponents.values,
@@ -84,7 +95,10 @@ def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
-        yield f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short to tell"
+        yield (
+            f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short"
+            " to tell"
+        )
     yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
 
 

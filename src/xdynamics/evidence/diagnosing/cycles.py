@@ -59,7 +59,10 @@ class Cycles:
         if len(self.times) >= self.maxima - 1:
             return ""
         times = {0: "never", 1: "once"}.get(len(self.times), f"{len(self.times)} times")
-        return f"{self.name} has {self.maxima} maxima and rises through the level {times}: a cycle here is none from maximum to maximum; give a level that every swing passes"  # fmt: skip
+        return (
+            f"{self.name} has {self.maxima} maxima and rises through the level {times}: a cycle here is none from"
+            " maximum to maximum; give a level that every swing passes"
+        )
 
     def phase(self, times: Floats) -> Floats:
         """Return the phase at times, rad: whole turns at the crossings, in proportion between; nan outside."""
@@ -144,7 +147,13 @@ def _risen(values: Floats, time: Floats, level: float) -> NDArray[np.int64]:
     return rows
 
 
-def _located(run: xr.Dataset, name: str, level: float, rows: NDArray[np.int64], functions: Mapping[str, Callable[..., float]] | None) -> tuple[Floats, Floats]:  # fmt: skip
+def _located(
+    run: xr.Dataset,
+    name: str,
+    level: float,
+    rows: NDArray[np.int64],
+    functions: Mapping[str, Callable[..., float]] | None,
+) -> tuple[Floats, Floats]:
     """Locate all crossings at once, by Newton steps that stay inside brackets, and by bisection."""
     time = np.asarray(run["time"])
     speed = schema.velocity(name)

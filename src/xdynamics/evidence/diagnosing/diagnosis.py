@@ -165,7 +165,14 @@ def _bands(run: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Yield the range of quantities that may be conserved; on dask arrays lazily, with extremes of the state."""
     for name in _with_roles(run, BANDED):
         variable, units = run[name].variable, str(run[name].attrs["units"])
-        yield _band(name), ((), (variable.max() - variable.min()).data, about(units, f"largest less least {name} of the accepted states", ROLE))  # fmt: skip
+        yield (
+            _band(name),
+            (
+                (),
+                (variable.max() - variable.min()).data,
+                about(units, f"largest less least {name} of the accepted states", ROLE),
+            ),
+        )
     if any(run[name].chunks is not None for name in run.data_vars):
         for name in _with_roles(run, ("coordinate", "velocity", "state")):
             variable, units = run[name].variable, str(run[name].attrs["units"])
@@ -180,7 +187,9 @@ def _band(name: str) -> str:
     return "energy_band" if name == "total_energy" else f"band_{name}"
 
 
-def _conserved(run: xr.Dataset, model: Model, counted: Cycles | None, functions: Functions | None) -> Iterator[tuple[str, Any]]:  # fmt: skip
+def _conserved(
+    run: xr.Dataset, model: Model, counted: Cycles | None, functions: Functions | None
+) -> Iterator[tuple[str, Any]]:
     """Yield the drift of quantities that may be conserved, and ranges and drifts of momenta."""
     observables = comparable(model)
     for name in _with_roles(run, BANDED):
@@ -195,7 +204,9 @@ def _conserved(run: xr.Dataset, model: Model, counted: Cycles | None, functions:
     states = {name: np.asarray(run[name]) for name in model.units}
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for i, name in enumerate(coordinates):
-        terms: list[Node] = [Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i]  # fmt: skip
+        terms: list[Node] = [
+            Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i
+        ]
         tree = reduce(lambda left, right: Binary("+", left, right), terms)
         (momentum,) = evaluated_on(run, model, [tree], states, time, rows)
         mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
@@ -208,7 +219,14 @@ def _conserved(run: xr.Dataset, model: Model, counted: Cycles | None, functions:
         yield f"drift_momentum_{name}", ((), drift, about(units.text, f"momentum of {name}: {rule}", ROLE))
 
 
-def _drift(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, counted: Cycles | None, functions: Functions | None) -> tuple[float, str]:  # fmt: skip
+def _drift(
+    run: xr.Dataset,
+    model: Model,
+    values: Floats,
+    tree: Node | None,
+    counted: Cycles | None,
+    functions: Functions | None,
+) -> tuple[float, str]:
     """Return the drift of a quantity, averaged over a cycle where there are cycles, and its rule in words."""
     if counted is None or len(counted.times) < 3:
         return float(values[-1] - values[0]), "at the end less at the start"
@@ -217,7 +235,14 @@ def _drift(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, cou
     return last - first, "mean over the last cycle less that over the first"
 
 
-def _mean(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, span: tuple[float, float], functions: Functions | None) -> float:  # fmt: skip
+def _mean(
+    run: xr.Dataset,
+    model: Model,
+    values: Floats,
+    tree: Node | None,
+    span: tuple[float, float],
+    functions: Functions | None,
+) -> float:
     """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
     (begin, end), time = span, np.asarray(run["time"])
     inner = np.flatnonzero((time > begin) & (time < end))
@@ -227,7 +252,9 @@ def _mean(run: xr.Dataset, model: Model, values: Floats, tree: Node | None, span
     else:
         states = sampled(run, times, after=True, rule=REINTEGRATE, functions=functions)
         rows = np.asarray(states["row"])
-        (between,) = evaluated_on(run, model, [tree], {name: np.asarray(states[name]) for name in model.units}, times, rows)  # fmt: skip
+        (between,) = evaluated_on(
+            run, model, [tree], {name: np.asarray(states[name]) for name in model.units}, times, rows
+        )
     order = np.lexsort((np.concatenate([rows + 0.5, inner]), np.concatenate([times, time[inner]])))
     t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values[inner])))
     return float(np.trapezoid(y, t) / (end - begin))
@@ -248,7 +275,9 @@ def _cycles(run: xr.Dataset, of: str | None, level: Any, functions: Functions | 
     return cycles(run, name, level=level, functions=functions)
 
 
-def _reference(counted: Cycles, reference: Any, unit: Unit, tighter: Companion | None, functions: Functions | None) -> tuple[Floats, str]:  # fmt: skip
+def _reference(
+    counted: Cycles, reference: Any, unit: Unit, tighter: Companion | None, functions: Functions | None
+) -> tuple[Floats, str]:
     """Return the times of the reference's crossings, and describe the reference."""
     n = len(counted.times)
     if isinstance(reference, str | float | int):
@@ -275,7 +304,15 @@ def _nearly_exact(tighter: Companion) -> tuple[xr.Dataset, str]:
     end = float(tighter.run["time"][-1])
     try:
         model = model_of(tighter.of, tighter.functions)
-        exact = march(model, method=EXACT[0], rtol=EXACT[1], atol=EXACT[1] if "atol" in model.run else None, max_steps=MOST_STEPS, until=float(tighter.of.attrs["solver_until"]), force_samples="none")  # fmt: skip
+        exact = march(
+            model,
+            method=EXACT[0],
+            rtol=EXACT[1],
+            atol=EXACT[1] if "atol" in model.run else None,
+            max_steps=MOST_STEPS,
+            until=float(tighter.of.attrs["solver_until"]),
+            force_samples="none",
+        )
     except InputError:
         return tighter.run, f"the run with {tighter.said}"
     if float(exact["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):
@@ -309,13 +346,33 @@ def _along_cycles(
     uncertainties, seconds = counted.uncertainties, time_unit(run).text
     dims = (CYCLE,)
     return {
-        "cycle_time": (dims, counted.times[1:], about(seconds, f"end of the cycle: {name} rises through {counted.level:.9g} {units}", ROLE)),
+        "cycle_time": (
+            dims,
+            counted.times[1:],
+            about(seconds, f"end of the cycle: {name} rises through {counted.level:.9g} {units}", ROLE),
+        ),
         "period": (dims, counted.periods, about(seconds, "from one located crossing to the next", ROLE)),
-        "period_uncertainty": (dims, uncertainties[1:] + uncertainties[:-1], about(seconds, "what the location of both crossings is uncertain by", "error")),
-        "phase_offset": (dims, offsets, about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE)),
+        "period_uncertainty": (
+            dims,
+            uncertainties[1:] + uncertainties[:-1],
+            about(seconds, "what the location of both crossings is uncertain by", "error"),
+        ),
+        "phase_offset": (
+            dims,
+            offsets,
+            about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE),
+        ),
         "amplitude": (dims, amplitude, about(units, f"half of what {name} goes up and down, to located turns", ROLE)),
-        "phase_space_area": (dims, area, about(str(parse_unit(f"{units} {speed}").text), f"area that {name} and its velocity go round: the velocity squared, over the cycle", ROLE)),
-    }  # fmt: skip
+        "phase_space_area": (
+            dims,
+            area,
+            about(
+                str(parse_unit(f"{units} {speed}").text),
+                f"area that {name} and its velocity go round: the velocity squared, over the cycle",
+                ROLE,
+            ),
+        ),
+    }
 
 
 def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str, Any]:
@@ -325,14 +382,28 @@ def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str,
     low, high, sign = time[rows], time[rows + 1], np.sign(v[rows])
     for _ in range(60 if rows.size else 0):
         middle = (low + high) / 2.0
-        before = sign * np.asarray(sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)[schema.velocity(name)]) > 0.0  # fmt: skip
+        before = (
+            sign
+            * np.asarray(
+                sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)[schema.velocity(name)]
+            )
+            > 0.0
+        )
         low, high = np.where(before, middle, low), np.where(before, high, middle)
-    points = np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name]) if rows.size else np.zeros(0)  # fmt: skip
+    points = (
+        np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name])
+        if rows.size
+        else np.zeros(0)
+    )
     units = str(run[name].attrs["units"])
     return {
-        "turning_time": (("turn",), high, about(time_unit(run).text, f"when {name} turns, located by steps of the run's own method", ROLE)),
+        "turning_time": (
+            ("turn",),
+            high,
+            about(time_unit(run).text, f"when {name} turns, located by steps of the run's own method", ROLE),
+        ),
         "turning_point": (("turn",), points, about(units, f"{name} where it turns", ROLE)),
-    }  # fmt: skip
+    }
 
 
 def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
@@ -350,7 +421,14 @@ def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Itera
             f"largest_residual_{name}",
             ((), float(np.max(np.abs(residual))), about(units, f"largest size of residual_{name}", "residual")),
         )
-        yield f"rms_residual_{name}", ((), float(np.sqrt(np.mean(residual**2))), about(units, f"root of the mean square of residual_{name}", "residual"))  # fmt: skip
+        yield (
+            f"rms_residual_{name}",
+            (
+                (),
+                float(np.sqrt(np.mean(residual**2))),
+                about(units, f"root of the mean square of residual_{name}", "residual"),
+            ),
+        )
         scale_text = f"largest size of {text} at the accepted times; where that is 0, of {name} as computed"
         scale = scale_of(expected, np.asarray(run[name]))
         yield from scaled("residual", name, residual, scale, (STEPS,), units, scale_text, ("largest", "rms")).items()
@@ -416,7 +494,10 @@ def cycles_said(found: xr.Dataset) -> str:
     """Describe which coordinate's cycles are counted, and through which level; older diagnoses name no rule."""
     attributes = found.attrs
     rule = f", {attributes['level_rule']}" if "level_rule" in attributes else ""
-    return f"{attributes['coordinate']}, each from one rise through {float(attributes['level']):.6g}{behind(str(attributes['level_units']))}{rule}, to the next"
+    return (
+        f"{attributes['coordinate']}, each from one rise through"
+        f" {float(attributes['level']):.6g}{behind(str(attributes['level_units']))}{rule}, to the next"
+    )
 
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:

@@ -104,7 +104,9 @@ def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extre
     tree, rates = rate_tree(model, name), None
     if tree is not None:
         states = {variable: np.asarray(run[variable])[neighbours.ravel()] for variable in model.units}
-        rates = evaluated_on(run, model, [tree], states, time[neighbours.ravel()], neighbours.ravel())[0].reshape(neighbours.shape) / _factor(run, name)  # fmt: skip
+        rates = evaluated_on(run, model, [tree], states, time[neighbours.ravel()], neighbours.ravel())[0].reshape(
+            neighbours.shape
+        ) / _factor(run, name)
     search = summits(sign, np.array([best.value]), np.array([best.time]), values, time, first, rates, rows, members)
     return best, search
 
@@ -140,7 +142,9 @@ def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved:
     return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / _factor(run, name)
 
 
-def between(run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None) -> tuple[Floats, Floats]:  # fmt: skip
+def between(
+    run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
+) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
     states = sampled(run, times, after=False, rule=REINTEGRATE, functions=functions)
     values = _values(run, model, name, states)
@@ -185,9 +189,25 @@ def extremes_of(run: xr.Dataset, names: Sequence[str], functions: Functions | No
             *(("maximum", "largest") if sign > 0 else ("minimum", "least")),
         )
         variables |= {
-            f"{word}_{name}": ((), result.value, {"units": units, "long_name": f"{adjective} {name} of the run", "role": "diagnostic"}),
-            f"{word}_{name}_time": ((), result.time, {"units": time_unit, "long_name": f"when {name} was {adjective}", "role": "diagnostic"}),
-            f"{word}_{name}_rule": ((), np.int8(result.rule), {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules),
-            f"{word}_{name}_uncertainty": ((), result.uncertainty, {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"}),
-        }  # fmt: skip
+            f"{word}_{name}": (
+                (),
+                result.value,
+                {"units": units, "long_name": f"{adjective} {name} of the run", "role": "diagnostic"},
+            ),
+            f"{word}_{name}_time": (
+                (),
+                result.time,
+                {"units": time_unit, "long_name": f"when {name} was {adjective}", "role": "diagnostic"},
+            ),
+            f"{word}_{name}_rule": (
+                (),
+                np.int8(result.rule),
+                {"units": "1", "long_name": RULE_SAID, "role": "flag"} | rules,
+            ),
+            f"{word}_{name}_uncertainty": (
+                (),
+                result.uncertainty,
+                {"units": units, "long_name": DOUBT_SAID.format(f"{word}_{name}"), "role": "error"},
+            ),
+        }
     return variables

@@ -88,7 +88,9 @@ class Summits:
         self._improve(
             np.concatenate([self.members, self.blind]), np.concatenate([seen, highest]), np.concatenate([aims, where])
         )
-        self.borders = np.stack([self._looks[np.maximum(top - 1, 0), columns], self._looks[np.minimum(top + 1, LOOKS - 1), columns]])  # fmt: skip
+        self.borders = np.stack(
+            [self._looks[np.maximum(top - 1, 0), columns], self._looks[np.minimum(top + 1, LOOKS - 1), columns]]
+        )
         rising, columns = rate > 0.0, np.arange(k)
         end = np.where(rising, 0, 1)
         self.ends[end, columns], self.values[end, columns], self.rates[end, columns] = aims, seen, rate
@@ -173,7 +175,17 @@ def humps(values: Floats, time: Floats, first: Rows, rows: Rows, members: Rows) 
     return rows, members
 
 
-def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Floats, first: Rows, rates: Floats | None, rows: Rows, members: Rows) -> Summits:  # fmt: skip
+def summits(
+    sign: float,
+    best: Floats,
+    when: Floats,
+    values: Floats,
+    time: Floats,
+    first: Rows,
+    rates: Floats | None,
+    rows: Rows,
+    members: Rows,
+) -> Summits:
     """Begin the search around the humps of a quantity.
 
     Parameters
@@ -191,7 +203,18 @@ def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Float
     low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
     if rates is None:
         empty = np.zeros((2, 0))
-        return Summits(sign, best, when, rows[:0], rows[:0], empty, empty.copy(), empty.copy(), members, time[np.stack([low, high])])  # fmt: skip
+        return Summits(
+            sign,
+            best,
+            when,
+            rows[:0],
+            rows[:0],
+            empty,
+            empty.copy(),
+            empty.copy(),
+            members,
+            time[np.stack([low, high])],
+        )
     before, at, after = sign * rates
     begin, end = np.where(at > 0.0, rows, low), np.where(at > 0.0, high, rows)
     rise, fall = np.where(at > 0.0, at, before), np.where(at > 0.0, after, at)
@@ -200,6 +223,14 @@ def summits(sign: float, best: Floats, when: Floats, values: Floats, time: Float
     blind = wide & ~turns & (at != 0.0)
     ends = np.stack([begin, end])[:, turns]
     return Summits(
-        sign, best, when, members[turns], begin[turns], time[ends], sign * values[ends], np.stack([rise, fall])[:, turns],
-        members[blind], time[np.stack([low, high])[:, blind]],
-    )  # fmt: skip
+        sign,
+        best,
+        when,
+        members[turns],
+        begin[turns],
+        time[ends],
+        sign * values[ends],
+        np.stack([rise, fall])[:, turns],
+        members[blind],
+        time[np.stack([low, high])[:, blind]],
+    )

@@ -72,11 +72,32 @@ def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     scale = {"scale": one.scale, "scale_units": units}
     variables: dict[str, Any] = {
         name: (dims, along(one.values), about(units, one.said, ROLE)),
-        f"difference_{name}": (dims, along(changes), about(units, f"{name} of the next finer level less that of this one", ROLE)),
-        f"scaled_difference_{name}": (dims, along(changes / one.scale), about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale),
-        f"interpolation_error_{name}": (dims, along(one.errors), about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE)),
-        f"gate_{name}": (dims, along(gate), about("1", f"passed where interpolation_error_{name} is at most the difference to the next finer level", "flag") | flags(dict(enumerate(GATES)))),
-    }  # fmt: skip
+        f"difference_{name}": (
+            dims,
+            along(changes),
+            about(units, f"{name} of the next finer level less that of this one", ROLE),
+        ),
+        f"scaled_difference_{name}": (
+            dims,
+            along(changes / one.scale),
+            about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale,
+        ),
+        f"interpolation_error_{name}": (
+            dims,
+            along(one.errors),
+            about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE),
+        ),
+        f"gate_{name}": (
+            dims,
+            along(gate),
+            about(
+                "1",
+                f"passed where interpolation_error_{name} is at most the difference to the next finer level",
+                "flag",
+            )
+            | flags(dict(enumerate(GATES))),
+        ),
+    }
     return variables | (_judged(one, levels, accepted) if levels.ordered else {})
 
 
@@ -114,9 +135,25 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
 
     words = {i: rule.replace(" ", "_").replace(":", "") for i, rule in enumerate(rules)}
     return {
-        f"order_{name}": ((LEVEL, *number.dims), orders, about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE)),
-        f"verdict_{name}": (*once([judgement.verdict for judgement in judged], np.int8), about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS)))),
-        f"limit_{name}": (*once([judgement.limit for judgement in judged], float), about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE)),
-        f"uncertainty_{name}": (*once([judgement.uncertainty for judgement in judged], float), about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE)),
-        f"uncertainty_rule_{name}": (*once([rules.index(judgement.rule) for judgement in judged], np.int8), about("1", f"where the uncertainty of {name} is from", "flag") | flags(words)),
-    }  # fmt: skip
+        f"order_{name}": (
+            (LEVEL, *number.dims),
+            orders,
+            about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE),
+        ),
+        f"verdict_{name}": (
+            *once([judgement.verdict for judgement in judged], np.int8),
+            about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
+        ),
+        f"limit_{name}": (
+            *once([judgement.limit for judgement in judged], float),
+            about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE),
+        ),
+        f"uncertainty_{name}": (
+            *once([judgement.uncertainty for judgement in judged], float),
+            about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
+        ),
+        f"uncertainty_rule_{name}": (
+            *once([rules.index(judgement.rule) for judgement in judged], np.int8),
+            about("1", f"where the uncertainty of {name} is from", "flag") | flags(words),
+        ),
+    }

@@ -72,7 +72,10 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
         if last <= tolerance:
             continue
         if tolerance < float(number.rounding.min()):
-            sentences.append(f"rounding alone moves {number.name} by {float(number.rounding.min()):.1g} {number.units}: no {levels.varied.name} would do")  # fmt: skip
+            sentences.append(
+                f"rounding alone moves {number.name} by {float(number.rounding.min()):.1g} {number.units}: no"
+                f" {levels.varied.name} would do"
+            )
             beyond = beyond or last <= float(number.rounding.max())
             continue
         ratio = _ratio(study)

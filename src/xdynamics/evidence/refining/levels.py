@@ -57,7 +57,13 @@ class Varied:
 TIME_UNIT = ""
 STEPS = Varied("steps", "step_size", TIME_UNIT, "step of the level", 2.0)
 RTOLS = Varied("rtols", "rtol", "1", "relative tolerance of the level", 10.0)
-TIME_TOLERANCES = Varied("time_tolerances", "time_tolerance", TIME_UNIT, "time tolerance of every event, contact and switch of the level", 10.0)  # fmt: skip
+TIME_TOLERANCES = Varied(
+    "time_tolerances",
+    "time_tolerance",
+    TIME_UNIT,
+    "time tolerance of every event, contact and switch of the level",
+    10.0,
+)
 CHOICES = Varied("rules", "rule", "1", "how states between accepted ones, and events, are found in the level", 1.0)
 ALL = (STEPS, RTOLS, TIME_TOLERANCES, CHOICES)
 
@@ -103,7 +109,10 @@ class Levels:
         """
         chosen = [candidate for candidate in ALL if given[candidate.keyword] is not None]
         if len(chosen) != 1:
-            raise InputError(f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of them")  # fmt: skip
+            raise InputError(
+                f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of"
+                " them"
+            )
         varied, values = chosen[0], given[chosen[0].keyword]
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
@@ -116,7 +125,9 @@ class Levels:
             ):
                 raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
         elif len(level_values) < fewest or not (np.diff(level_values) < 0).all() or not (level_values > 0).all():
-            raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive")  # fmt: skip
+            raise InputError(
+                f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive"
+            )
         candidate = cls(model, varied, level_values, 1.0, asked, keep)
         order = float(
             settings_for(candidate.model_of(level_values[0]), **candidate.asked_of(level_values[0])).method.order
@@ -206,7 +217,11 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
     if tolerances is None:
         return {}
     current = {name: tolerances.of(name) for name in variables(model)}
-    scaled = {name: Quantity(ratio * tolerance, Unit("", model.dimensions[name])) for name, tolerance in current.items() if tolerance is not None}  # fmt: skip
+    scaled = {
+        name: Quantity(ratio * tolerance, Unit("", model.dimensions[name]))
+        for name, tolerance in current.items()
+        if tolerance is not None
+    }
     return {"atol": scaled} if scaled else {}
 
 

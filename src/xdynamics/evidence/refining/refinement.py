@@ -177,7 +177,10 @@ def _dataset(study: Study, attributes: Mapping[str, Any], *, defects: bool) -> x
     for item in study.watched():
         added = family(item, levels, int(runs[-1].attrs["run_accepted_steps"]))
         if clashing := sorted({*added} & {*variables}):
-            raise InputError(f"'{clashing[0]}' is a name of the model, and of what is said of its numbers; leave it out of observables=[…]")  # fmt: skip
+            raise InputError(
+                f"'{clashing[0]}' is a name of the model, and of what is said of its numbers; leave it out of"
+                " observables=[…]"
+            )
         variables |= added
     for name, rows in study.met().items():
         counts = np.array([len(item) for item in rows])
@@ -186,10 +189,21 @@ def _dataset(study: Study, attributes: Mapping[str, Any], *, defects: bool) -> x
         variables |= _defects(study)
     variables["model_toml"] = ((), np.array(levels.model.to_toml()), about("1", "the whole model as TOML", "model"))
     method = str(runs[0].attrs["solver_method"])
-    return exhibit("refinement", f"refinement of {levels.model.name}, by {method}", digests, variables, {
-        "solver_method": method, "varied": varied.name, "asked": json.dumps(levels.asked, default=str, sort_keys=True), "formal_order": levels.formal, "model_digest": levels.model.digest,
-        "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale", **attributes,
-    })  # fmt: skip
+    return exhibit(
+        "refinement",
+        f"refinement of {levels.model.name}, by {method}",
+        digests,
+        variables,
+        {
+            "solver_method": method,
+            "varied": varied.name,
+            "asked": json.dumps(levels.asked, default=str, sort_keys=True),
+            "formal_order": levels.formal,
+            "model_digest": levels.model.digest,
+            "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale",
+            **attributes,
+        },
+    )
 
 
 def _defects(study: Study) -> dict[str, Any]:
@@ -197,9 +211,18 @@ def _defects(study: Study) -> dict[str, Any]:
     defects = [step_defects(run, functions=study.levels.model.functions) for run in study.runs]
     names = [name for name in defects[-1] if name in study.names]
     return {
-        f"step_defect_{name}": ((LEVEL,), np.array([float(np.max(np.abs(level[name]))) for level in defects]), about(str(study.runs[-1][name].attrs["units"]), f"largest difference of {name} between one step and sixteen in its place, among steps spread over the run: the local error beside that which came together", ROLE))
+        f"step_defect_{name}": (
+            (LEVEL,),
+            np.array([float(np.max(np.abs(level[name]))) for level in defects]),
+            about(
+                str(study.runs[-1][name].attrs["units"]),
+                f"largest difference of {name} between one step and sixteen in its place, among steps spread over the"
+                " run: the local error beside that which came together",
+                ROLE,
+            ),
+        )
         for name in names
-    }  # fmt: skip
+    }
 
 
 def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
@@ -237,7 +260,10 @@ def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, floa
 def _stopped(changing: list[str], count: int, limit: str) -> str:
     """Describe why no further level was added."""
     if changing:
-        return f"after {count} levels, with {', '.join(changing)} still changing by more than its tolerance: no finer level, {limit}"
+        return (
+            f"after {count} levels, with {', '.join(changing)} still changing by more than its tolerance: no finer"
+            f" level, {limit}"
+        )
     return f"every change under its tolerance from level {count - 2} to level {count - 1}"
 
 
@@ -267,20 +293,28 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         where = (
             ""
             if not places
-            else f" at t = {float(study[AT_TIME][k]):.9g}{behind(time_unit(study))}"
-            if places[0] == AT
-            else f" [{k + 1}]"
+            else (
+                f" at t = {float(study[AT_TIME][k]):.9g}{behind(time_unit(study))}"
+                if places[0] == AT
+                else f" [{k + 1}]"
+            )
         )
         if np.isnan(value):
             yield f"{name}{where} is not there in the finest level"
             continue
         if f"verdict_{name}" not in study:
-            yield f"{name}{where} = {value:.12g}{units}, changed by {float(study[f'difference_{name}'].isel(place)[-2]):.3g}{units}"
+            yield (
+                f"{name}{where} = {value:.12g}{units}, changed by"
+                f" {float(study[f'difference_{name}'].isel(place)[-2]):.3g}{units}"
+            )
             continue
         order = float(study[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
         verdict = words_of(study[f"verdict_{name}"].isel(place))[0]
         uncertainty = float(study[f"uncertainty_{name}"].isel(place))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
-        yield f"{name}{where} = {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{units}{shown}, {verdict}"
+        yield (
+            f"{name}{where} = {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{units}{shown},"
+            f" {verdict}"
+        )
     if places == [OCCURRENCE] and count > MOST_SHOWN:
         yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"

@@ -66,7 +66,8 @@ class Study:
         for time in times.tolist():
             if not begin <= time <= end:
                 raise InputError(
-                    f"at has {time!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to {end!r}{behind(unit)}"
+                    f"at has {time!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to"
+                    f" {end!r}{behind(unit)}"
                 )
         return times
 
@@ -84,8 +85,9 @@ class Study:
             unit = behind(self.levels.varied.units or self.levels.model.time_unit.text)
             second = behind(self.levels.model.time_unit.text)
             raise InputError(
-                f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t = {float(times.max()):.9g}{second}, as"
-                f" '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']}; leave that level out, or change what ended it"
+                f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t ="
+                f" {float(times.max()):.9g}{second}, as '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']};"
+                " leave that level out, or change what ended it"
             )
 
     def watched(self) -> Iterator[Watched]:
@@ -143,7 +145,11 @@ class Study:
 
     def _occurred(self, number: Watched) -> Floats:
         """Return when the occurrences of an event were met in the finest level; inf for those that it did not meet."""
-        rows = next(event_rows for name, event_rows in self.met().items() if number.name in (f"event_time_{name}", *(f"after_{name}_{quantity}" for quantity in self.names)))  # fmt: skip
+        rows = next(
+            event_rows
+            for name, event_rows in self.met().items()
+            if number.name in (f"event_time_{name}", *(f"after_{name}_{quantity}" for quantity in self.names))
+        )
         times, last = np.full(len(number.values), np.inf), self.runs[-1]["event_time"].values[rows[-1]]
         times[: len(last)] = last
         return times
@@ -175,7 +181,17 @@ class Study:
             values, errors = (np.stack([level[name][i] for level in samples], axis=-1) for i in (0, 1))
             moved = np.array([_moved_by_events(self.runs, name, time) for time in times])
             scale, units = _largest(last, name), str(last[name].attrs["units"])
-            yield Watched(name, units, str(last[name].attrs["long_name"]), (AT,), values, errors, _rounding(last, values), moved, scale or 1.0)  # fmt: skip
+            yield Watched(
+                name,
+                units,
+                str(last[name].attrs["long_name"]),
+                (AT,),
+                values,
+                errors,
+                _rounding(last, values),
+                moved,
+                scale or 1.0,
+            )
 
     def _of_runs(self, times: Floats) -> Iterator[Watched]:
         """Yield numbers of a whole run, and phases."""
@@ -185,7 +201,17 @@ class Study:
             scale = _largest(last, "total_energy") or 1.0
             units = str(last["total_energy"].attrs["units"])
             rounding = np.array([2.0 * EPS * scale])
-            yield Watched(ENERGY_RANGE, units, "largest less least total energy of the accepted states", (), ranges, 0.0 * ranges, rounding, unmoved, scale)  # fmt: skip
+            yield Watched(
+                ENERGY_RANGE,
+                units,
+                "largest less least total energy of the accepted states",
+                (),
+                ranges,
+                0.0 * ranges,
+                rounding,
+                unmoved,
+                scale,
+            )
         for name in [item for item in self.names if item.startswith((PERIOD, PHASE))]:
             kind, coordinate = (PERIOD if name.startswith(PERIOD) else PHASE), name.partition("_")[2]
             functions = self.levels.model.functions
@@ -203,13 +229,19 @@ class Study:
                     self.levels.model.time_unit.text,
                 )
                 dims: tuple[str, ...] = ()
-                long_name = f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
+                long_name = (
+                    f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that"
+                    " the finest run chose for all"
+                )
             else:
                 values = np.stack([item.phase(times) for item in counted], axis=-1)
                 speeds = [TURN / item.periods.mean() if item.periods.size else np.nan for item in counted]
                 errors = np.broadcast_to(uncertainties * np.array(speeds), values.shape).copy()
                 dims, units = (AT,), "rad"
-                long_name = f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level that the finest run chose for all"
+                long_name = (
+                    f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level"
+                    " that the finest run chose for all"
+                )
             rounding = _rounding(last, values)
             scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
             yield Watched(name, units, long_name, dims, values, errors, rounding, np.zeros(len(values)), scale)
@@ -231,7 +263,17 @@ class Study:
         by_run = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
         long_name = f"time at which {detector} was met"
-        yield Watched(f"event_time_{detector}", self.levels.model.time_unit.text, long_name, dims, times, of(by_run), 4 * EPS * np.abs(times[:, -1]), unmoved, span)  # fmt: skip
+        yield Watched(
+            f"event_time_{detector}",
+            self.levels.model.time_unit.text,
+            long_name,
+            dims,
+            times,
+            of(by_run),
+            4 * EPS * np.abs(times[:, -1]),
+            unmoved,
+            span,
+        )
         for name in [entry for entry in self.names if entry in runs[-1].variables and entry in self.levels.model.units]:
             states, uncertainties = [], []
             for run, mine, uncertainty in zip(runs, rows, by_run, strict=True):
@@ -241,7 +283,17 @@ class Study:
             values = of(states)
             scale = _largest(runs[-1], name) or 1.0
             units = str(runs[-1][name].attrs["units"])
-            yield Watched(f"after_{detector}_{name}", units, f"{name} behind {detector}", dims, values, of(uncertainties), _rounding(runs[-1], values), unmoved, scale)  # fmt: skip
+            yield Watched(
+                f"after_{detector}_{name}",
+                units,
+                f"{name} behind {detector}",
+                dims,
+                values,
+                of(uncertainties),
+                _rounding(runs[-1], values),
+                unmoved,
+                scale,
+            )
 
 
 def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:

@@ -114,7 +114,9 @@ class Impacts:
 
     def values(self, tree: Node, side: int) -> Floats:
         """Evaluate an expression of the model before (0) or after (1) every impact."""
-        numbers = evaluated_many(self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model))[0]  # fmt: skip
+        numbers = evaluated_many(
+            self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model)
+        )[0]
         return np.broadcast_to(np.asarray(numbers, float), (len(self.events),))
 
     def row_of(self, one: Reaction) -> Floats:
@@ -165,7 +167,16 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
         units = str(run[f"event_impulse_{name}"].attrs["units"])
         relation = f"sum of event_impulse_{name} = row {name} of M (v after - v before)"
         bound = (rounding * (size + np.abs(total)) + settled)[:, i]
-        yield _worst(impacts, f"impulse_{name}", relation, f"event_impulse_{name}", units, np.abs(jump - total)[:, i], bound, first)  # fmt: skip
+        yield _worst(
+            impacts,
+            f"impulse_{name}",
+            relation,
+            f"event_impulse_{name}",
+            units,
+            np.abs(jump - total)[:, i],
+            bound,
+            first,
+        )
     if "kinetic_energy" not in run:
         return
     kinetic = [impacts.column("kinetic_energy", rows)[first] for rows in impacts.rows]
@@ -175,7 +186,9 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     units = str(run["event_energy_lost"].attrs["units"])
     relation = "kinetic energy after - before = sum of impulses times (v before + v after)/2"
     residual = np.abs(kinetic[1] - kinetic[0] - work)
-    yield _worst(impacts, "kinetic_energy", relation, "kinetic_energy", units, residual, rounding[:, 0] * scale + slack, first)  # fmt: skip
+    yield _worst(
+        impacts, "kinetic_energy", relation, "kinetic_energy", units, residual, rounding[:, 0] * scale + slack, first
+    )
 
 
 def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
@@ -217,18 +230,29 @@ def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
     if len(parts) > 1:
         friction = impacts.values(parts[1].size, 0)[members]
         excess = np.maximum(0.0, np.abs(strength[:, 1]) / np.abs(strength[:, 0]) - friction)
-        relation, bound = "|tangential impulse| <= friction times normal impulse", rounding * (1.0 + friction) * np.linalg.cond(rows)  # fmt: skip
+        relation, bound = (
+            "|tangential impulse| <= friction times normal impulse",
+            rounding * (1.0 + friction) * np.linalg.cond(rows),
+        )
         yield _worst(impacts, f"{name}.friction", relation, "event_impulse", "1", excess, bound, members)
 
     loss = -np.sum(strength * (before + after), axis=1) / 2.0
-    relation, unit = "energy lost = -(impulses times (rates before + after)/2)", str(impacts.run["event_energy_lost"].attrs["units"])  # fmt: skip
+    relation, unit = (
+        "energy lost = -(impulses times (rates before + after)/2)",
+        str(impacts.run["event_energy_lost"].attrs["units"]),
+    )
     bound, deviation = np.sum(np.abs(strength) * noise, axis=1), np.abs(impacts.lost[members] - loss)
     ends = _alone(impacts)[members] | (law != "sequential")  # strikes one contact after the other, at rates in between
     if not ends.any():
-        why = "law = 'sequential' takes energy strike by strike, where others are struck too, and not by the rates at the ends"
+        why = (
+            "law = 'sequential' takes energy strike by strike, where others are struck too, and not by the rates at the"
+            " ends"
+        )
         yield Check(f"{name}.energy_lost", relation, "event_energy_lost", unit, note=why)
         return
-    yield _worst(impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends])  # fmt: skip
+    yield _worst(
+        impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends]
+    )
 
 
 def _alone(impacts: Impacts) -> NDArray[np.bool_]:
@@ -255,7 +279,16 @@ def _slack(impacts: Impacts, parts: list[Reaction]) -> Floats:
     return max([tolerance, *tolerances]) * np.stack(changes, axis=1)
 
 
-def _worst(impacts: Impacts, name: str, relation: str, observable: str, units: str, residual: Floats, bound: Floats, members: Any) -> Check:  # fmt: skip
+def _worst(
+    impacts: Impacts,
+    name: str,
+    relation: str,
+    observable: str,
+    units: str,
+    residual: Floats,
+    bound: Floats,
+    members: Any,
+) -> Check:
     """Return the impact at which a relation is violated most."""
     k = int(np.argmax(residual / np.maximum(bound, np.finfo(float).tiny)))
     event = int(impacts.events[members[k]])

@@ -106,11 +106,19 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
         if name not in METHODS:
             raise InputError(f"method {name!r} is not known; there are {', '.join(METHODS)}")
     if model is None:
-        rows = [row for k, (name, case_model) in enumerate(_own_cases(), 1) for method in names or METHODS for row in _rows(case_model, method, k, f"{name}.")]  # fmt: skip
+        rows = [
+            row
+            for k, (name, case_model) in enumerate(_own_cases(), 1)
+            for method in names or METHODS
+            for row in _rows(case_model, method, k, f"{name}.")
+        ]
         title = "validation ledger: exact cases"
     else:
         if not model.validation and not model.contacts:
-            raise InputError(f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with expression, bound")  # fmt: skip
+            raise InputError(
+                f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
+                " expression, bound"
+            )
         chosen = names or [str(model.run["method"])] if "method" in model.run or names else []
         if not chosen:
             raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
@@ -178,10 +186,18 @@ def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
         yield replace(row, note="the run has no impact")
     for check in checks:
         yield replace(
-            row, name=f"{row.name}.{check.name}", relation=check.relation, observable=check.observable, where=check.where or row.where,
-            units=check.units, residual=check.residual, bound=check.bound, note=check.note, run=archive.digest_of_run(marched.run),
+            row,
+            name=f"{row.name}.{check.name}",
+            relation=check.relation,
+            observable=check.observable,
+            where=check.where or row.where,
+            units=check.units,
+            residual=check.residual,
+            bound=check.bound,
+            note=check.note,
+            run=archive.digest_of_run(marched.run),
             norm="largest, measured by its bound",
-        )  # fmt: skip
+        )
 
 
 def _times_in_words(case: Validation, model: Model) -> str:
@@ -229,7 +245,9 @@ class Marched:
             If the run has chosen steps.
         """
         if self.run.attrs["solver_step_control"] != "fixed":
-            raise InputError(f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones")  # fmt: skip
+            raise InputError(
+                f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones"
+            )
         return march(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
 
     @cached_property
@@ -256,7 +274,10 @@ class Marched:
         if not case.event and not case.times:
             row = replace(
                 row,
-                where=f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to {end:.9g}{behind(time_unit(run))}",
+                where=(
+                    f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to"
+                    f" {end:.9g}{behind(time_unit(run))}"
+                ),
             )
         try:
             residual, expected = self.residual(run, case), self.expected(run, case)
@@ -288,7 +309,8 @@ class Marched:
         dimension = dimension_of(self.model.expanded(case.expression), self.model.dimensions)
         if dimension != parse_unit(units).dimension:
             raise InputError(
-                f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of '{case.quantity}'"
+                f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of"
+                f" '{case.quantity}'"
             )
 
     def bound(self, case: Validation) -> float:
@@ -315,7 +337,10 @@ class Marched:
         if case.event:
             k, row = _met(run, case)
             uncertainty = float(run["event_time_uncertainty"][k])
-            rates = {**{coordinate: velocity(coordinate) for coordinate in self.model.coordinates}, **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates}}  # fmt: skip
+            rates = {
+                **{coordinate: velocity(coordinate) for coordinate in self.model.coordinates},
+                **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates},
+            }
             error += (
                 uncertainty
                 if name == "t"
@@ -391,31 +416,54 @@ def _units(run: xr.Dataset, case: Validation) -> str:
         return time_unit(run).text
     if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
         raise InputError(
-            f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without it the name of the table is one"
+            f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without"
+            " it the name of the table is one"
         )
     return str(run[case.quantity].attrs["units"])
 
 
 def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
     words = {
-        "case_name": ("name", "case and closed form"), "case_method": ("method", "method"),
-        "case_relation": ("relation", "closed form of time and parameters"), "case_observable": ("observable", "what is compared"),
-        "case_where": ("where", "where it is compared"), "case_norm": ("norm", "norm of the residual"),
-        "case_units": ("units", "unit of residual and bound"), "case_bound_rule": ("rule", "how the bound is derived"),
-        "case_note": ("note", "why a case was refused, or what was missing"), "case_run": ("run", "content digest of the run"),
-    }  # fmt: skip
+        "case_name": ("name", "case and closed form"),
+        "case_method": ("method", "method"),
+        "case_relation": ("relation", "closed form of time and parameters"),
+        "case_observable": ("observable", "what is compared"),
+        "case_where": ("where", "where it is compared"),
+        "case_norm": ("norm", "norm of the residual"),
+        "case_units": ("units", "unit of residual and bound"),
+        "case_bound_rule": ("rule", "how the bound is derived"),
+        "case_note": ("note", "why a case was refused, or what was missing"),
+        "case_run": ("run", "content digest of the run"),
+    }
     variables: dict[str, Any] = {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE)) for name, (key, long_name) in words.items()
-    }  # fmt: skip
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE))
+        for name, (key, long_name) in words.items()
+    }
     numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
     variables |= {
-        "case_stage": ((CASE,), np.array([row.stage for row in rows]), about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE)),
-        "residual": ((CASE,), np.array([row.residual for row in rows]), numbers | {"long_name": "largest difference from the closed form"}),
+        "case_stage": (
+            (CASE,),
+            np.array([row.stage for row in rows]),
+            about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
+        ),
+        "residual": (
+            (CASE,),
+            np.array([row.residual for row in rows]),
+            numbers | {"long_name": "largest difference from the closed form"},
+        ),
         "bound": ((CASE,), np.array([row.bound for row in rows]), numbers | {"long_name": "the most that it may be"}),
         RESIDUAL_SCALE: ((CASE,), np.array([row.scale for row in rows]), numbers | {"long_name": SCALE_RULE}),
-        SCALED_RESIDUAL: ((CASE,), over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T), about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE}),
-        "verdict": ((CASE,), np.array([row.verdict for row in rows], np.int8), about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS)))),
-    }  # fmt: skip
+        SCALED_RESIDUAL: (
+            (CASE,),
+            over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T),
+            about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
+        ),
+        "verdict": (
+            (CASE,),
+            np.array([row.verdict for row in rows], np.int8),
+            about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS))),
+        ),
+    }
     runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
     return exhibit("ledger", title, runs, variables, {})
 
@@ -424,12 +472,20 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
     """Describe a ledger line by line: each failed case, and how many passed."""
     words = words_of(ledger["verdict"])
     for k, word in enumerate(words):
-        entry = {name: str(ledger[f"case_{name}"][k].item()) for name in ("name", "method", "observable", "where", "units", "note")}  # fmt: skip
+        entry = {
+            name: str(ledger[f"case_{name}"][k].item())
+            for name in ("name", "method", "observable", "where", "units", "note")
+        }
         if word == "failed":
-            residual, bound, scale, over_scale = (float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL))  # fmt: skip
+            residual, bound, scale, over_scale = (
+                float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL)
+            )
             numbers = f"residual {residual:.3g} {entry['units']}, bound {bound:.3g} {entry['units']}"
             numbers += f", scaled {over_scale:.3g} by {scale:.3g} {entry['units']}" if np.isfinite(scale) else ""
-            yield f"failed    {entry['name']} by {entry['method']}: {entry['observable']}, {entry['where']}: {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
+            yield (
+                f"failed    {entry['name']} by {entry['method']}: {entry['observable']}, {entry['where']}:"
+                f" {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
+            )
         elif word == "refused" and not int(ledger["case_stage"][k]):
             yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)

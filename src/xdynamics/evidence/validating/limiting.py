@@ -91,10 +91,18 @@ def limiting(
     samples = [observe(run, item, names, times) for run, item in zip(runs, models, strict=True)]
     variables: dict[str, Any] = {
         "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
-        "run_digest": ((LEVEL,), np.array([archive.digest_of_run(run) for run in runs[:-1]]), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((LEVEL,), np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]), about("1", "outcome of the level's run", "outcome")),
+        "run_digest": (
+            (LEVEL,),
+            np.array([archive.digest_of_run(run) for run in runs[:-1]]),
+            about("1", "content digest of the level's run", "digest"),
+        ),
+        "run_outcome": (
+            (LEVEL,),
+            np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]),
+            about("1", "outcome of the level's run", "outcome"),
+        ),
         AT_TIME: ((AT,), times, about(model.time_unit.text, "time of comparison", "time")),
-    }  # fmt: skip
+    }
     distances, order_in = _distance(parameter, numbers, end)
     for name in names:
         levels = np.stack([item[name][0] for item in samples])
@@ -157,10 +165,18 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, parameter_di
     return {
         name: (dims, values, about(units, name, ROLE)),
         f"distance_{name}": (dims, distance, about(units, f"{name} less that of the limit", ROLE)),
-        f"order_{name}": (dims, np.vstack([np.full(len(limit), np.nan)[None], orders]), about("1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE)),
+        f"order_{name}": (
+            dims,
+            np.vstack([np.full(len(limit), np.nan)[None], orders]),
+            about("1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE),
+        ),
         f"limit_{name}": ((AT,), limit, about(units, f"{name} with the parameter at its limit", ROLE)),
-        f"approached_{name}": ((AT,), closer.astype(np.int8), about("1", "1 where every distance is less than the one before", ROLE)),
-    }  # fmt: skip
+        f"approached_{name}": (
+            (AT,),
+            closer.astype(np.int8),
+            about("1", "1 where every distance is less than the one before", ROLE),
+        ),
+    }
 
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
@@ -171,4 +187,6 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             last, order = float(found[f"distance_{name}"][-1, k]), float(found[f"order_{name}"][-1, k])
             word = "approached" if int(found[f"approached_{name}"][k]) else "not approached"
             shown = f"order {order:.3g}, " if np.isfinite(order) else ""
-            yield f"{name} at t = {time:.9g}{behind(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
+            yield (
+                f"{name} at t = {time:.9g}{behind(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
+            )

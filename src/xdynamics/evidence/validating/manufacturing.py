@@ -89,7 +89,12 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model")
-    kinds = {"contacts": model.contacts, "frictions": model.frictions, "regimes": model.regimes, "functions in Python": model.python_functions}  # fmt: skip
+    kinds = {
+        "contacts": model.contacts,
+        "frictions": model.frictions,
+        "regimes": model.regimes,
+        "functions in Python": model.python_functions,
+    }
     for kind, members in kinds.items():
         if members:
             raise InputError(f"model '{model.name}' has {kind}; a manufactured solution is of a model without")
@@ -102,7 +107,11 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         raise InputError(f"model '{model.name}' has a force '{TERM}' already")
     needed = [*model.coordinates, *model.states]
     faults = [f"'{name}' has no trajectory" for name in needed if name not in trajectory]
-    faults += [f"'{name}' is no coordinate or state; there are {', '.join(needed)}" for name in trajectory if name not in needed]  # fmt: skip
+    faults += [
+        f"'{name}' is no coordinate or state; there are {', '.join(needed)}"
+        for name in trajectory
+        if name not in needed
+    ]
     if faults:
         raise InputError(f"manufactured solution: {'; '.join(faults)}", tuple(faults))
 

@@ -74,7 +74,11 @@ def assign(run: Run, k: int) -> None:
     elif touch.hit == SLIP:
         still = True
     if still:
-        touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, MOST), 0.0 if reaction.role == TANGENT else number(run, k, MOST)  # fmt: skip
+        touch.part, touch.coefficient, touch.bound = (
+            GRIPPING,
+            number(run, k, MOST),
+            0.0 if reaction.role == TANGENT else number(run, k, MOST),
+        )
     elif reaction.role == TANGENT:
         touch.part, touch.coefficient = SLIDING, number(run, k, SIZE)
     else:

@@ -13,7 +13,7 @@ from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, gram, n
 from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
 from xdynamics.march.contacts.projection import choose
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
-from xdynamics.march.run import (  # fmt: skip
+from xdynamics.march.run import (
     APART,
     BALANCE,
     BEFORE,

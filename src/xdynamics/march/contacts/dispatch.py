@@ -12,7 +12,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.acceptance import end
 from xdynamics.march.contacts.active_set import derive, inform
-from xdynamics.march.contacts.balance import (  # fmt: skip
+from xdynamics.march.contacts.balance import (
     is_broken,
     open_balance,
     weigh_energies,

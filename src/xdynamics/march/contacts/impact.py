@@ -10,7 +10,7 @@ after the other in declared order, until none approaches. `energetic`: see `marc
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import (  # fmt: skip
+from xdynamics.march.contacts.delassus import (
     ABSENT,
     GRIPPING,
     NOISE,

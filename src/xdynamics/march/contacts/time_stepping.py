@@ -10,7 +10,7 @@ from math import nan
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.contacts.delassus import (  # fmt: skip
+from xdynamics.march.contacts.delassus import (
     ABSENT,
     GAP_OF,
     GRIPPING,

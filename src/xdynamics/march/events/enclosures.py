@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.drive_tables import find_piece
-from xdynamics.kernels.interval_program import (  # fmt: skip
+from xdynamics.kernels.interval_program import (
     CONSTANT,
     COORDINATE,
     NUMBER,

@@ -148,7 +148,11 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
         if watch.alive:
             value, slope = detector.value, detector.slope
             watch.low, watch.high = run.under[value], run.over[value]
-            watch.down, watch.up, watch.flaw = run.under[slope], run.over[slope], max(run.flaws[value], run.flaws[slope])  # fmt: skip
+            watch.down, watch.up, watch.flaw = (
+                run.under[slope],
+                run.over[slope],
+                max(run.flaws[value], run.flaws[slope]),
+            )
             if detector.bend >= 0:
                 bent = True
                 watch.least_bend, watch.most_bend = run.under[detector.bend], run.over[detector.bend]

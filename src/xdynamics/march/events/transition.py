@@ -26,7 +26,7 @@ from xdynamics.march.events.zero_tests import TOUCHED as TANGENT
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.log import MOST_SUBSTEPS, first_of_group, note, note_sample, note_samples, note_trial
-from xdynamics.march.outcomes import (  # fmt: skip
+from xdynamics.march.outcomes import (
     BEGIN,
     CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
@@ -41,7 +41,7 @@ from xdynamics.march.trial_step import copy, keep, look, substep, take
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
-from xdynamics.schema import (  # fmt: skip
+from xdynamics.schema import (
     CROSSING,
     EVENT_AFTER,
     EVENT_BEFORE,

@@ -14,9 +14,20 @@ from xdynamics.march.run import BEGUN, Run
 Floats = NDArray[np.float64]
 
 (
-    K_FACTORED, K_THETA, K_ETA, K_BEFORE, K_NORM_BEFORE, K_LINEARISED, K_FRESH, K_SINCE, K_TURNS, K_ITERATIONS,
-    K_EVALUATIONS, K_JACOBIANS, K_FACTORISATIONS,
-) = range(len(LASTING))  # fmt: skip
+    K_FACTORED,
+    K_THETA,
+    K_ETA,
+    K_BEFORE,
+    K_NORM_BEFORE,
+    K_LINEARISED,
+    K_FRESH,
+    K_SINCE,
+    K_TURNS,
+    K_ITERATIONS,
+    K_EVALUATIONS,
+    K_JACOBIANS,
+    K_FACTORISATIONS,
+) = range(len(LASTING))
 OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
 
 

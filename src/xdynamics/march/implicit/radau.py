@@ -37,7 +37,12 @@ from xdynamics.methods.radau import (
 from xdynamics.methods.radau import MOST_TURNS as MOST
 from xdynamics.methods.radau import T as T_MATRIX
 
-SOLVED_BY = "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner, Solving ODEs II, section IV.8)"
+SOLVED_BY = (
+    "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in"
+    " chosen steps until what they lack is below min(tolerance, sqrt(rtol)) of the error that is allowed, with the rtol"
+    " of the error norm, in given ones until it is below the tolerance times the size of its unknown (Hairer, Wanner,"
+    " Solving ODEs II, section IV.8)"
+)
 # single numbers: numba would build tuples anew at every use
 C1, C2, _ = NODES
 E1, E2, E3 = ERROR
