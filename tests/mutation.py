@@ -269,6 +269,10 @@ TOUCHED = {
         "test_fitting.py -k models_units or in_the_order_of_time or ends_before or sizes_and or inverse_of or keeps_the_rest",
         "test_fitting.py -k straight or speak or order_of or named",
     ),
+    "budgeting/fit_problem.py": (
+        "test_fitting.py -k models_units or in_the_order_of_time or ends_before or sizes_and or inverse_of or keeps_the_rest",
+        "test_fitting.py -k straight or speak or order_of or named",
+    ),
     "budgeting/montecarlo.py": (
         "test_budget_parts.py -k interval or ends",
         "test_budget_quantities.py -k few_draws or settles",

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 
 import xdynamics as xd
 from xdynamics.budgeting import residuals
-from xdynamics.budgeting.fitting import Asked, Fitting, _bounds, _covariance, _fitted, _scales, _with_slopes
+from xdynamics.budgeting.fit_problem import Asked, Fitting, with_slopes
+from xdynamics.budgeting.fitting import _bounds, _covariance, _fitted, _scales
 from xdynamics.budgeting.multistart import Search
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.units import Unit, parse_unit
@@ -118,7 +119,7 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
     rows, slopes = np.concatenate([3.0 * t + 8.0, np.full(5, 3.0)]), np.zeros((10, 2))
     slopes[:5, 0], slopes[5:, 0], slopes[:5, 1] = t, 1.0, 12.0
     assert asked.computed(scaled[None] * problem.scales)[0] == pytest.approx(rows)
-    for one, wanted in zip(_with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
+    for one, wanted in zip(with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
         assert one == pytest.approx(wanted, abs=1e-9)
     found, steep = problem.looked(scaled)
     assert found == pytest.approx((rows - measured) * weights)

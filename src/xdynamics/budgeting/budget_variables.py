@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.budgeting import physical
 from xdynamics.budgeting.measurand import Target
@@ -23,78 +25,110 @@ TERM = "term"
 ROLE = "budget"
 CANCELLED = 1e-12  # relative to the variances; a smaller total counts as zero, since terms cancel
 
+Along = tuple[NDArray[Any], str, str, str]  # values along the terms, their unit, words, role
+UNITS_BY_TERM = {
+    "sensitivity": "sensitivity_units",
+    "sensitivity_doubt": "sensitivity_units",
+    "input_uncertainty": "input_units",
+}
+
 
 def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
     """Return the terms and the totals as variables."""
-    by_kind = {kind: [entry for entry in terms if entry.kind == kind] for kind in KINDS}
     covariance = physical.covariance(model, terms)
     variance = {
-        NUMERICAL: sum(entry.standard**2 for entry in by_kind[NUMERICAL]),
-        PHYSICAL: physical.variance(model, by_kind[PHYSICAL]),
+        NUMERICAL: sum(entry.standard**2 for entry in _of_kind(terms, NUMERICAL)),
+        PHYSICAL: physical.variance(model, _of_kind(terms, PHYSICAL)),
     }
     total = variance[NUMERICAL] + variance[PHYSICAL]
     cancelled = total <= CANCELLED * float(np.trace(covariance))
     shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
-    description, text = target.said, unit.text
-    units = [_per(unit, entry.input_unit) if entry.input_unit else "" for entry in terms]
-    bounds = {kind: sum(entry.bound for entry in by_kind[kind]) for kind in KINDS}
-    scalars = {
-        "value": (value, f"{description}, the run's own"),
-        "numerical_bound": (bounds[NUMERICAL], "sum of the numerical terms' bounds"),
-        "physical_bound": (bounds[PHYSICAL], "sum of the physical terms' bounds"),
+    scalars = {"value": (value, f"{target.said}, the run's own")} | _totals(terms, variance)
+    along = _inputs(terms, unit) | _contributions(terms, unit.text)
+    along["share"] = (shares, "1", "share of the variance; correlated terms share what they have together", ROLE)
+    variables = {
+        name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
+    }
+    for name, units_name in UNITS_BY_TERM.items():
+        variables[name][2]["comment"] = f"in the unit that {units_name} names"
+    kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
+    of_kinds = about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS)))
+    variables["term_kind"] = ((TERM,), kinds, of_kinds)
+    return variables | {
+        name: ((), np.float64(number), about(unit.text, words, ROLE)) for name, (number, words) in scalars.items()
+    }
+
+
+def _of_kind(terms: list[Term], kind: str) -> list[Term]:
+    return [term for term in terms if term.kind == kind]
+
+
+def _totals(terms: list[Term], variance: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    """Return sums of bounds and roots of sums of squares, by kind and together, each with its words."""
+    numerical, physically = _of_kind(terms, NUMERICAL), _of_kind(terms, PHYSICAL)
+    return {
+        "numerical_bound": (sum(term.bound for term in numerical), "sum of the numerical terms' bounds"),
+        "physical_bound": (sum(term.bound for term in physically), "sum of the physical terms' bounds"),
         "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
         "physical_rss": (
             np.sqrt(variance[PHYSICAL]),
             "standard uncertainty by the physical terms, with their correlations",
         ),
         "physical_rss_doubt": (
-            _doubt_of(by_kind[PHYSICAL], variance[PHYSICAL]),
+            _doubt_of(physically, variance[PHYSICAL]),
             "how far physical_rss may be off, where terms of it are drawn",
         ),
-        "total_rss": (np.sqrt(total), "standard uncertainty by all terms"),
+        "total_rss": (np.sqrt(variance[NUMERICAL] + variance[PHYSICAL]), "standard uncertainty by all terms"),
     }
-    along: dict[str, Any] = {
-        "term_name": (np.array([entry.name for entry in terms]), "1", "what the number may be off by", "name"),
-        "term_rule": (np.array([entry.rule for entry in terms]), "1", "how that was found", "rule"),
+
+
+def _inputs(terms: list[Term], unit: Unit) -> dict[str, Along]:
+    """Return what each term is of: its name, its rule, its input, and how the number changes with that."""
+    sensitivities = [_per(unit, term.input_unit) if term.input_unit else "" for term in terms]
+    inputs = [term.input_unit.text if term.input_unit else "" for term in terms]
+    return {
+        "term_name": (np.array([term.name for term in terms]), "1", "what the number may be off by", "name"),
+        "term_rule": (np.array([term.rule for term in terms]), "1", "how that was found", "rule"),
         "sensitivity": (
-            np.array([entry.sensitivity for entry in terms]),
+            np.array([term.sensitivity for term in terms]),
             "1",
             "change of the number with the input, in sensitivity_units; nan where there is no input",
             ROLE,
         ),
         "sensitivity_doubt": (
-            np.array([entry.sensitivity_doubt for entry in terms]),
+            np.array([term.sensitivity_doubt for term in terms]),
             "1",
             "how far the sensitivity may be off, by another spacing of the differences",
             ROLE,
         ),
         "sensitivity_units": (
-            np.array(units),
+            np.array(sensitivities),
             "1",
             "unit of the sensitivity: the number's, per SI unit of the input",
             "units",
         ),
         "input_uncertainty": (
-            np.array([entry.input_uncertainty for entry in terms]),
+            np.array([term.input_uncertainty for term in terms]),
             "1",
             "standard uncertainty of the input, in input_units",
             ROLE,
         ),
-        "input_units": (
-            np.array([entry.input_unit.text if entry.input_unit else "" for entry in terms]),
-            "1",
-            "SI unit of the input",
-            "units",
-        ),
+        "input_units": (np.array(inputs), "1", "SI unit of the input", "units"),
+    }
+
+
+def _contributions(terms: list[Term], units: str) -> dict[str, Along]:
+    """Return what each term contributes, in the number's unit."""
+    return {
         "standard_uncertainty": (
-            np.array([entry.standard for entry in terms]),
-            text,
+            np.array([term.standard for term in terms]),
+            units,
             "standard uncertainty that the term contributes",
             ROLE,
         ),
         "standard_uncertainty_doubt": (
-            np.array([entry.standard_doubt for entry in terms]),
-            text,
+            np.array([term.standard_doubt for term in terms]),
+            units,
             (
                 "how far the standard uncertainty may be off, being of few draws, or of slopes that draws do not quite"
                 " bear out"
@@ -102,30 +136,11 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
             ROLE,
         ),
         "bound": (
-            np.array([entry.bound for entry in terms]),
-            text,
+            np.array([term.bound for term in terms]),
+            units,
             "what the term contributes at most; without bounds two standard uncertainties",
             ROLE,
         ),
-        "share": (shares, "1", "share of the variance; correlated terms share what they have together", ROLE),
-    }
-    variables = {
-        name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
-    }
-    for name, units_name in (
-        ("sensitivity", "sensitivity_units"),
-        ("sensitivity_doubt", "sensitivity_units"),
-        ("input_uncertainty", "input_units"),
-    ):
-        variables[name][2]["comment"] = f"in the unit that {units_name} names"
-    kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
-    variables["term_kind"] = (
-        (TERM,),
-        kinds,
-        about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS))),
-    )
-    return variables | {
-        name: ((), np.float64(entry), about(text, words, ROLE)) for name, (entry, words) in scalars.items()
     }
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.fit_problem import Asked, Fitting
+from xdynamics.budgeting.fit_variables import estimates_as, residuals_as, searches_as
 from xdynamics.budgeting.multistart import Search, searches
-from xdynamics.budgeting.residuals import Tested, tested
-from xdynamics.evidence.comparing.measured import Measured, measured
+from xdynamics.budgeting.residuals import Tested
+from xdynamics.evidence.comparing.measured import measured
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
 from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn
@@ -22,159 +24,17 @@ from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.uncertainty import Spread
 from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
-from xdynamics.sweeping.axes import FOR_INITIAL, numbers_of
-from xdynamics.sweeping.sweep import plain, sweep
-from xdynamics.units import Quantity, Unit, behind, parse_unit
+from xdynamics.sweeping.axes import numbers_of
+from xdynamics.sweeping.sweep import plain
+from xdynamics.units import Quantity, behind, parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
 
-PARAMETER, OTHER = "parameter", "other"
-ROLE = "fit"
-SHIFT = 1e-3  # relative to a parameter's scale, for slopes
-SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
-WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
-START = "start"
 STARTS = 8  # most searches
 ALIKE = 1e-8  # ratio to the largest singular value below which columns are dependent
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Which numbers of a model are fitted to which data.
-
-    Attributes
-    ----------
-    model : Model
-    names : tuple of str
-        Parameters and initial values.
-    data : Measured
-    quantities : dict of str to Unit
-        Measured quantities, in the model's own units.
-    settings : dict
-        Settings of `simulate`.
-    """
-
-    model: Model
-    names: tuple[str, ...]
-    data: Measured
-    quantities: dict[str, Unit]
-    settings: dict[str, Any]
-
-    def given(self, name: str) -> Quantity:
-        """Return the declared value of a parameter or initial value."""
-        return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
-
-    @property
-    def measured(self) -> Floats:
-        """All measured values, quantities concatenated, in the model's units."""
-        return self._all(self.data.values)
-
-    @property
-    def weights(self) -> Floats:
-        """One over each standard uncertainty; 1 in the model's unit if there are none."""
-        return 1.0 / self._all(self.data.uncertainties) if self.data.uncertainties else np.ones(self.measured.size)
-
-    def _all(self, columns: Mapping[str, tuple[Floats, Unit]]) -> Floats:
-        converted = [
-            columns[name][0] * float(columns[name][1].factor / unit.factor) for name, unit in self.quantities.items()
-        ]
-        return np.concatenate(converted)
-
-    def within(self, share: float) -> NDArray[np.bool_]:
-        """Return which measured values lie in the first share of the time, quantities concatenated."""
-        first, last = float(self.data.times.min()), float(self.data.times.max())
-        selected = (self.data.times <= first + share * (last - first)) | (
-            share == 1.0
-        )  # regardless of rounding at the last
-        return np.tile(selected, len(self.quantities))
-
-    def computed(self, values: Floats, *, whole: bool = True) -> Floats:
-        """Return what the model computes for rows of parameters in their own units, shape (n, measured values).
-
-        Raises
-        ------
-        InputError
-            If a run ends before all times and `whole` is set; otherwise those values are nan.
-        """
-        import xarray as xr
-
-        columns = {
-            f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(
-                values[:, i], attrs={"units": self.given(name).unit.text}
-            )
-            for i, name in enumerate(self.names)
-        }
-        times, inverse = np.unique(self.data.times, return_inverse=True)
-        marched = sweep(
-            self.model,
-            {"fitted": columns},
-            keep=list(self.quantities),
-            times=times,
-            members_per_task=len(values),
-            **self.settings,
-        ).compute()
-        rows = np.concatenate([marched[name].values[:, inverse] for name in self.quantities], axis=1)
-        if whole and not np.isfinite(rows).all():
-            k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            parameter_values = ", ".join(
-                f"{name} = {float(value)!r}" for name, value in zip(self.names, values[k], strict=True)
-            )
-            raise InputError(
-                f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t ="
-                f" {float(marched.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured"
-            )
-        return rows
-
-
-@dataclass(frozen=True)
-class Fitting:
-    """The problem as searches see it: scaled numbers, and residuals over their uncertainties.
-
-    Attributes
-    ----------
-    asked : Asked
-    scales : ndarray, shape (n,)
-    """
-
-    asked: Asked
-    scales: Floats
-
-    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
-        """Return weighted residuals and their slopes, for the data up to a share of their time.
-
-        Raises
-        ------
-        InputError
-            If a run ends before all times, or there are not more values than fitted numbers.
-        """
-        asked, used = self.asked, self.asked.within(share)
-        if np.count_nonzero(used) <= scaled.size:
-            raise InputError(f"{np.count_nonzero(used)} numbers are too few")
-        values, slopes = _with_slopes(asked, scaled * self.scales, self.scales)
-        weights = asked.weights[used]
-        return (values[used] - asked.measured[used]) * weights, slopes[used] * weights[:, None] * self.scales
-
-    def squares(self, scaled: Floats, share: float) -> Floats:
-        """Return the sums of squares of many starts over a share of the time; infinite if a run ends before."""
-        selected, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
-        sums = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, selected], axis=1)
-        return np.where(np.isfinite(sums), sums, np.inf)
-
-    def tested(self, search: Search) -> Tested:
-        """Test the residuals at the end of a search."""
-        asked, residual = self.asked, search.residual
-        order = np.argsort(asked.data.times, kind="stable")
-        rows, measured = (
-            list(np.split(array, len(asked.quantities))) for array in (residual / asked.weights, asked.measured)
-        )
-        has_uncertainties = bool(asked.data.uncertainties)
-        freedom = residual.size - search.end.size
-        return tested(
-            float(residual @ residual), freedom, [array[order] for array in rows], measured, known=has_uncertainties
-        )
 
 
 def fit(
@@ -356,17 +216,6 @@ def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
     return scales
 
 
-def _with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
-    """Return what the model computes, and its slopes by every parameter, shape (measured values, n)."""
-    n = len(values)
-    rows = np.tile(values, (1 + n * len(SIDES), 1))
-    for i in range(n):
-        rows[1 + i * len(SIDES) : 1 + (i + 1) * len(SIDES), i] += SHIFT * scales[i] * SIDES
-    computed = asked.computed(rows)
-    shifted = computed[1:].reshape(n, len(SIDES), -1)
-    return computed[0], np.stack([WEIGHTS @ shifted[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)
-
-
 def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, seed: int) -> xr.Dataset:
     asked, scales, values = problem.asked, problem.scales, best.end * problem.scales
     residual, slopes = best.residual, best.slopes
@@ -379,26 +228,7 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
     correlation = covariance / np.outer(deviations, deviations) if (deviations > 0).all() else np.eye(len(values))
     deviations = deviations * scales
     fitted = _fitted(asked, values, deviations, correlation, test)
-    units = [asked.given(name).unit.text for name in asked.names]
-    variables: dict[str, Any] = {
-        "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
-        "parameter_units": (
-            (PARAMETER,),
-            np.array(units),
-            about("1", "unit of the estimate and its uncertainty", "units"),
-        ),
-        "estimate": ((PARAMETER,), values, about("1", "value that fits best, in parameter_units", ROLE)),
-        "standard_uncertainty": (
-            (PARAMETER,),
-            deviations,
-            about("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
-        ),
-        "at_bound": (
-            (PARAMETER,),
-            best.bounded.astype(np.int8),
-            about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
-        ),
-        "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
+    variables: dict[str, Any] = estimates_as(asked, best, values, deviations, correlation) | {
         AT_TIME: ((AT,), asked.data.times, about(asked.model.time_unit.text, "time of measurement", "time")),
         "model_toml": (
             (),
@@ -406,26 +236,7 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
             about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model"),
         ),
     }
-    n = len(asked.data.times)
-    observed, weights = asked.measured, asked.weights
-    for k, (name, unit) in enumerate(asked.quantities.items()):
-        part = slice(k * n, (k + 1) * n)
-        variables |= {
-            f"measured_{name}": ((AT,), observed[part], about(unit.text, f"{name} as measured", "measured")),
-            name: ((AT,), computed[part], about(unit.text, f"{name} as the fitted model has it", "computed")),
-            f"residual_{name}": (
-                (AT,),
-                observed[part] - computed[part],
-                about(unit.text, f"{name}, measured minus computed", "residual"),
-            ),
-        }
-        if asked.data.uncertainties:
-            variables[f"measured_uncertainty_{name}"] = (
-                (AT,),
-                1.0 / weights[part],
-                about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"),
-            )
-    variables |= _searches_as(results, scales)
+    variables |= residuals_as(asked, computed) | searches_as(results, scales)
     attributes = {
         "data": asked.data.name,
         "chi_square": square if asked.data.uncertainties else float("nan"),
@@ -445,37 +256,6 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
         "fitted_digest": fitted.digest,
     }
     return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes)
-
-
-def _searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
-    """Return all searches as variables."""
-    return {
-        "start_rule": (
-            (START,),
-            np.array([search.rule for search in results]),
-            about("1", "where the search began", "rule"),
-        ),
-        "start_value": (
-            (START, PARAMETER),
-            np.array([search.start * scales for search in results]),
-            about("1", "values that the search began with, in parameter_units", ROLE),
-        ),
-        "start_estimate": (
-            (START, PARAMETER),
-            np.array([search.end * scales for search in results]),
-            about("1", "values that it came to, in parameter_units", ROLE),
-        ),
-        "start_square": (
-            (START,),
-            np.array([search.square for search in results]),
-            about("1", "weighted sum of squares there; infinite where a run did not come to all times", ROLE),
-        ),
-        "start_converged": (
-            (START,),
-            np.array([search.converged for search in results], np.int8),
-            about("1", "1 where the search came to an end", ROLE),
-        ),
-    }
 
 
 def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
