@@ -192,11 +192,11 @@ while True:
 
 
 def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path) -> None:
-    """Assert that after kill -9 at 50 random moments of saving the name holds a verified archive, the old or the new."""
+    """Assert that after kill -9 at 20 random moments of saving the name holds a verified archive, the old or the new."""
     path, moments = tmp_path / "run.nc", random.Random(2)
     allowed = {xd.content_digest(xd.simulate(oscillator().model, step=step, until=20.0)) for step in (0.0004, 0.0005)}
     seen = set()
-    for _ in range(50):
+    for _ in range(20):
         process = start_saving(path)
         time.sleep(moments.uniform(0.0, 0.4))
         process.send_signal(signal.SIGKILL)
@@ -222,7 +222,7 @@ def start_saving(path: Path) -> subprocess.Popen[str]:
 def test_memory_of_a_streamed_run_is_bounded(tmp_path: Path) -> None:
     """Assert that ten times the rows take no more than a little more memory."""
     script = (
-        "import sys, resource, xdynamics as xd\nfrom problems import free\n"
+        "import sys, resource, xdynamics as xd\nfrom cases.problems import free\n"
         "xd.simulate(free().model, method='midpoint', step=1/float(sys.argv[2]), until=1.0, path=sys.argv[1], force_samples='none')\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     )

@@ -101,7 +101,7 @@ def test_a_planted_defect_is_named(defect: str) -> None:
         import xdynamics as xd
         from xdynamics.expressions import Number
         from xdynamics.expressions.calculus import derivative, multiply
-        from xdynamics.kernels import printed
+        from xdynamics.kernels import law_cache
         from xdynamics.kernels.layout import Layout
         from xdynamics.model import Model
 
@@ -109,7 +109,7 @@ def test_a_planted_defect_is_named(defect: str) -> None:
             assert update != xd.METHODS[name].update
             xd.METHODS[name] = replace(xd.METHODS[name], update=update)
 
-        printed.read, printed.write = lambda _key: None, lambda *_: None  # laws are kept by what they are printed from
+        law_cache.read, law_cache.write = lambda _key: None, lambda *_: None  # laws are kept by what they are printed from
         {broken}
         found = xd.validate(["{method}"])
         print(*[str(one) for one in found.case_name.values[found.verdict.values == 1]])

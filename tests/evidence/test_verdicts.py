@@ -161,7 +161,7 @@ def test_tolerances_are_judged_with_care() -> None:
     tolerances, known = 10.0 ** -np.arange(4.0, 8.0), {"smooth": False, "accepted": 100, "order": 5.0}
     even = judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, **known)
     assert VERDICTS[even.verdict] == "asymptotic"
-    assert even.uncertainty == pytest.approx(1.25 * math.exp(0.2 * 25.0 / 10.0) * 3.0 * tolerances[-1], rel=1e-6)
+    assert even.uncertainty == pytest.approx(1.25 * math.exp(0.15 * 25.0 / 10.0) * 3.0 * tolerances[-1], rel=1e-6)
     assert even.rule == "a power of the tolerance"
     alone = judge(1.0 + 3.0 * tolerances[1:], tolerances[1:], 1.0, 1e-16, 0.0, 0.0, **known)
     assert VERDICTS[alone.verdict] == "pre_asymptotic"
@@ -170,7 +170,7 @@ def test_tolerances_are_judged_with_care() -> None:
         judge(1.0 + 3.0 * tolerances, tolerances, 1.0, 1e-16, 0.0, 0.0, smooth=False, accepted=64, **order).uncertainty
         for order in ({}, {"order": 2.0})
     )  # without a word of the method it is that of the highest order
-    assert high / low == pytest.approx(math.exp(0.2 * (64.0 - 4.0) / 8.0), rel=1e-6)
+    assert high / low == pytest.approx(math.exp(0.15 * (64.0 - 4.0) / 8.0), rel=1e-6)
     # order 1.7: it is counted on for 1, times what 0.7 makes of one ratio
     steep = 1.0 + tolerances**1.7
     uneven = judge(steep, tolerances, 1.0, 1e-25, 0.0, 0.0, **known)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -81,14 +79,9 @@ def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     """Assert that a long chain is one record of all its coordinates, from Python and from its file alike."""
     model = chain(CHAINED)
     asked = {"step": "0.01 s"} if method == "velocity_verlet" else {"rtol": 1e-10, "atol": 1e-10}
-    # far from the mass that is struck there is hardly any motion, and the run says so
-    quiet = (
-        pytest.warns(xd.AccuracyWarning, match="the tolerances did not control u8")
-        if "rtol" in asked
-        else nullcontext()
-    )
-    with quiet:
-        run = xd.simulate(model, method=method, until="2 s", **asked)
+    # far from the mass that is struck there is hardly any motion; what there is has an error in proportion, 2e-7 of u8,
+    # which is 2e-9 after 2 s, where its absolute tolerance is 1e-10: no warning
+    run = xd.simulate(model, method=method, until="2 s", **asked)
     energy = run.kinetic_energy.values + sum(
         (run[f"u{i + 1}"].values - run[f"u{i}"].values) ** 2 / 2 for i in range(CHAINED - 1)
     )

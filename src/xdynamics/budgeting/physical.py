@@ -169,7 +169,9 @@ def _differences(
         k = _settled(differences)
         slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])
         least = NOISE * float(np.nanmax(np.abs(numbers[i]))) / size
-        noise = max(least, weighed / size)
+        # a number that is bent at its own value has a slope of nearly 0 too, and changes by more than rounding
+        changes = float(np.ptp(numbers[i][k + 1])) > 2.0 * rounding
+        noise = least if changes else max(least, weighed / size)
         doubt, share = float(differences[k]), size / entry.uncertainty
         if abs(slope) <= noise:  # and no more between neighbours, the narrower of which is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt

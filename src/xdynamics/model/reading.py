@@ -368,6 +368,9 @@ def _run(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, An
         if key not in IN_FILES:
             ledger.note(f"[run] has no setting '{key}'{near(key, IN_FILES)}")
     with ledger.entry("[run]"):
+        every = section.get("keep_every", 1)
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise InputError(f"keep_every is {every!r}, needs a whole number from 1, every row")
         for key in filter(IN_FILES.__contains__, section):
             KEYWORDS[key].read(section[key], time)
         if "step" in section:

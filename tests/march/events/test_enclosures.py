@@ -389,7 +389,7 @@ import numpy as np
 import xdynamics as xd
 from cases.problems import MODELS, coupled_springs
 from xdynamics.march.events import enclosures
-from xdynamics.march import loop, proposing
+from xdynamics.march import loop, trial_step
 from xdynamics.march.run import ARRAYS
 
 KEPT = [name for name in ARRAYS if not name.startswith("log_") and name not in ("law", "functions", "base")]
@@ -400,7 +400,7 @@ def accept(run, old=loop.accept):
     cuts = np.concatenate([[0.0], np.sort(random.uniform(0, h, 50)), [h]])
     states = [run.y.copy()]
     for s in cuts[1:]:
-        proposing.propose(run, t + s, s)
+        trial_step.propose(run, t + s, s)
         states.append(run.z.copy())
         for name, array in before.items():
             getattr(run, name)[...] = array
