@@ -116,15 +116,15 @@ def test_values_that_scatter_are_uncertain_by_their_scatter() -> None:
 
 
 def test_the_uncertainty_holds_the_error_of_smooth_cases() -> None:
-    """Assert for 1,000 random errors with three terms that the fit's bound holds all but 5 in 100 of them."""
+    """Assert for 200 random errors with three terms that the fit's bound holds all but 5 in 100 of them."""
     rng, held = np.random.default_rng(1), 0
-    for _ in range(1000):
+    for _ in range(200):
         formal, terms = int(rng.integers(1, 9)), rng.normal(size=3)
         h = 0.5 * 2.0 ** -np.arange(5) * rng.uniform(0.5, 1.0)
         error = terms[0] * h**formal * (1 + terms[1] * h / 2 + terms[2] * h**2 / 2)
         uncertainty, _ = fitted_uncertainty(0.3 + error, h, formal)
         held += abs(error[-1]) <= uncertainty
-    assert held >= 950
+    assert held >= 190
 
 
 H = np.array([0.4, 0.2, 0.1, 0.05])
