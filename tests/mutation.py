@@ -583,7 +583,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
             else:
                 spent.append(0.0)
             asked = [
-                str(next(HERE.rglob(name))),
+                str(next(HERE.rglob(name)) if name.startswith("test_") else name),
                 *(choice if name.startswith("test_") else EXAMPLES),
                 "-x",
                 "-q",
