@@ -13,6 +13,7 @@ from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import OF_RECORDS, asked, settings
 from xdynamics.cli.sweeping import ends_of
+from xdynamics.keywords import KEYWORDS
 
 OF_A_NUMBER = (
     click.option(
@@ -24,7 +25,7 @@ OF_A_NUMBER = (
             " minimum_… over the whole run, of one of these or of a force."
         ),
     ),
-    click.option("--at", "time", metavar="TIME", help="The time at which the number is asked for."),
+    click.option("--at", metavar="TIME", help="The time at which the number is asked for."),
     click.option("--event", metavar="NAME", help="The event at which the number is asked for, in place of a time."),
     click.option("--occurrence", type=int, default=1, show_default=True, help="Which occurrence of the event."),
     click.option("--side", default="before", show_default=True, help="State before or after the event."),
@@ -55,42 +56,11 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
     "--until-uncertainty", metavar="SIZE", help="Draw until the intervals are known this well, like '10 m at 95 %'."
 )
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
-def budget(
-    model_file: str,
-    quantity: str,
-    time: str | None,
-    event: str | None,
-    occurrence: int,
-    side: str,
-    draws: int,
-    seed: int,
-    coverage: float,
-    inadequate_fit: bool,
-    until_uncertainty: str | None,
-    output: str | None,
-    changes: tuple[str, ...],
-    **named: Any,
-) -> None:
+def budget(model_file: str, output: str | None, changes: tuple[str, ...], **named: Any) -> None:
     """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
-    _found(
-        error_budget,
-        model_file,
-        changes,
-        output,
-        quantity,
-        at=time,
-        event=event,
-        occurrence=occurrence,
-        side=side,
-        draws=draws,
-        seed=seed,
-        coverage=coverage,
-        inadequate_fit=inadequate_fit,
-        until_uncertainty=until_uncertainty,
-        **asked(named),
-    )
+    _evidence(error_budget, model_file, changes, output, **_of_number_and_march(named))
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -101,40 +71,11 @@ def budget(
 @of_a_number
 @click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
-def certify(
-    model_file: str,
-    quantity: str,
-    time: str | None,
-    event: str | None,
-    occurrence: int,
-    side: str,
-    draws: int,
-    seed: int,
-    coverage: float,
-    inadequate_fit: bool,
-    output: str,
-    changes: tuple[str, ...],
-    **named: Any,
-) -> None:
+def certify(model_file: str, output: str, changes: tuple[str, ...], **named: Any) -> None:
     """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
     from xdynamics.budgeting.certificate import certify as certified
 
-    certificate = _found(
-        certified,
-        model_file,
-        changes,
-        output,
-        quantity,
-        at=time,
-        event=event,
-        occurrence=occurrence,
-        side=side,
-        draws=draws,
-        seed=seed,
-        coverage=coverage,
-        inadequate_fit=inadequate_fit,
-        **asked(named),
-    )
+    certificate = _evidence(certified, model_file, changes, output, **_of_number_and_march(named))
     say([f"kept      {output}"])
     sys.exit(DONE if not int(certificate["gate_verdict"].values.max()) else BADLY)
 
@@ -177,7 +118,13 @@ def recheck(certificate: str) -> None:
     say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
 
 
-def _found(
+def _of_number_and_march(named: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of one number as they stand, and those of the march as `simulate` takes them."""
+    settings = {name: value for name, value in named.items() if name in KEYWORDS}
+    return {name: value for name, value in named.items() if name not in settings} | asked(settings)
+
+
+def _evidence(
     make: Callable[..., Any],
     model_file: str,
     changes: tuple[str, ...],
