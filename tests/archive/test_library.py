@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import netCDF4
 import pytest
 import xarray as xr
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
@@ -19,7 +20,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 import xdynamics as xd
 from cases.problems import oscillator
 from xdynamics.archive import netcdf_library, shared_handles
-from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.netcdf_library import READ_CACHE, alone, file_at
 
 
 @pytest.fixture(scope="module")
@@ -359,3 +360,14 @@ def test_what_is_kept_open_is_not_mixed(tmp_path: Path) -> None:
             xd.open_run(one)
     run.close()
     assert xd.content_digest(xd.open_run(one)) == xd.verify(two)
+
+
+def test_little_of_a_read_file_is_kept_in_memory(archived: Path) -> None:
+    """Assert that a variable of an opened archive may keep one chunk, and that the process's own setting is restored."""
+    before = netCDF4.get_chunk_cache()
+    file = file_at(archived)
+    chunked = [variable for variable in file.variables.values() if variable.chunking() != "contiguous"]
+    assert chunked
+    assert {variable.get_var_chunk_cache()[0] for variable in chunked} == {READ_CACHE}
+    assert netCDF4.get_chunk_cache() == before
+    file.close()

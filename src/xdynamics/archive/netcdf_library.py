@@ -28,6 +28,9 @@ Result = TypeVar("Result")
 DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeError, MemoryError, OverflowError)
 
 
+READ_CACHE = 1 << 20  # bytes of chunks that are kept in memory of each variable that is read
+
+
 def words_of(error: Exception) -> str:
     """Return the text of an error; its type's name if it has none, as a MemoryError."""
     return str(error) or type(error).__name__
@@ -114,13 +117,32 @@ def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     name = os.fsencode(path.absolute()).decode("latin-1")
     opening = openings.of(path) if mode == "r" else None
     try:
-        file = _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+        file = _opened(name, mode)
     except BaseException:
         gc.collect()  # a file that was opened half is closed now, under the lock, not by whatever thread collects later
         raise
     if opening:
         opening.files.add(file)
     return file
+
+
+def _opened(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
+    """Open a file; of one that is read, few chunks are kept in memory, as each is read once and in order.
+
+    The library takes the size from a setting of the process when a file is opened, and would keep 64 MiB of each variable.
+    To set it afterwards is no way: in a file with a variable that bears the name of a dimension which it does not have,
+    the library then reads from another one.
+    """
+    import netCDF4
+
+    if mode == "w":
+        return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(min(before[0], READ_CACHE), *before[1:])
+    try:
+        return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+    finally:
+        netCDF4.set_chunk_cache(*before)
 
 
 @lru_cache
