@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xdynamics.evidence.refining.convergence import (
+    SAFETY,
     VERDICTS,
-    convergence_index,
     extrapolated,
     fitted,
     fitted_uncertainty,
@@ -30,9 +30,8 @@ def test_the_digits_of_celik() -> None:
     order = float(observed_orders(CELIK, CELLS)[1])
     assert order == pytest.approx(1.5339690, abs=5e-8)
     assert float(extrapolated(CELIK[1], CELIK[2], 1.5, order)) == pytest.approx(6.1684956, abs=5e-8)
-    fine, coarse = (
-        convergence_index(CELIK[i - 1], CELIK[i], CELLS[i - 1] / CELLS[i], order) / CELIK[i] for i in (2, 1)
-    )
+    limits = (extrapolated(CELIK[i - 1], CELIK[i], CELLS[i - 1] / CELLS[i], order) for i in (2, 1))
+    fine, coarse = (SAFETY * abs(limit / CELIK[i] - 1.0) for i, limit in zip((2, 1), limits, strict=True))
     assert float(fine) == pytest.approx(0.0217, abs=5e-5)
     assert float(coarse) == pytest.approx(0.0411, abs=5e-5)
 

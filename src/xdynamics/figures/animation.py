@@ -17,7 +17,8 @@ from xdynamics.figures.sheet import check_path, kept, lit
 if TYPE_CHECKING:
     import xarray as xr
 
-GIF, MP4 = FORMATS = (".gif", ".mp4")
+GIF = ".gif"
+FORMATS = (GIF, ".mp4")
 MOST_FRAMES = 3000
 MARGIN = 0.06  # of the larger side
 

@@ -21,7 +21,6 @@ DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
 # half widths of bounded distributions, in standard deviations (JCGM 101:2008, 6.4.2 to 6.4.6)
 HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)}
 SIZES = ("uncertainty", "half_width")
-KEYS = (*SIZES, "distribution", "degrees_of_freedom")
 
 _BETWEEN = re.compile(r"±|\+/-|\+-")
 NOTHING = 1e-12  # a remaining variance that counts as zero

@@ -109,12 +109,6 @@ def extrapolated(coarse: Floats, fine: Floats, ratio: float, order: Floats | flo
     return limit
 
 
-def convergence_index(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
-    """Return the grid convergence index of the finer value, absolute: 1.25 times its distance to Richardson's limit."""
-    index: Floats = SAFETY * np.abs((fine - coarse) / expm1(order * log(ratio)))
-    return index
-
-
 @dataclass(frozen=True)
 class Fit:
     """One fit of ``limit + sum(slopes * steps**orders)``.
