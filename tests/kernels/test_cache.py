@@ -296,10 +296,22 @@ def test_old_and_seldom_used_files_are_pruned(tmp_path: Path, monkeypatch: pytes
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         f"law-{name}.o" for name in ("last", "new", "older", "used")
     ]
-    monkeypatch.delenv("XDYNAMICS_CACHE_LIMIT")
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.03")
     os.utime(tmp_path / "law-new.o", (time.time() - 86400.0 * (cache.MOST_DAYS + 1),) * 2)
     cache.write("law-last.o", bytes(950))
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"law-{name}.o" for name in ("last", "older", "used")]
+
+
+def test_the_folder_is_looked_through_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that writing a limit's worth of small files prunes about 32 times, and that more than the limit never stays long."""
+    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.3")
+    looks, prune = [], cache._prune
+    monkeypatch.setattr(cache, "_prune", lambda *given: (looks.append(given), prune(*given)))
+    for number in range(900):
+        cache.write(f"law-{number}.o", bytes(1000 - cache._SEAL))
+    assert 45 < len(looks) < 160  # 96 are expected; either bound is missed once in 10^7 runs
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 0.3e6 * 1.6  # no look in 170 writes: once in 10^8
 
 
 @pytest.mark.parametrize(("text", "limit"), [("12", 12.0), ("-1", 256.0), ("much", 256.0), ("nan", 256.0)])
@@ -310,8 +322,9 @@ def test_the_limit_of_the_cache(text: str, limit: float, monkeypatch: pytest.Mon
 
 
 def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that a part older than an hour goes with the next write, and a younger one stays."""
+    """Assert that a part older than an hour goes when the folder is pruned, and a younger one stays."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.001")
     for name, age in (("old.part", 2 * cache.ABANDONED), ("young.part", 0.0)):
         (tmp_path / name).write_bytes(b"half")
         os.utime(tmp_path / name, (time.time() - age,) * 2)

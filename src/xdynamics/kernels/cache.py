@@ -28,6 +28,7 @@ from xdynamics.faults import escaped
 ENVIRONMENT, LIMIT = "XDYNAMICS_CACHE", "XDYNAMICS_CACHE_LIMIT"
 MOST_MEGABYTES = 256.0  # of all that is kept, unless $XDYNAMICS_CACHE_LIMIT is set
 MOST_DAYS = 180.0  # since a file was last read or written
+LOOKS = 32  # times the folder is looked through while as much is written as may be kept
 ROOM = 8_000_000  # free bytes that keeping an engine requires
 LARGEST = 500_000_000  # bytes; larger files are not read
 ABANDONED = 3600.0  # seconds after which an unfinished part counts as abandoned
@@ -104,7 +105,8 @@ def write(name: str, content: bytes) -> None:
                 with suppress(OSError):
                     os.unlink(part, **_at(place))
                 raise
-            _prune(place, name)
+            if _looks_through(len(sealed)):
+                _prune(place, name)
     except OSError as error:
         advise(_reason(error))
 
@@ -251,9 +253,19 @@ def _user() -> int:
     return os.geteuid() if hasattr(os, "geteuid") else 0
 
 
+def _looks_through(size: int) -> bool:
+    """Whether a file of this size is one after which the folder is pruned: by chance, `LOOKS` times while a full one is written.
+
+    To look through ten thousand files takes longer than to compile a law. Chance needs no memory that processes share,
+    and it is not Python's own generator, whose seed is the user's.
+    """
+    limit = int(1e6 * most_megabytes())
+    return LOOKS * size >= limit or secrets.randbelow(limit) < LOOKS * size
+
+
 def _prune(place: int, written: str) -> None:
     """Remove old files, the least recently used beyond the limit, and parts of processes that died while writing."""
-    now, kept = time.time(), []
+    now, kept, limit = time.time(), [], 1e6 * most_megabytes()
     with os.scandir(place if _POSIX else folder()) as scan:
         entries = list(scan)
     for entry in entries:
@@ -269,7 +281,7 @@ def _prune(place: int, written: str) -> None:
     total = 0
     for age, size, entry in sorted(kept, key=lambda row: (row[0], row[2].name)):
         total += size
-        if total > 1e6 * most_megabytes() or age > 86400.0 * MOST_DAYS:
+        if total > limit or age > 86400.0 * MOST_DAYS:
             _remove(place, entry)
 
 
