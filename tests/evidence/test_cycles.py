@@ -239,4 +239,5 @@ def test_periods_of_a_study_are_of_one_level() -> None:
     means = [float(cycles(run, "x", level=own[-1].level).periods.mean()) for run in runs]
     assert study.period_x.values == pytest.approx(means, rel=1e-14)
     assert study.period_x.values[0] != float(own[0].periods.mean())
-    assert f"{own[-1].level:.6g} upward, a level that the finest run chose for all" in study.period_x.attrs["long_name"]
+    assert float(study.crossing_level_x) == own[-1].level
+    assert "crossing_level_x upward, a level that the finest run chose for all" in study.period_x.attrs["long_name"]

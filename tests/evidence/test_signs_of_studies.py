@@ -26,7 +26,7 @@ def test_errors_of_interpolation_are_of_their_level() -> None:
         assert float(study.interpolation_error_x[k, 0]) == float(inside.error_x[0])
         assert float(study.x[k, 0]) == float(inside.x[0])
     assert float(study.difference_x[0, 0]) == float(study.x[1, 0] - study.x[0, 0])
-    scale = study.scaled_difference_x.attrs["scale"]
+    scale = float(study.difference_scale_x)
     finest = xd.simulate(OSCILLATOR, method="rk4", step=0.05, until=2.0)
     assert scale == float(np.abs(finest.x).max())
     assert float(study.scaled_difference_x[1, 0]) == float(study.difference_x[1, 0]) / scale

@@ -5,7 +5,7 @@ from xdynamics.record.column import Column
 from xdynamics.record.columns import columns, constants, factors, followed_tolerances
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
-from xdynamics.record.identity import apart, comes_of, identity, is_of, same_settings
+from xdynamics.record.identity import apart, comes_of, identity, input_digest, is_of, same_settings
 
 __all__ = [
     "Column",
@@ -20,6 +20,7 @@ __all__ = [
     "faults_of",
     "followed_tolerances",
     "identity",
+    "input_digest",
     "is_of",
     "own_attributes",
     "plain",

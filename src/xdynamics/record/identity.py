@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -33,6 +34,11 @@ def identity(march: March) -> dict[str, str]:
         _words("model", tomllib.loads(march.model.to_toml()))
     )
     return {name: _short(value) for name, value in (words | program).items()}
+
+
+def input_digest(march: March) -> str:
+    """Return the digest of all inputs on which the bits of a march depend."""
+    return hashlib.sha256(json.dumps(identity(march), sort_keys=True).encode()).hexdigest()
 
 
 def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:

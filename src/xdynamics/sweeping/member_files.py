@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,11 +26,6 @@ if TYPE_CHECKING:
 Values = dict[str, NDArray[Any]]
 
 
-def input_digest(march: March) -> str:
-    """Return the digest of all inputs on which the bits of a march depend."""
-    return sha256(json.dumps(record.identity(march), sort_keys=True).encode()).hexdigest()
-
-
 def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArray[np.bool_]) -> None:
     """Archive every unknown member of a block, and enter its file, content digest and seal into the arrays.
 
@@ -50,7 +43,7 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArr
         march = None if known[place] else march_of(grid, at)
         if march is None:
             continue
-        file = folder / f"{input_digest(march)}.nc"
+        file = folder / f"{record.input_digest(march)}.nc"
         digest, seal = digests_of(file, partial(record.comes_of, march=march))
         if digest:
             clear_segments(file)  # left by a process that was stopped after finishing the file

@@ -30,6 +30,14 @@ ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_
 # largest order assumed for a switch that was stepped over: a single level may by chance have it at the end of a step
 ABRUPT = 2.0
 STEPPED_OVER = "three times the last differences: a switch was stepped over"
+THRICE, RICHARDSON, SQUARES = "three times the last difference", "three times Richardson's error", "least squares"
+MISSING, ROUNDED, INDEX, POWER = (
+    "none: a value is missing",
+    "rounding",
+    "grid convergence index",
+    "a power of the tolerance",
+)
+UNCERTAINTY_RULES = (POWER, INDEX, SQUARES, MISSING, ROUNDED, RICHARDSON, THRICE, STEPPED_OVER)
 CLOSE = 0.05  # distance of an observed order from that of the method, or from a whole number above it
 STEADY = 0.25  # distance from the order before, where there are four levels
 # times the square of the method's order, over the root of the number of steps: how far the logarithm of an error may
@@ -270,21 +278,17 @@ def judge(
     last = float(abs(values[-1] - values[-2]))
     remainder = rounding + interpolation + events
     if not np.isfinite(values[-2:]).all():
-        return Judged(NOT_CONVERGING, np.nan, np.nan, "none: a value is missing")
+        return Judged(NOT_CONVERGING, np.nan, np.nan, MISSING)
     if last <= rounding:
-        return Judged(ROUNDOFF, np.nan, remainder + last, "rounding")
+        return Judged(ROUNDOFF, np.nan, remainder + last, ROUNDED)
     ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
     observed = float(orders[-2]) if len(values) > 2 else np.nan
     slowest = min(max(observed, LEAST_SHARE * formal), formal) if np.isfinite(observed) else LEAST_SHARE * formal
     cautious = CAUTION * _left(values, steps, slowest)
     if interpolation >= last:
-        return Judged(
-            INTERPOLATION_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, "three times the last difference"
-        )
+        return Judged(INTERPOLATION_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, THRICE)
     if events >= SHARE * last:
-        return Judged(
-            EVENT_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, "three times the last difference"
-        )
+        return Judged(EVENT_LIMITED, np.nan, max(CAUTION * last, cautious) + remainder, THRICE)
     if not smooth:
         erratic = ERRATIC * order * order / float(np.sqrt(max(accepted, 1)))
         return _in_tolerances(values, steps, orders, erratic, remainder, kinked=kink < inf)
@@ -299,7 +303,7 @@ def judge(
             ASYMPTOTIC,
             limit,
             SAFETY * _left(values, steps, min(observed, trusted)) + remainder,
-            "grid convergence index",
+            INDEX,
         )
     before = np.abs(np.diff(values))[:-1]
     falls = not before.size or last < np.nanmax(before) / 2.0
@@ -309,9 +313,9 @@ def judge(
         limit = fit.limit if falls else np.nan
         # one power of the step does not fit values that fall by thousands from the coarsest to the finest
         if uncertainty <= cautious:
-            return Judged(verdict, limit, uncertainty + remainder, "least squares")
-        return Judged(verdict, limit, cautious + remainder, "three times Richardson's error")
-    return Judged(verdict, np.nan, cautious + remainder, "three times Richardson's error")
+            return Judged(verdict, limit, uncertainty + remainder, SQUARES)
+        return Judged(verdict, limit, cautious + remainder, RICHARDSON)
+    return Judged(verdict, np.nan, cautious + remainder, RICHARDSON)
 
 
 def _in_tolerances(
@@ -330,7 +334,7 @@ def _in_tolerances(
     uncertainty = factor * _left(values[-LOOKED_AT:], tolerances[-LOOKED_AT:], 1.0) + remainder
     if kinked:
         return Judged(EVENT_LIMITED, np.nan, CAUTION * uncertainty, STEPPED_OVER)
-    rule = "a power of the tolerance"
+    rule = POWER
     steady = exponents.size > 1 and np.ptp(exponents) <= STEADY and np.max(np.abs(exponents - 1.0)) <= STEADY
     if steady:
         limit = float(extrapolated(values[-2], values[-1], ratio, float(exponents[-1])))

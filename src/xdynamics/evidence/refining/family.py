@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.evidence.refining.convergence import UNCERTAINTY_RULES, VERDICTS, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
-from xdynamics.schema import LEVEL, flags
+from xdynamics.schema import LEVEL, flags, scale
 
 Floats = NDArray[np.float64]
 
 GATES = ("passed", "failed")
 ROLE = "refinement"
+RULES = {rule: rule.replace(" ", "_").replace(":", "") for rule in UNCERTAINTY_RULES}  # by the words of their flags
+RULE_WORDS = sorted(RULES.values())
+
+Subject = tuple[str, str, str, tuple[str, ...]]  # name, units, long name and dimensions of a number
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,29 @@ class Watched:
     scale: float
     kinks: Floats | None = None
 
+    @classmethod
+    def blank(cls, subject: Subject, places: int, levels: int) -> Watched:
+        """Return what is known of a number before anything is marched: everything but its values."""
+        nothing = np.full((places, levels), np.nan)
+        return cls(*subject, nothing, nothing, nothing[:, 0], nothing[:, 0], np.nan)
+
+    def first(self, places: int) -> Watched:
+        """Return the number at its first places; nan at those that it does not have."""
+
+        def cut(values: Floats) -> Floats:
+            kept = np.full((places, *values.shape[1:]), np.nan)
+            kept[: len(values)] = values[:places]
+            return kept
+
+        return replace(
+            self,
+            values=cut(self.values),
+            errors=cut(self.errors),
+            rounding=cut(self.rounding),
+            moved=cut(self.moved),
+            kinks=None if self.kinks is None else cut(self.kinks),
+        )
+
     @property
     def changes(self) -> Floats:
         """Difference to the next finer level; nan for the finest, shape (places, levels)."""
@@ -57,21 +85,21 @@ class Watched:
         return differences
 
 
-def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
+def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     """Return every variable about one number, ready for a Dataset; `accepted` counts the finest level's steps."""
-    name, units, changes = one.name, one.units, one.changes
-    dims = (LEVEL, *one.dims)
+    name, units, changes = number.name, number.units, number.changes
+    dims = (LEVEL, *number.dims)
 
     def along(values: Floats) -> Floats:
         """Return values with levels first; without places, levels only."""
-        return values.T if one.dims else values[0]
+        return values.T if number.dims else values[0]
 
     # the finest level has no difference of its own: its gate uses the last one
     last = np.abs(np.concatenate([changes[:, :-1], changes[:, -2:-1]], axis=-1))
-    gate = (~(one.errors <= last)).astype(np.int8)
-    scale = {"scale": one.scale, "scale_units": units}
+    gate = (~(number.errors <= last)).astype(np.int8)
+    size = scale("difference", name)
     variables: dict[str, Any] = {
-        name: (dims, along(one.values), about(units, one.said, ROLE)),
+        name: (dims, along(number.values), about(units, number.said, ROLE)),
         f"difference_{name}": (
             dims,
             along(changes),
@@ -79,12 +107,13 @@ def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
         ),
         f"scaled_difference_{name}": (
             dims,
-            along(changes / one.scale),
-            about("1", f"difference_{name} over a scale, {one.scale:.6g} {units}", ROLE) | scale,
+            along(changes / number.scale),
+            about("1", f"difference_{name} over {size}", ROLE),
         ),
+        size: ((), np.float64(number.scale), about(units, f"scale of difference_{name}, never zero", "scale")),
         f"interpolation_error_{name}": (
             dims,
-            along(one.errors),
+            along(number.errors),
             about(units, f"how far interpolation, or the location of an event, may have {name} off", ROLE),
         ),
         f"gate_{name}": (
@@ -98,42 +127,18 @@ def family(one: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             | flags(dict(enumerate(GATES))),
         ),
     }
-    return variables | (_judged(one, levels, accepted) if levels.ordered else {})
+    return variables | (_judged(number, levels, accepted) if levels.ordered else {})
 
 
 def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
     name, units, steps = number.name, number.units, levels.values
     orders = observed_orders(number.values, steps).T if number.dims else observed_orders(number.values, steps)[0]
-    smooth = levels.varied is not RTOLS
-    kinks = (
-        np.full(len(number.values), np.inf)
-        if number.kinks is None or levels.varied is TIME_TOLERANCES
-        else number.kinks
-    )
-    judged = [
-        judge(
-            values,
-            steps,
-            levels.formal,
-            rounding,
-            float(errors[-2:].max()),
-            moved,
-            smooth=smooth,
-            kink=kink,
-            accepted=accepted,
-            order=levels.order,
-        )
-        for values, errors, rounding, moved, kink in zip(
-            number.values, number.errors, number.rounding.tolist(), number.moved.tolist(), kinks.tolist(), strict=True
-        )
-    ]
-    rules = sorted({judgement.rule for judgement in judged}) or ["none"]
+    judgements = [*_judgements(number, levels, accepted)]
 
     def once(values: list[Any], dtype: Any) -> Any:
         return (number.dims, np.array(values if number.dims else values[0], dtype))
 
-    words = {i: rule.replace(" ", "_").replace(":", "") for i, rule in enumerate(rules)}
     return {
         f"order_{name}": (
             (LEVEL, *number.dims),
@@ -141,19 +146,40 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
             about("1", f"observed order of {name}, with the levels before and behind; below 0 differences grow", ROLE),
         ),
         f"verdict_{name}": (
-            *once([judgement.verdict for judgement in judged], np.int8),
+            *once([judgement.verdict for judgement in judgements], np.int8),
             about("1", f"what the levels tell of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
-            *once([judgement.limit for judgement in judged], float),
+            *once([judgement.limit for judgement in judgements], float),
             about(units, f"{name} with an ever smaller {levels.varied.name}", ROLE),
         ),
         f"uncertainty_{name}": (
-            *once([judgement.uncertainty for judgement in judged], float),
+            *once([judgement.uncertainty for judgement in judgements], float),
             about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
         ),
         f"uncertainty_rule_{name}": (
-            *once([rules.index(judgement.rule) for judgement in judged], np.int8),
-            about("1", f"where the uncertainty of {name} is from", "flag") | flags(words),
+            *once([RULE_WORDS.index(RULES[judgement.rule]) for judgement in judgements], np.int8),
+            about("1", f"where the uncertainty of {name} is from", "flag") | flags(dict(enumerate(RULE_WORDS))),
         ),
     }
+
+
+def _judgements(number: Watched, levels: Levels, accepted: int) -> Iterator[Judged]:
+    """Judge the levels at every place of a number."""
+    kinks = np.full(len(number.values), np.inf)
+    if number.kinks is not None and levels.varied is not TIME_TOLERANCES:
+        kinks = number.kinks
+    rows = (number.values, number.errors, number.rounding.tolist(), number.moved.tolist(), kinks)
+    for values, errors, rounding, moved, kink in zip(*rows, strict=True):
+        yield judge(
+            values,
+            levels.values,
+            levels.formal,
+            rounding,
+            float(errors[-2:].max()),
+            moved,
+            smooth=levels.varied is not RTOLS,
+            kink=float(kink),
+            accepted=accepted,
+            order=levels.order,
+        )

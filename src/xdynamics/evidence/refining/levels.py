@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.refining.convergence import HIGHEST
 from xdynamics.evidence.runs import march
+from xdynamics.evidence.stages import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
@@ -200,9 +201,17 @@ class Levels:
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
+        model, path, memory = self._inputs(k)
+        return march(model, path, memory, **self.asked_of(self.values[k]))
+
+    def task(self, k: int) -> Task:
+        """Return the task that marches a level."""
+        model, path, memory = self._inputs(k)
+        return march_task(model, path, memory, **self.asked_of(self.values[k]))
+
+    def _inputs(self, k: int) -> tuple[Model, Path | None, Any]:
         path = None if self.keep is None else self.keep / f"level_{k}.nc"
-        memory = self.asked.get("memory")
-        return march(self.model_of(self.values[k]), path, memory=memory, **self.asked_of(self.values[k]))
+        return self.model_of(self.values[k]), path, self.asked.get("memory")
 
 
 def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:

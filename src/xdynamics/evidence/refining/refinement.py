@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive
 from xdynamics.digits import digits
-from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of
-from xdynamics.evidence.refining.defects import step_defects
-from xdynamics.evidence.refining.family import ROLE, family
+from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
-from xdynamics.evidence.refining.study import ENERGY_RANGE, PERIOD, PHASE, Study
+from xdynamics.evidence.refining.study import Study
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
 from xdynamics.faults import InputError
 from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
@@ -51,6 +48,8 @@ def refine(
     keep: str | Path | None = None,
     most_rows: float | None = None,
     memory: str | float | None = None,
+    occurrences: int | None = None,
+    compute: bool = True,
     **asked: Any,
 ) -> xr.Dataset:
     """March a model with several steps, tolerances or rules, and compare the runs at common physical times.
@@ -84,6 +83,12 @@ def refine(
         The most rows of a level that is added; ten million by default.
     memory : str or float, optional
         The most that a level may take in memory: ``"2 GB"``, or bytes; by default what is free.
+    occurrences : int, optional
+        How many occurrences of every event to compare, from the first; nan where there are fewer. By default as many
+        as the finest run has, of the events that were met.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, with one task for each level, and nothing is
+        marched before one is computed. With events that needs `occurrences`; `until_change` cannot be used.
     **asked
         Further settings, as for `simulate`.
 
@@ -96,7 +101,8 @@ def refine(
         `interpolation_error_y`, `gate_y` (whether that is smaller than the difference). Over `at`: `verdict_y`,
         `limit_y`, `uncertainty_y` (of the finest level's value, at about 95 %) and its rule. The same over
         `occurrence` for `event_time_<name>`, with errors of location in place of interpolation, and for the states
-        after each event, `after_<name>_y`; `event_count_<name>` over `level`. For rules, which are not numbers, there
+        after each event, `after_<name>_y`; `event_count_<name>` over `level`. `difference_scale_y` is what differences
+        are scaled by, `crossing_level_x` what begins the cycles of periods and phases. For rules, which are not numbers, there
         are differences only. With `defects`, `step_defect_y` over `level`.
 
     Raises
@@ -123,29 +129,44 @@ def refine(
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     choices = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
-    bounds = _bounds(most_rows, memory)
+    bounds, many = _bounds(most_rows, memory), _occurrences(occurrences)
     folder = None if keep is None else made_folder(keep)
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
-    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at)
-    wanted = _tolerances(until_change or {}, study)
+    if not compute:
+        if until_change:
+            raise InputError(
+                "until_change adds levels until changes are small, and how many is known only once they are marched;"
+                " give all levels, or compute=True"
+            )
+        return lazy_study(Subjects(levels, names, at, many), defects=defects)
+    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many)
+    study, attributes = _refined(study, until_change or {}, bounds)
+    return study_dataset(study.subjects, Findings.of(study, defects=defects), attributes)
+
+
+def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> tuple[Study, dict[str, str]]:
+    """Add finer levels until changes are small; return the study, and why no further level was added."""
+    wanted = _tolerances(until_change, study)
     changing, limit = list(wanted), ""
     while wanted and (changing := _changing(study, wanted)) and not (limit := obstacle(study, wanted, bounds)):
         try:
             further = study.finer()
             further.check_reached(study.times)
-        except (
-            InputError,
-            MemoryError,
-            OSError,
-        ) as error:  # settings that no march can use, or too little memory or disk
+        except (InputError, MemoryError, OSError) as error:  # no march has such settings, or too little memory or disk
             limit = str(error) or "there is no memory for it"
             break
         study = further
     if len(study.runs) < FEWEST:
         raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
-    attributes = {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
-    return _dataset(study, attributes, defects=defects)
+    return study, {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
+
+
+def _occurrences(occurrences: Any) -> int | None:
+    """Read how many occurrences of every event are compared."""
+    if occurrences is None or (isinstance(occurrences, int) and not isinstance(occurrences, bool) and occurrences >= 0):
+        return occurrences
+    raise InputError(f"occurrences is {occurrences!r}, needs a non-negative whole number")
 
 
 def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:
@@ -161,68 +182,6 @@ def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
         return list(wanted)
     last = {number.name: np.abs(number.changes[:, -2]) for number in study.numbers() if number.name in wanted}
     return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]
-
-
-def _dataset(study: Study, attributes: Mapping[str, Any], *, defects: bool) -> xr.Dataset:
-    """Assemble the evidence."""
-    levels, runs, varied = study.levels, study.runs, study.levels.varied
-    digests = [archive.digest_of_run(run) for run in runs]
-    outcomes = [str(run.attrs["run_outcome"]) for run in runs]
-    variables: dict[str, Any] = {
-        varied.name: ((LEVEL,), levels.values, about(varied.units or levels.model.time_unit.text, varied.said, ROLE)),
-        "run_digest": ((LEVEL,), np.array(digests), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((LEVEL,), np.array(outcomes), about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), study.times, about(levels.model.time_unit.text, "time of comparison", "time")),
-    }
-    for item in study.watched():
-        added = family(item, levels, int(runs[-1].attrs["run_accepted_steps"]))
-        if clashing := sorted({*added} & {*variables}):
-            raise InputError(
-                f"'{clashing[0]}' is a name of the model, and of what is said of its numbers; leave it out of"
-                " observables=[…]"
-            )
-        variables |= added
-    for name, rows in study.met().items():
-        counts = np.array([len(item) for item in rows])
-        variables[f"event_count_{name}"] = ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
-    if defects:
-        variables |= _defects(study)
-    variables["model_toml"] = ((), np.array(levels.model.to_toml()), about("1", "the whole model as TOML", "model"))
-    method = str(runs[0].attrs["solver_method"])
-    return exhibit(
-        "refinement",
-        f"refinement of {levels.model.name}, by {method}",
-        digests,
-        variables,
-        {
-            "solver_method": method,
-            "varied": varied.name,
-            "asked": json.dumps(levels.asked, default=str, sort_keys=True),
-            "formal_order": levels.formal,
-            "model_digest": levels.model.digest,
-            "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale",
-            **attributes,
-        },
-    )
-
-
-def _defects(study: Study) -> dict[str, Any]:
-    """Return the largest local error of a step of every level."""
-    defects = [step_defects(run, functions=study.levels.model.functions) for run in study.runs]
-    names = [name for name in defects[-1] if name in study.names]
-    return {
-        f"step_defect_{name}": (
-            (LEVEL,),
-            np.array([float(np.max(np.abs(level[name]))) for level in defects]),
-            about(
-                str(study.runs[-1][name].attrs["units"]),
-                f"largest difference of {name} between one step and sixteen in its place, among steps spread over the"
-                " run: the local error beside that which came together",
-                ROLE,
-            ),
-        )
-        for name in names
-    }
 
 
 def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
-from xdynamics.evidence.diagnosing.cycles import TURN, cycles
+from xdynamics.cached_properties import cached_property
+from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.event_matching import Rows, matched, met
-from xdynamics.evidence.observables import observables_of, observe
+from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.family import Watched
 from xdynamics.evidence.refining.levels import Levels
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, Subjects
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
-from xdynamics.schema import AT, FIRST_PASSED, OCCURRENCE, PASSED, acceleration, rate, velocity
-from xdynamics.units import behind, time_in
+from xdynamics.schema import AT, FIRST_PASSED, PASSED, acceleration, rate, velocity
+from xdynamics.units import behind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,22 +32,27 @@ EPS = float(np.finfo(float).eps)
 FINEST = 2  # levels in which the error by switches that steps went over is measured
 STEPPED_OVER = 1.25  # times that error, for the errors of the located runs themselves
 SMOOTH_TABLE = 2  # order left by points of a table that steps went over
-ENERGY_RANGE, PERIOD, PHASE = "energy_range", "period_", "phase_"
 
 
 @dataclass(frozen=True)
 class Study:
-    """The runs of all levels, and the names of the numbers that are compared."""
+    """The runs of all levels, and the names of the numbers that are compared; see `Subjects`."""
 
     levels: Levels
     runs: list[xr.Dataset]
     names: tuple[str, ...]
-    at: Any
+    at: Any = None
+    occurrences: int | None = None
+
+    @cached_property
+    def subjects(self) -> Subjects:
+        """What is compared."""
+        return Subjects(self.levels, self.names, self.at, self.occurrences)
 
     def finer(self) -> Study:
         """Return the study with one more level."""
         levels = self.levels.finer()
-        return Study(levels, [*self.runs, levels.marched(len(self.runs))], self.names, self.at)
+        return replace(self, levels=levels, runs=[*self.runs, levels.marched(len(self.runs))])
 
     @property
     def times(self) -> Floats:
@@ -58,10 +65,9 @@ class Study:
         """
         unit = self.levels.model.time_unit
         begin, end = float(self.runs[0]["time"][0]), min(float(run["time"][-1]) for run in self.runs)
-        if self.at is None:
+        times = self.subjects.times
+        if times is None:
             return np.array([end])
-        requested = [self.at] if isinstance(self.at, str | float | int) else list(self.at)
-        times = np.array([time_in(unit, time, "at") for time in requested])
         self.check_reached(times)
         for time in times.tolist():
             if not begin <= time <= end:
@@ -117,9 +123,8 @@ class Study:
         if any(float(run["time"][-1]) < self.times.max() for run in runs):
             return None
         finest = replace(levels, values=levels.values[-FINEST:])
-        located = {
-            number.name: number.values for number in Study(finest, runs, self.names, self.times.tolist()).numbers()
-        }
+        again = replace(self, levels=finest, runs=runs, at=self.times.tolist())
+        located = {number.name: number.values for number in again.numbers()}
         same = all(number.name in located and located[number.name].shape[0] == len(number.values) for number in numbers)
         return located if same else None
 
@@ -151,104 +156,79 @@ class Study:
             if number.name in (f"event_time_{name}", *(f"after_{name}_{quantity}" for quantity in self.names))
         )
         times, last = np.full(len(number.values), np.inf), self.runs[-1]["event_time"].values[rows[-1]]
-        times[: len(last)] = last
+        times[: len(last)] = last[: len(times)]
         return times
 
     def numbers(self) -> Iterator[Watched]:
         """Yield every number that is compared."""
         times = self.times
         yield from self._at_times(times)
-        yield from self._of_runs(times)
+        yield from self._energy_range()
+        for name in self.subjects.counted:
+            yield self._of_cycles(name, times)
         rows = self.met()
         # as many as the finest level has; if that has none, as many as any other level
         most = max((len(per_run[-1]) or max(map(len, per_run)) for per_run in rows.values()), default=0)
         for name, event_rows in rows.items():
-            yield from self._of_events(name, event_rows, most)
+            for number in self._of_events(name, event_rows, most):
+                yield number if self.occurrences is None else number.first(self.occurrences)
 
     def met(self) -> dict[str, list[Rows]]:
-        """Return the events of each name in every run."""
+        """Return the events of each name in every run: of those that were met, or if their number is given of all."""
+        if self.occurrences == 0:
+            return {}
         events_by_run = [met(run) for run in self.runs]
         names = dict.fromkeys(name for events in events_by_run for name in events)
+        names = names if self.occurrences is None else dict.fromkeys(self.subjects.detectors)
         return {name: [events.get(name, np.zeros(0, np.int64)) for events in events_by_run] for name in names}
 
     def _at_times(self, times: Floats) -> Iterator[Watched]:
         """Yield observables at the times of comparison."""
-        levels, last = self.levels, self.runs[-1]
-        observables = {*observables_of(levels.model)}
-        names = [name for name in self.names if name in observables]
+        levels, last, names = self.levels, self.runs[-1], self.subjects.observed
         samples = [observe(run, levels.model, names, times, levels.rule(k)) for k, run in enumerate(self.runs)]
         for name in names:
             values, errors = (np.stack([level[name][i] for level in samples], axis=-1) for i in (0, 1))
             moved = np.array([_moved_by_events(self.runs, name, time) for time in times])
-            scale, units = _largest(last, name), str(last[name].attrs["units"])
-            yield Watched(
-                name,
-                units,
-                str(last[name].attrs["long_name"]),
-                (AT,),
-                values,
-                errors,
-                _rounding(last, values),
-                moved,
-                scale or 1.0,
-            )
+            scale = _largest(last, name) or 1.0
+            yield Watched(*self.subjects.observable(name), values, errors, _rounding(last, values), moved, scale)
 
-    def _of_runs(self, times: Floats) -> Iterator[Watched]:
-        """Yield numbers of a whole run, and phases."""
-        last, unmoved = self.runs[-1], np.zeros(1)
+    def _energy_range(self) -> Iterator[Watched]:
+        """Yield the range of the energy in each run, if it is asked for."""
         if ENERGY_RANGE in self.names:
             ranges = np.array([[_range(run, "total_energy") for run in self.runs]])
-            scale = _largest(last, "total_energy") or 1.0
-            units = str(last["total_energy"].attrs["units"])
+            scale = _largest(self.runs[-1], "total_energy") or 1.0
             rounding = np.array([2.0 * EPS * scale])
-            yield Watched(
-                ENERGY_RANGE,
-                units,
-                "largest less least total energy of the accepted states",
-                (),
-                ranges,
-                0.0 * ranges,
-                rounding,
-                unmoved,
-                scale,
-            )
-        for name in [item for item in self.names if item.startswith((PERIOD, PHASE))]:
-            kind, coordinate = (PERIOD if name.startswith(PERIOD) else PHASE), name.partition("_")[2]
-            functions = self.levels.model.functions
-            finest = cycles(last, coordinate, functions=functions)
-            # a level chosen by each run would differ between runs, and with it the periods of decaying motion
-            coarser = [cycles(run, coordinate, level=finest.level, functions=functions) for run in self.runs[:-1]]
-            counted = [*coarser, finest]
-            uncertainties = np.array([float(item.uncertainties.max(initial=0.0)) for item in counted])
-            if kind == PERIOD:
-                means = [float(item.periods.mean()) if item.periods.size else np.nan for item in counted]
-                counts = np.array([max(1, item.periods.size) for item in counted])
-                values, errors, units = (
-                    np.array([means]),
-                    np.array([2.0 * uncertainties / counts]),
-                    self.levels.model.time_unit.text,
-                )
-                dims: tuple[str, ...] = ()
-                long_name = (
-                    f"mean period of {coordinate}, between located crossings of {finest.level:.6g} upward, a level that"
-                    " the finest run chose for all"
-                )
-            else:
-                values = np.stack([item.phase(times) for item in counted], axis=-1)
-                speeds = [TURN / item.periods.mean() if item.periods.size else np.nan for item in counted]
-                errors = np.broadcast_to(uncertainties * np.array(speeds), values.shape).copy()
-                dims, units = (AT,), "rad"
-                long_name = (
-                    f"phase of {coordinate}, whole turns at located crossings of {finest.level:.6g} upward, a level"
-                    " that the finest run chose for all"
-                )
-            rounding = _rounding(last, values)
-            scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-            yield Watched(name, units, long_name, dims, values, errors, rounding, np.zeros(len(values)), scale)
+            yield Watched(*self.subjects.energy_range, ranges, 0.0 * ranges, rounding, np.zeros(1), scale)
+
+    def cycles(self, coordinate: str) -> list[Cycles]:
+        """Return the cycles of a coordinate in every run, all counted through the level that the finest run chose.
+
+        A level chosen by each run would differ between runs, and with it the periods of decaying motion.
+        """
+        functions = self.levels.model.functions
+        finest = cycles(self.runs[-1], coordinate, functions=functions)
+        coarser = [cycles(run, coordinate, level=finest.level, functions=functions) for run in self.runs[:-1]]
+        return [*coarser, finest]
+
+    def _of_cycles(self, name: str, times: Floats) -> Watched:
+        """Return the mean period of each run, or its phase at times."""
+        counted = self.cycles(name.partition("_")[2])
+        uncertainties = np.array([float(level.uncertainties.max(initial=0.0)) for level in counted])
+        if name.startswith(PERIOD):
+            means = [float(level.periods.mean()) if level.periods.size else np.nan for level in counted]
+            counts = np.array([max(1, level.periods.size) for level in counted])
+            values, errors = np.array([means]), np.array([2.0 * uncertainties / counts])
+        else:
+            values = np.stack([level.phase(times) for level in counted], axis=-1)
+            speeds = [TURN / level.periods.mean() if level.periods.size else np.nan for level in counted]
+            errors = np.broadcast_to(uncertainties * np.array(speeds), values.shape).copy()
+        scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        rounding = _rounding(self.runs[-1], values)
+        return Watched(*self.subjects.cycles(name), values, errors, rounding, np.zeros(len(values)), scale)
 
     def _of_events(self, detector: str, rows: list[Rows], most: int) -> Iterator[Watched]:
         """Yield the times at which one event function was met, occurrence by occurrence, and the states after it."""
-        runs, dims, unmoved = self.runs, (OCCURRENCE,), np.zeros(most)
+        runs, unmoved = self.runs, np.zeros(most)
         times_met = [run["event_time"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         # occurrences of the finest level, and the nearest ones of every other level
         places = [matched(entry, times_met[-1]) if len(times_met[-1]) else matched(entry, entry) for entry in times_met]
@@ -262,38 +242,17 @@ class Study:
         times = of(times_met)
         by_run = [run["event_time_uncertainty"].values[mine] for run, mine in zip(runs, rows, strict=True)]
         span = float(runs[-1]["time"][-1] - runs[-1]["time"][0]) or 1.0
-        long_name = f"time at which {detector} was met"
-        yield Watched(
-            f"event_time_{detector}",
-            self.levels.model.time_unit.text,
-            long_name,
-            dims,
-            times,
-            of(by_run),
-            4 * EPS * np.abs(times[:, -1]),
-            unmoved,
-            span,
-        )
-        for name in [entry for entry in self.names if entry in runs[-1].variables and entry in self.levels.model.units]:
+        rounding = 4 * EPS * np.abs(times[:, -1])
+        yield Watched(*self.subjects.event_time(detector), times, of(by_run), rounding, unmoved, span)
+        for name in self.subjects.after_events:
             states, uncertainties = [], []
             for run, mine, uncertainty in zip(runs, rows, by_run, strict=True):
                 after, before = run["event_row_after"].values[mine], run["event_row_before"].values[mine]
                 states.append(run[name][after].values)
                 uncertainties.append(np.abs(run[_rate_of(run, name)][before].values) * uncertainty)
-            values = of(states)
-            scale = _largest(runs[-1], name) or 1.0
-            units = str(runs[-1][name].attrs["units"])
-            yield Watched(
-                f"after_{detector}_{name}",
-                units,
-                f"{name} behind {detector}",
-                dims,
-                values,
-                of(uncertainties),
-                _rounding(runs[-1], values),
-                unmoved,
-                scale,
-            )
+            values, scale = of(states), _largest(runs[-1], name) or 1.0
+            subject = self.subjects.after_event(detector, name)
+            yield Watched(*subject, values, of(uncertainties), _rounding(runs[-1], values), unmoved, scale)
 
 
 def _moved_by_events(runs: list[xr.Dataset], name: str, time: float) -> float:

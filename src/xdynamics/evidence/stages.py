@@ -1,0 +1,200 @@
+"""Stages as graphs: a Dataset that is described before anything is marched, with one task for each march.
+
+A task is named by a digest of everything that its result depends on. So tasks that several stages need are one in a
+``dask.compute`` of them all, and results are remembered by their names as long as there is room: numbers of one stage that
+are computed one after the other march once. Only what a variable holds leaves the tasks; runs stay where they were marched.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics import archive, record
+from xdynamics.evidence.runs import march
+from xdynamics.fork_safety import waited_for
+from xdynamics.lazy_imports import load_dask_whole
+from xdynamics.march import March
+from xdynamics.march.configuration import unthinned_settings_for
+from xdynamics.model import Model
+from xdynamics.schema import RUNS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LIMIT = "XDYNAMICS_REMEMBERED_LIMIT"  # environment variable
+DIGEST = 64  # letters of a digest
+MOST_MEGABYTES = 256.0  # of results that are remembered, unless it is set
+
+
+@dataclass(frozen=True)
+class Task:
+    """One call in the graph of a stage.
+
+    Attributes
+    ----------
+    name : str
+        With a digest of everything that the result depends on.
+    call : callable
+        Called with the results of the tasks that it needs.
+    needs : tuple of Task
+    lasting : bool
+        Whether the result may be remembered: not if it is in a file, which may be replaced.
+    """
+
+    name: str
+    call: Callable[..., Any]
+    needs: tuple[Task, ...] = ()
+    lasting: bool = True
+
+    @classmethod
+    def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task, ...], *inputs: Any) -> Task:
+        """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
+        words = repr((kind, [task.name for task in needs], inputs))
+        return cls(f"{kind}-{sha256(words.encode()).hexdigest()}", call, needs)
+
+    @property
+    def graph(self) -> dict[str, Any]:
+        """The task and all that it needs, as dask's graph."""
+        call = partial(_result, self.name, self.call) if self.lasting else self.call
+        tasks = {self.name: (call, *(task.name for task in self.needs))}
+        for task in self.needs:
+            tasks |= task.graph
+        return tasks
+
+
+def march_task(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> Task:
+    """Return the task that marches a model as `evidence.runs.march` does, named by the digest of all inputs of the run.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong.
+    """
+    prepared = March(model, unthinned_settings_for(model, **asked))
+    words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
+    name = "-".join(["march", *words, *([str(path)] if path is not None else [])])
+    return Task(name, partial(march, model, path, memory, **asked), lasting=path is None)
+
+
+def lazy(template: xr.Dataset, task: Task, known: Collection[str] = ()) -> xr.Dataset:
+    """Put dask arrays behind a template.
+
+    Parameters
+    ----------
+    template : xarray.Dataset
+        What the stage gives, with other values: variables, dimensions, sizes, types, attributes.
+    task : Task
+        Gives the Dataset.
+    known : collection of str
+        Variables whose values the template has.
+    """
+    load_dask_whole()
+    import dask.array
+    from dask.highlevelgraph import HighLevelGraph
+
+    da: Any = dask.array  # its functions are not typed
+    layers: dict[str, Any] = {task.name: task.graph}
+    dependencies: dict[str, set[str]] = {task.name: set()}
+    variables = {}
+    for name, variable in template.variables.items():
+        if name in known:
+            continue
+        key = f"{name}-{task.name}"
+        graph = {(key, *[0] * variable.ndim): (partial(_values, str(name)), task.name)}
+        merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {task.name}})
+        chunks = tuple((size,) for size in variable.shape)
+        variables[name] = (variable.dims, da.Array(merged, key, chunks, dtype=variable.dtype), variable.attrs)
+    stage = template.assign(variables)
+    stage.attrs = {name: value for name, value in template.attrs.items() if name != RUNS}
+    return archive.marched(stage)
+
+
+def _values(name: str, stage: xr.Dataset) -> Any:
+    return np.array(stage.variables[name].values)
+
+
+def is_lazy(stage: xr.Dataset) -> bool:
+    """Return whether a variable of a Dataset is still to be computed."""
+    return any(variable.chunks is not None for variable in stage.variables.values())
+
+
+class Memory:
+    """Results by name; those that were not used for longest are forgotten where there are too many bytes of them."""
+
+    def __init__(self) -> None:
+        self._results: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        self._lock = waited_for(threading.RLock())
+        self._under_way: dict[str, threading.Lock] = {}
+
+    def result(self, name: str, make: Callable[[], Any]) -> Any:
+        """Return a result; it is made where it is not remembered, once, however many threads ask for it."""
+        with self._lock:
+            turn = self._under_way.setdefault(name, threading.Lock())
+        with turn:
+            with self._lock:
+                if name in self._results:
+                    self._results.move_to_end(name)
+                    return self._results[name][0]
+            try:
+                made = make()
+            finally:
+                with self._lock:
+                    self._under_way.pop(name, None)
+            with self._lock:
+                self._results[name] = made, _size(made)
+                self.shrink(most_megabytes() * 1e6)
+            return made
+
+    def shrink(self, most: float) -> None:
+        """Forget the oldest results until no more bytes are left than wanted."""
+        with self._lock:
+            while self._results and sum(size for _, size in self._results.values()) > most:
+                self._results.popitem(last=False)
+
+    def names(self) -> Iterator[str]:
+        """Name the results that are remembered, the oldest first."""
+        with self._lock:
+            yield from [*self._results]
+
+
+REMEMBERED = Memory()  # of this process
+
+
+def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
+    return REMEMBERED.result(name, partial(call, *needs))
+
+
+def _size(result: Any) -> int:
+    """Return the bytes of a result, about."""
+    from dask.sizeof import sizeof
+
+    return int(getattr(result, "nbytes", 0)) or int(sizeof(result))
+
+
+def most_megabytes() -> float:
+    """Return how many MB of results are remembered: $XDYNAMICS_REMEMBERED_LIMIT, or the default if that is no number."""
+    try:
+        limit = float(os.environ.get(LIMIT, MOST_MEGABYTES))
+    except ValueError:
+        return MOST_MEGABYTES
+    return limit if limit >= 0.0 else MOST_MEGABYTES
+
+
+def remembered(task: Task) -> Any:
+    """Return the result of a task, in this process."""
+    return _result(task.name, task.call, *map(remembered, task.needs)) if task.lasting else task.call()
+
+
+def inputs_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return settings as words, in one order, for the name of a task."""
+    return sorted((name, repr(value)) for name, value in settings.items())

@@ -1,0 +1,181 @@
+"""Stages as graphs: described without a march, each march once however many numbers and stages need it, the same bits."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from pathlib import Path
+from typing import Any
+
+import dask
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from cases.stages import assert_described, assert_same_bits, marches, no_march
+from xdynamics.evidence.stages import LIMIT, Memory, Task, most_megabytes
+
+OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+STUDY: dict[str, Any] = {"method": "rk4", "steps": [0.04, 0.02, 0.01, 0.005], "at": [1.0, 1.234], "until": 10.0}
+REFINEMENTS: dict[str, tuple[xd.Model, dict[str, Any]]] = {
+    "times": (OSCILLATOR, STUDY),
+    "ends": (OSCILLATOR, STUDY | {"at": None}),
+    "runs": (OSCILLATOR, STUDY | {"observables": ["total_energy", "energy_range", "period_x", "phase_x"]}),
+    "defects": (OSCILLATOR, STUDY | {"defects": True}),
+    "tolerances": (OSCILLATOR, {"method": "dop853", "rtols": [1e-4, 1e-6, 1e-8], "until": 3.0}),
+    "events": (BALL, {"steps": [0.04, 0.02, 0.01], "occurrences": 3}),
+    "too few events": (BALL, {"steps": [0.04, 0.02], "occurrences": 40}),
+    "no events": (BALL, {"steps": [0.04, 0.02], "at": [0.3], "occurrences": 0}),
+    "rules": (BALL, {"rules": ["interpolant", "reintegrate"], "occurrences": 2}),
+}
+
+
+# ------------------------------------------------------------------------------------------------------------- refine
+
+
+@pytest.mark.parametrize("case", REFINEMENTS)
+def test_a_lazy_refinement_is_described_and_has_the_bits_of_the_eager_one(case: str) -> None:
+    """Assert names, units and sizes while every march fails, then each level marched once, and the same bits."""
+    model, asked = REFINEMENTS[case]
+    with no_march():
+        study = xd.refine(model, compute=False, **asked)
+    eager = xd.refine(model, **asked)
+    with no_march():
+        assert_described(study, eager)
+    with marches() as begun:
+        assert_same_bits(study, eager)
+    assert len(begun) == len({*eager.run_digest.values})  # rules of events make no difference where there are none
+
+
+def test_numbers_of_a_refinement_are_marched_once() -> None:
+    """Assert one march a level for an order and then a limit, and none for what is known."""
+    study = xd.refine(OSCILLATOR, compute=False, **STUDY)
+    with marches() as begun:
+        assert study.step_size.values.tolist() == STUDY["steps"]
+        assert study.at_time.values.tolist() == STUDY["at"]
+        assert not begun
+        order, limit = float(study.order_x[2, 0]), float(study.limit_x[0])
+        assert (round(order, 1), round(limit, 6)) == (4.0, round(np.cos(2.0), 6))
+        assert len(begun) == 4
+
+
+def test_two_refinements_share_their_levels() -> None:
+    """Assert that levels that two studies have in common are one task of one graph, and the graph is linear in levels."""
+    studies = [
+        xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": steps}) for steps in ([0.04, 0.02], [0.02, 0.01])
+    ]
+    with marches() as begun:
+        dask.compute(*studies)
+    assert len(begun) == 3
+    for levels in (2, 4, 8):
+        steps = [0.1 / 2**k for k in range(levels)]
+        study = xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": steps})
+        names = {key for key in study.__dask_graph__() if str(key).startswith("march-")}
+        assert len(names) == levels
+        assert len(study.order_x.__dask_graph__()) == levels + 2
+
+
+def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> None:
+    """Assert that a lazy study writes no file before it is computed, and then one for each level."""
+    study = xd.refine(OSCILLATOR, compute=False, keep=tmp_path / "levels", **STUDY)
+    assert not list((tmp_path / "levels").iterdir())
+    digests = study.run_digest.values.tolist()
+    for k, digest in enumerate(digests):
+        with xd.open_run(tmp_path / "levels" / f"level_{k}.nc") as run:
+            assert xd.content_digest(run) == digest
+    assert len(list((tmp_path / "levels").glob("*.nc"))) == len(digests)
+
+
+def test_what_is_known_only_after_marching_is_refused_or_said() -> None:
+    """Assert that levels added until changes are small, and events of unknown number, name what to give instead."""
+    with pytest.raises(xd.InputError, match="give all levels, or compute=True"):
+        xd.refine(OSCILLATOR, compute=False, until_change={"x": "1 mm"}, **STUDY)
+    with pytest.raises(xd.InputError, match=r"how often floor will be met .* like occurrences=10"):
+        xd.refine(BALL, compute=False, steps=[0.04, 0.02])
+    for wrong in (-1, 1.5, True, "2"):
+        with pytest.raises(xd.InputError, match="occurrences is .*, needs a non-negative whole number"):
+            xd.refine(BALL, steps=[0.04, 0.02], occurrences=wrong)  # type: ignore[arg-type]
+
+
+def test_faults_of_settings_are_told_before_and_of_runs_when_computed() -> None:
+    """Assert that a wrong setting is refused at once, and a time that no run reaches by whoever computes."""
+    with no_march(), pytest.raises(xd.InputError, match="step"):
+        xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": [0.04, -0.02]})
+    study = xd.refine(OSCILLATOR, compute=False, **STUDY | {"at": [11.0]})
+    with pytest.raises(xd.InputError, match=r"at has 11\.0 s, needs times in every run"):
+        study.order_x.compute()
+
+
+def test_a_lazy_refinement_is_saved_as_the_eager_one(tmp_path: Path) -> None:
+    """Assert that an archive of a lazy stage holds the same numbers, and is written from one march a level."""
+    study = xd.refine(OSCILLATOR, compute=False, **STUDY)
+    with marches() as begun:
+        xd.save(study, tmp_path / "lazy.nc")
+        xd.save(study.compute(), tmp_path / "computed.nc")
+    assert len(begun) == 4
+    with xd.open_run(tmp_path / "lazy.nc") as kept, xd.open_run(tmp_path / "computed.nc") as computed:
+        assert_same_bits(kept, computed)
+
+
+def test_a_lazy_refinement_travels_to_another_process() -> None:
+    """Assert that the graph of a study can be pickled, as a cluster does, and comes to the same bits there."""
+    study = xd.refine(OSCILLATOR, compute=False, **STUDY)
+    assert_same_bits(pickle.loads(pickle.dumps(study)), xd.refine(OSCILLATOR, **STUDY))
+
+
+# ------------------------------------------------------------------------------------------------------------- memory
+
+
+def test_a_memory_forgets_what_was_not_used_for_longest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the bound in bytes, the order in which results go, and that a larger one is not kept at all."""
+    monkeypatch.setenv(LIMIT, "0.002")
+    memory = Memory()
+    for name in ("a", "b"):
+        memory.result(name, lambda: np.zeros(100))
+    memory.result("a", lambda: pytest.fail("made again"))
+    memory.result("c", lambda: np.zeros(100))
+    assert list(memory.names()) == ["a", "c"]
+    assert memory.result("large", lambda: np.ones(1000)).size == 1000
+    assert list(memory.names()) == []
+
+
+@pytest.mark.parametrize(("text", "size"), [("7", 7.0), ("0", 0.0), ("-1", 256.0), ("much", 256.0)])
+def test_the_bound_of_a_memory_is_set_by_the_environment(
+    monkeypatch: pytest.MonkeyPatch, text: str, size: float
+) -> None:
+    """Assert megabytes, and the default where it is no number."""
+    monkeypatch.setenv(LIMIT, text)
+    assert most_megabytes() == size
+
+
+def test_threads_that_want_the_same_make_it_once() -> None:
+    """Assert that the second of two threads waits for the first, and that a failure is not remembered."""
+    memory, made, begun = Memory(), [], threading.Barrier(4)
+
+    def make() -> int:
+        made.append(1)
+        return 1
+
+    def ask() -> None:
+        begun.wait()
+        memory.result("a", make)
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == 1
+    with pytest.raises(ZeroDivisionError):
+        memory.result("b", lambda: 1 // 0)
+    assert memory.result("b", lambda: 2) == 2
+
+
+def test_tasks_are_named_by_what_they_depend_on() -> None:
+    """Assert that other inputs, needs or kinds make another name."""
+    first = Task.of("stage", max, (), 1.0)
+    assert first.name == Task.of("stage", max, (), 1.0).name
+    others = [Task.of("stage", max, (), 1.5), Task.of("stage", max, (first,), 1.0), Task.of("other", max, (), 1.0)]
+    assert len({task.name for task in (first, *others)}) == 4
