@@ -94,10 +94,10 @@ def other(**attributes: Any) -> xr.Dataset:
     ("run", "message"),
     [
         (lambda: xd.simulate(ROCKET), "it is 'stopped_by_event' .*'landing'.*: what stops a run is its end"),
-        (blown_up, "it is 'nonfinite_force' .*: there is nothing behind a bad end"),
+        (blown_up, "it is 'nonfinite_force' .*: a run that failed cannot be continued"),
         (lambda: other(run_outcome="interrupted"), "it is 'interrupted' .*: resume it first"),
         (lambda: xd.simulate(PENDULUM, step=[0.1] * 10, until=1.0), "its steps were given one by one"),
-        (lambda: xd.simulate(PENDULUM, step=0.1, until=9.0), r"until is '2 s', needs a time behind the end of the run at t = 9.0 s"),
+        (lambda: xd.simulate(PENDULUM, step=0.1, until=9.0), r"until is '2 s', needs a time after the end of the run at t = 9.0 s"),
         (lambda: marched(other().drop_vars("end_memory")), "it keeps no 'end_memory'"),
         (lambda: other(xdynamics_version="9.9.9"), "made by version 9.9.9 of xdynamics"),
         (lambda: marched(other().isel(step=slice(50)).copy(deep=True)), "the run has 50 rows and its memory is of 101: it was cut"),

@@ -200,7 +200,7 @@ def test_ranges_have_ends_and_a_unit(text: str, start: float, stop: float, count
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("0s:2s:3 s", "at its ends and behind"), ("0s:2m:3", "from 's' to 'm'"), ("0:1", "needs start:stop:count"), ("0:1:2.5", "needs start"), ("0:1:2:3", "needs start")],
+    [("0s:2s:3 s", "after its ends and after the count"), ("0s:2m:3", "from 's' to 'm'"), ("0:1", "needs start:stop:count"), ("0:1:2.5", "needs start"), ("0:1:2:3", "needs start")],
 )  # fmt: skip
 def test_ranges_that_are_none(text: str, said: str) -> None:
     """Assert one clear error for each, and that a number is no range."""

@@ -94,7 +94,7 @@ def bundle(
     run = own_run(model, json.loads(str(record.attrs["asked"])))
     digest, wanted = archive.digest_of_run(run), str(record["run_digest"].values[0])
     if digest != wanted:
-        raise ArchiveError(f"the run comes to the content digest {digest}, in the certificate {wanted}")
+        raise ArchiveError(f"the repeated run has the content digest {digest}, the certificate states {wanted}")
     ledger = validate([str(record.attrs["solver_method"])])
     with taking_folder(target) as built:
         for name, dataset in ((CERTIFICATE, record), (RUN, run), (LEDGER, ledger)):

@@ -106,7 +106,7 @@ def _completed(
     if differing := _first_other(kept, whole):
         raise ArchiveError(
             f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{differing}'"
-            f" comes to other bits than were kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
+            f" gives other bits than those kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
         )
     return whole
 

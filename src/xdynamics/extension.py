@@ -121,7 +121,7 @@ def _extended(
     arguments, end = asked_of(kept), float(kept.attrs["solver_until"])
     if not time_in(model.time_unit, until, "until") > end:
         raise InputError(
-            f"until is {until!r}, needs a time behind the end of the run at t = {end!r}{behind(model.time_unit)}"
+            f"until is {until!r}, needs a time after the end of the run at t = {end!r}{behind(model.time_unit)}"
         )
     settings = settings_for(model, **arguments | {"until": until, "nodes": [*arguments.get("nodes", ()), end]})
     march = March(model, settings, progress)
@@ -160,7 +160,7 @@ def _refuse_other_ends(kept: xr.Dataset) -> None:
         why = {
             OUTCOMES[STOPPED].word: "what stops a run is its end; give the event another action, and march anew",
             OUTCOMES[INTERRUPTED].word: "resume it first",
-        }.get(word, "there is nothing behind a bad end")
+        }.get(word, "a run that failed cannot be continued")
         raise InputError(f"the run cannot be extended, it is '{word}' ({text}): {why}")
     if GIVEN_STEP.name in kept:
         raise InputError("the run cannot be extended, its steps were given one by one: march anew with all steps")

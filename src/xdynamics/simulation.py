@@ -309,7 +309,7 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
         warn(
             f"step {step:.6g}{unit_suffix} is beyond the stability limit {limit:.6g}{unit_suffix} of '{method.name}'"
             f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
-            " xdynamics.modes(model) for what other methods bear",
+            " xdynamics.modes(model) for the steps that other methods allow",
             StabilityWarning,
         )
     elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):

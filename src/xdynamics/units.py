@@ -337,7 +337,7 @@ class Range:
         ends = [parse_quantity(match[name]) for name in ("start", "stop")]
         units = [item.unit for item in ends if item.unit.text != "1"]
         if units and match["unit"]:
-            raise InputError(f"is {text!r}, with units at its ends and behind; write one, behind the count")
+            raise InputError(f"is {text!r}, with units after its ends and after the count; write one, after the count")
         if units and len({item.dimension for item in units}) > 1:
             raise InputError(
                 f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit"

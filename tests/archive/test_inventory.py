@@ -106,7 +106,7 @@ def test_a_file_that_takes_the_name_of_a_checked_one_is_checked(
     monkeypatch.setattr(reading, "lent", swapped_always)
     shutil.copy(archived, other)
     other.replace(path)
-    with pytest.raises(xd.ArchiveError, match="was another file each time that it was opened; try again"):
+    with pytest.raises(xd.ArchiveError, match="was replaced each time it was opened; try again"):
         xd.open_run(path, check=check)
 
 

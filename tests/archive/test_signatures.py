@@ -237,7 +237,7 @@ def flipped(path: Path) -> None:
         (redated, r"is not what was signed: its digest of date, versions and machine is"),
         (rewritten, r"the signature '.*run.nc.sig' is not of '.*key.public.pem': it was altered, or is a forgery"),
         (flipped, "differ from its seal|differs from its digest|damaged"),
-        (lambda path: signature_of(path).unlink(), r"bears no signature: there is no '.*run.nc.sig'; copy it with the archive, or sign anew"),
+        (lambda path: signature_of(path).unlink(), r"has no signature: there is no '.*run.nc.sig'; copy it with the archive, or sign anew"),
         (lambda path: signature_of(path).write_bytes(os.urandom(300)), "is no signature of an archive"),
         (lambda path: signature_of(path).write_text(signature_of(path).read_text()[:-9]), "it was altered, or is a forgery"),
     ],

@@ -123,7 +123,7 @@ def test_a_record_without_a_past_is_known_by_its_digest() -> None:
     for other in (plain, plain.assign_attrs(content_digest=digest, title="u")):
         found = standing(other)
         assert found.of == ""
-        assert found.faults[0].startswith("nothing tells where it came from")
+        assert found.faults[0].startswith("its origin is unknown")
 
 
 def test_where_the_run_is_no_longer_at_hand() -> None:

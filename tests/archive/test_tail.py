@@ -84,10 +84,10 @@ def test_a_cut_seal_is_named(hurt: Callable[..., Path], n: int, read: Callable[[
 @pytest.mark.parametrize(
     ("n", "fault"),
     [
-        (1, "a byte stands behind its seal"),
-        (2, "2 bytes stand behind its seal"),
-        (83, "83 bytes stand behind its seal"),
-        (65_000, "65000 bytes stand behind its seal"),
+        (1, "a byte follows its seal"),
+        (2, "2 bytes follow its seal"),
+        (83, "83 bytes follow its seal"),
+        (65_000, "65000 bytes follow its seal"),
         (66_000, "its seal is missing"),
     ],
 )

@@ -112,7 +112,8 @@ def test_outside_its_table_a_drive_ends_the_run() -> None:
     run = xd.simulate(driven("linear"), method="midpoint", step=0.2, until=2.0)
     assert run.attrs["run_outcome"] == "outside_drive_table"
     assert (
-        "drive 'pull' was asked at t = 1.1, and its table 'f.csv' reaches from 0 to 1" in run.attrs["run_outcome_text"]
+        "drive 'pull' was evaluated at t = 1.1, and its table 'f.csv' reaches from 0 to 1"
+        in run.attrs["run_outcome_text"]
     )
     assert run.time.values[-1] == 1.0
     held = xd.simulate(driven("linear", "hold"), method="midpoint", step=0.2, until=2.0)

@@ -380,7 +380,7 @@ def test_what_does_not_come_out_again_is_named(tmp_path: Path) -> None:
 
     run = xd.simulate(PENDULUM, method="rk4", step=1e-2, until=2.0, log=["theta"])
     path = changed(xd.save(run, tmp_path / "run.nc"), tmp_path / "harmed.nc", harm)
-    with pytest.raises(xd.ArchiveError, match="'theta' comes to other bits than were kept"):
+    with pytest.raises(xd.ArchiveError, match="'theta' gives other bits than those kept"):
         xd.complete(path)
 
 

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_NAMED = 10
-UNKNOWN = (
-    "nothing tells where it came from: it was neither marched nor opened by xdynamics, or its attribute"
-    f" '{ORIGIN}' is lost"
-)
+UNKNOWN = f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{ORIGIN}' is lost"
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def _opened(path: Path, *, check: bool) -> tuple[xr.Dataset, bool]:
         except DAMAGE as error:
             if _identity(path) == identity:
                 raise _unreadable(path, error) from None
-    raise ArchiveError(f"'{path}' was another file each time that it was opened; try again when nobody replaces it")
+    raise ArchiveError(f"'{path}' was replaced each time it was opened; try again when nothing replaces it")
 
 
 def _unreadable(path: Path, error: Exception) -> ArchiveError:

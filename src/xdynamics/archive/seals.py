@@ -108,7 +108,7 @@ def tail_of(path: Path) -> Tail:
             return Tail(digest)
         return Tail(fault="the bytes of the file differ from its seal")
     if (excess := len(end) - end.rfind(MARK) - _LENGTH) > 0 and MARK in end:
-        return Tail(fault=f"{excess} bytes stand behind its seal" if excess > 1 else "a byte stands behind its seal")
+        return Tail(fault=f"{excess} bytes follow its seal" if excess > 1 else "a byte follows its seal")
     if MARK in end:
         return Tail(
             fault=(

@@ -215,9 +215,7 @@ def _read(path: Path) -> _Signed:
     """Read the signature beside an archive."""
     place = signature_of(path)
     if not place.exists():
-        raise ArchiveError(
-            f"'{path}' bears no signature: there is no '{place}'; copy it with the archive, or sign anew"
-        )
+        raise ArchiveError(f"'{path}' has no signature: there is no '{place}'; copy it with the archive, or sign anew")
     kind, *lines = _text(place, "signature").decode("ascii", "replace").splitlines() or [""]
     words = [line.partition(" ")[::2] for line in lines]
     if kind not in COVERED or [name for name, _ in words] != [*COVERED[kind], "key", "signature"]:

@@ -25,8 +25,8 @@ OF_A_NUMBER = (
             " minimum_… over the whole run, of one of these or of a force."
         ),
     ),
-    click.option("--at", metavar="TIME", help="The time at which the number is asked for."),
-    click.option("--event", metavar="NAME", help="The event at which the number is asked for, in place of a time."),
+    click.option("--at", metavar="TIME", help="The time at which the number is wanted."),
+    click.option("--event", metavar="NAME", help="The event at which the number is wanted, instead of a time."),
     click.option("--occurrence", type=int, default=1, show_default=True, help="Which occurrence of the event."),
     click.option("--side", default="before", show_default=True, help="State before or after the event."),
     click.option("--seed", type=int, default=0, show_default=True, help="Seed of all random draws."),

@@ -140,7 +140,7 @@ def _table(listed: Iterable[Method]) -> Iterable[str]:
         refused = ", ".join(method.refuses) or "nothing"
         yield f"{method.name:26}{method.order:5}  {_kind(method):25}  {work:>11}  {estimate:9}  {refused}"
     yield (
-        "`xdynamics methods NAME` tells one: its equations, where they stand in the literature, how long a step may be."
+        "`xdynamics methods NAME` describes one: its equations, where they stand in the literature, how long a step may be."
     )
 
 

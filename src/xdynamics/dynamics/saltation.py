@@ -210,7 +210,7 @@ class Met:
         acting = [name for name in self.names if self._acts(name)]
         times = [self.time_of(name) for name in acting]
         if not times:
-            raise NotVariedError("the motion jumps, and no event tells where")
+            raise NotVariedError("the motion jumps, and no event marks where")
         largest = np.abs(times[0]).max(axis=1)
         if any((np.abs(time - times[0]).max(axis=1) > SAME * largest).any() for time in times[1:]):
             raise NotVariedError(f"{' and '.join(acting)} are met at once, and part where an input changes")

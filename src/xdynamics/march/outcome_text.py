@@ -246,7 +246,7 @@ def _outside(march: March, name: str, value: float) -> str:
     value *= march.settings.scales.of(march.model.dimensions[drive.argument])
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
-        f"drive '{name}' was asked at {drive.argument} = {value:.15g}, and its table '{drive.table.name}' reaches from"
+        f"drive '{name}' was evaluated at {drive.argument} = {value:.15g}, and its table '{drive.table.name}' reaches from"
         f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
 
