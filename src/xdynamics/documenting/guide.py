@@ -8,7 +8,8 @@ from functools import partial
 from xdynamics import schema
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
-from xdynamics.model.grammar import HEAD, NEEDED, SECTIONS, Key
+from xdynamics.model.grammar import HEAD, SECTIONS
+from xdynamics.model.section import NEEDED, Key
 from xdynamics.model.table_keys import near
 from xdynamics.schema import Variable
 from xdynamics.units import CONSTANTS, PREFIX, SPELLING

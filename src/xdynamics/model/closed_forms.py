@@ -5,55 +5,18 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from xdynamics.expressions import dimension_of, free_names, parse
+from xdynamics.expressions import dimension_of, free_names
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.grammar import keys_of
-from xdynamics.model.parts import Validation
+from xdynamics.model.kinds import Kind
 from xdynamics.model.statement import Statement
-from xdynamics.model.table_keys import described
-from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, spell, time_in
+from xdynamics.units import Dimension, Quantity, parse_quantity, spell
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
 _FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
 WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
 
 
-def validation(name: str, given: Any, time: Unit) -> Validation:
-    """Read one closed form.
-
-    Raises
-    ------
-    InputError
-        Naming the key that is wrong.
-    """
-    given = {"expression": given} if isinstance(given, str) else given
-    keys_of("validation", given)
-    times = given.get("times", [])
-    if isinstance(times, str | int | float):
-        times = [times]
-    occurrence = given.get("occurrence", 1)
-    if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
-        raise InputError(f"occurrence is {occurrence!r}, needs 1 or more")
-    event = given.get("event", "")
-    if not isinstance(event, str):
-        raise InputError(f"event is {event!r}, needs the name of one")
-    if event and times:
-        raise InputError("event and times are both given; a value is compared at one or the other")
-    quantity = given.get("quantity", name)
-    if not isinstance(quantity, str):
-        raise InputError(f"quantity is {quantity!r}, needs the name of one")
-    return Validation(
-        parse(given["expression"]),
-        quantity,
-        tuple(time_in(time, instant, "times") for instant in times),
-        _bound(given["bound"]),
-        event,
-        occurrence,
-        described(given),
-    )
-
-
-def _bound(written: Any) -> str | Quantity:
+def _bound(written: Any, *_: Any) -> str | Quantity:
     """Read a bound: a quantity, or a word for how it is derived."""
     if isinstance(written, str) and (written in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(written)):
         return written
@@ -64,6 +27,9 @@ def _bound(written: Any) -> str | Quantity:
     if not quantity.value > 0.0:
         raise InputError(f"bound is {written!r}, needs a positive one")
     return quantity
+
+
+BOUND = Kind(f"quantity, {WORDS}".replace("'", '"'), _bound, lambda bound, _: str(bound))
 
 
 def exact_from(bound: str) -> int:

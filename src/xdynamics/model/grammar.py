@@ -1,197 +1,188 @@
-"""The grammar of a model file: every section and every key, with its unit, its default and an example.
+"""The grammar of a model file: every section and every key, declared once.
 
-The reader takes its known keys from here, and `xdynamics help` prints them: no key can be readable but undocumented.
+Reading, writing and the help follow from these declarations: no key can be readable but undocumented, or read and lost.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 from xdynamics.keywords import KEYWORDS
-from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE
-from xdynamics.model.parts import ACTIONS, DIRECTIONS, IMPACT_LAWS, ROOT_STATES, STRIKE, TANGENTIALS
-from xdynamics.model.table_keys import keys
-from xdynamics.model.uncertainty import DISTRIBUTIONS
+from xdynamics.model import entries
+from xdynamics.model.closed_forms import BOUND
+from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
+from xdynamics.model.kinds import (
+    COEFFICIENT,
+    COMPONENT,
+    COUNT,
+    DURATION,
+    EXPRESSION,
+    EXPRESSIONS,
+    FLAG,
+    FORMULA,
+    INSTANTS,
+    NAME,
+    NAMES,
+    PLANE,
+    POSITIVE,
+    SIZE,
+    TEXT,
+    UNIT,
+    given,
+    words,
+)
+from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.parts import (
+    ACTIONS,
+    DIRECTIONS,
+    IMPACT_LAWS,
+    ROOT_STATES,
+    STRIKE,
+    TANGENTIALS,
+    Coordinate,
+    Fitted,
+    Force,
+    Observable,
+    Pictured,
+    Regime,
+    State,
+)
+from xdynamics.model.section import NEEDED, Key, Section
+from xdynamics.model.uncertainty import DISTRIBUTIONS, Discrepancy
 
-NEEDED = "needed"
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key of a section's entries, or of the section itself.
-
-    Attributes
-    ----------
-    name : str
-        In angle brackets if it stands for any name of that kind.
-    takes : str
-        The kind of value, with its unit.
-    about : str
-    default : str
-        What applies if the key is absent; `NEEDED` if it is required.
-    """
-
-    name: str
-    takes: str
-    about: str
-    default: str = ""
-
-
-@dataclass(frozen=True)
-class Section:
-    """One section of a model file.
-
-    Attributes
-    ----------
-    about : str
-    entry : str
-        What an entry is called, in a section of named entries; empty if the section itself has the keys.
-    short : str
-        What may be written instead of an entry's table.
-    keys : tuple of Key
-    example : str
-        TOML that uses every key.
-    """
-
-    about: str
-    entry: str
-    keys: tuple[Key, ...]
-    example: str
-    short: str = ""
-
-    @property
-    def known(self) -> tuple[str, ...]:
-        """The keys with a fixed name."""
-        return tuple(key.name for key in self.keys if not key.name.startswith("<"))
-
-    @property
-    def needed(self) -> tuple[str, ...]:
-        """The keys that are required."""
-        return tuple(key.name for key in self.keys if key.default == NEEDED and not key.name.startswith("<"))
-
-
-def _words(words: tuple[str, ...]) -> str:
-    return " | ".join(f'"{word}"' for word in words)
-
-
-DESCRIPTION = Key("description", "text", "what it is, for people; it goes into the record", "none")
-TOLERANCE = Key("time_tolerance", "time", "how well it is located", "that of the run")
+DESCRIPTION = Key("description", TEXT, "what it is, for people; it goes into the record", "none")
+TOLERANCE = Key("time_tolerance", DURATION, "how well it is located", "that of the run")
 PLACE = Key(
     "position_tolerance",
-    "quantity",
+    POSITIVE,
     "how far from zero the function, or gap, may be at the accepted state",
     "what the time tolerance leaves",
 )
 SPREAD = (
-    Key("uncertainty", "number in the value's unit, or quantity", "standard uncertainty", "none"),
-    Key("half_width", "number in the value's unit, or quantity", "half the width between bounds, in its place", "none"),
-    Key("distribution", _words(DISTRIBUTIONS), "how it is distributed", "normal; with half_width rectangular"),
-    Key("degrees_of_freedom", "number over 2", "of the distribution t", "needed there"),
+    Key("uncertainty", given("number in the value's unit, or quantity"), "standard uncertainty", "none"),
+    Key(
+        "half_width",
+        given("number in the value's unit, or quantity"),
+        "half the width between bounds, in its place",
+        "none",
+    ),
+    Key("distribution", words(*DISTRIBUTIONS), "how it is distributed", "normal; with half_width rectangular"),
+    Key("degrees_of_freedom", given("number over 2"), "of the distribution t", "needed there"),
 )
 OF_EVENTS = (
-    Key("function", "expression of any unit", "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
-    Key("direction", _words(DIRECTIONS), "which passages count", "either; of impacts falling"),
-    Key("action", _words((*ACTIONS, STRIKE)), "what is done there; impact takes the keys of a contact too", "record"),
-    Key("to", "name of a regime", "that a switch goes on in", "needed by switch"),
-    Key("set", "table of expressions", "new values that a reset gives, from those before", "needed by reset"),
-    Key("count", "whole number from 1 on", "the occurrence from which on to act", "1"),
+    Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
+    Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
+    Key("action", words(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
+    Key("to", NAME.of("of a regime"), "that a switch goes on in", "needed by switch", omitted=""),
+    Key("count", COUNT, "the occurrence from which on to act", "1"),
+    Key("root_state", words(*ROOT_STATES), "where it is located: on shortened steps, or on the step's interpolant", "reintegrate", omitted="reintegrate"),
+    Key("unit", UNIT, "of a function in Python", "1"),
+    Key("set", EXPRESSIONS, "new values that a reset gives, from those before", "needed by reset", "reset"),
     TOLERANCE,
     PLACE,
-    Key("root_state", _words(ROOT_STATES), "where it is located: on shortened steps, or on the step's interpolant", "reintegrate"),
-    Key("unit", "unit", "of a function in Python", "1"),
     DESCRIPTION,
 )  # fmt: skip
 OF_CONTACTS = (
-    Key("gap", "expression, m or rad", "of coordinates and time; motion only where it is not negative", NEEDED),
-    Key("restitution", "expression, 1", "coefficient, of what the law says; may read approach_speed", NEEDED),
-    Key("tangential", _words(TANGENTIALS), "friction along the surface", "frictionless"),
-    Key("slip", "expression, m s-1", "velocity along the surface", "needed by coulomb"),
-    Key("friction", "expression, 1", "coefficient while it slips", "needed by coulomb"),
-    Key("static", "expression, 1", "coefficient up to which it sticks", "friction"),
-    TOLERANCE,
-    PLACE,
-    Key("rest_height", "quantity, m", "lower bounces may be skipped into rest", "1e-9 of the largest gap so far"),
+    Key("gap", EXPRESSION.of("m or rad"), "of coordinates and time; motion only where it is not negative", NEEDED),
+    Key("restitution", COEFFICIENT.of("1"), "coefficient, of what the law says; may read approach_speed", NEEDED),
+    Key("slip", COEFFICIENT.of("m s-1"), "velocity along the surface", "needed by coulomb"),
+    Key("friction", COEFFICIENT.of("1"), "coefficient while it slips", "needed by coulomb"),
+    Key("static", COEFFICIENT.of("1"), "coefficient up to which it sticks", "friction"),
+    Key("tangential", words(*TANGENTIALS), "friction along the surface", "frictionless"),
     Key(
         "law",
-        _words(IMPACT_LAWS),
+        words(*IMPACT_LAWS),
         "of impacts: Newton's restitution of rates, Poisson's of impulses, Newton's one by one, Stronge's of energy"
         " (one contact at a time)",
         "newton",
     ),
+    TOLERANCE,
+    PLACE,
+    Key("rest_height", SIZE.of("m"), "lower bounces may be skipped into rest", "1e-9 of the largest gap so far"),
     DESCRIPTION,
 )
 
 SECTIONS: dict[str, Section] = {
+    "time": Section(
+        "what time is measured in", "",
+        (Key("unit", words("s", "1"), "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s", "text", "s"),),
+        '[time]\nunit = "s"\n',
+        make=entries.time_unit, field="time_unit",
+    ),
     "coordinates": Section(
         "what moves; the velocity of x is v_x, its acceleration a_x", "coordinate",
-        (Key("unit", "unit", "of the coordinate; angles in rad or degree", NEEDED), DESCRIPTION),
+        (Key("unit", UNIT, "of the coordinate; angles in rad or degree", NEEDED), DESCRIPTION),
         '[coordinates]\nx = "m"\ntheta = { unit = "rad", description = "angle from the vertical" }\n',
         'its unit: "m"',
+        make=Coordinate, brief="unit",
     ),
     "parameters": Section(
         "constants of the model", "parameter",
-        (Key("value", "quantity, or a number beside unit", "of the parameter", NEEDED), Key("unit", "unit", "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", given("quantity, or a number beside unit"), "of the parameter", NEEDED), Key("unit", given("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
         '[parameters]\nm = "0.2 kg"\nl = { value = 0.5, unit = "m", uncertainty = 1e-3, description = "length" }\n'
         'k = { value = "40 N m-1", half_width = "1 N m-1", distribution = "triangular" }\n'
         'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n',
         'its value: "9.81 m s-2", or with its standard uncertainty: "9.81 ± 0.01 m s-2"',
+        full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
     "mass": Section(
         "what multiplies the acceleration of each coordinate, and nothing else", "",
-        (Key("<coordinate>", "expression, kg (kg m2 of an angle)", "mass or moment of inertia", NEEDED), Key("matrix", "rows of expressions", "the whole mass matrix in their place, which may depend on coordinates", "")),
+        (Key("<coordinate>", EXPRESSION.of("kg (kg m2 of an angle)"), "mass or moment of inertia", NEEDED), Key("matrix", given("rows of expressions"), "the whole mass matrix in their place, which may depend on coordinates", "")),
         '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\n',
     ),
     "lagrangian": Section(
         "energies, in the place of [mass]: the mass matrix, the force terms `inertia` (velocity terms) and `potential` follow", "",
         (
-            Key("kinetic", "expression, J", "quadratic in velocities; of coordinates, velocities, t and parameters", NEEDED),
-            Key("potential", "expression, J", "of coordinates, t, parameters and drives", "none"),
+            Key("kinetic", EXPRESSION.of("J"), "quadratic in velocities; of coordinates, velocities, t and parameters", NEEDED),
+            Key("potential", EXPRESSION.of("J"), "of coordinates, t, parameters and drives", "none"),
         ),
         '[lagrangian]\nkinetic = "m*(v_x**2 + l**2*v_theta**2/radian**2)/2 + m*l*cos(theta)*v_x*v_theta/radian"\npotential = "k*x**2/2"\n',
         "other forces, of drags and drives, stand in [forces] beside it",
+        make=Lagrangian,
     ),
     "definitions": Section(
-        "names for expressions that are used again", "definition", (Key("<name>", "expression of any unit", "may read other definitions"),),
+        "names for expressions that are used again", "definition", (Key("<name>", FORMULA.of("any unit"), "may read other definitions"),),
         '[definitions]\nspeed = "hypot(v_x, l*v_theta/radian)"\n',
     ),
     "forces": Section(
         "force terms by name", "force",
         (
-            Key("potential", "expression, J", "the force is its negative gradient, and energies are known", "components"),
-            Key("<coordinate>", "expression, N (N m of an angle)", "component of the (generalised) force; also a numba function", ""),
-            Key("smooth", "true | false", "its abs, sign, min, max, where are no switches to be located", "false"),
+            Key("potential", EXPRESSION.of("J"), "the force is its negative gradient, and energies are known", "components"),
+            Key("<coordinate>", COMPONENT.of("N (N m of an angle)"), "component of the (generalised) force; also a numba function", "", "components"),
+            Key("smooth", FLAG, "its abs, sign, min, max, where are no switches to be located", "false"),
             DESCRIPTION,
         ),
         '[forces.gravity]\npotential = "-m*9.81*newton/kilogram*l*cos(theta)"\n'
         '[forces.drag]\nx = "-c*v_x"\ntheta = "-c*l**2*v_theta/radian"\nsmooth = true\ndescription = "of the air"\n',
+        full=entries.force_table, make=Force, apart=True,
     ),
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", "file name", "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv"),
-            Key("csv", "text", "the table itself, in the place of the file", "the file"),
-            Key("column", "name, or whole header", "of the values, where a table has several columns of them", "the only one"),
-            Key("gaps", _words(GAPS), "lines in which a number is missing", "refuse"),
-            Key("argument", 't, a coordinate or a velocity', "what it is measured over", "t"),
-            Key("interpolation", _words(INTERPOLATIONS), "between its points", "linear"),
-            Key("outside", _words(OUTSIDE), "beyond its ends", "error"),
+            Key("table", NAME.of("of a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
+            Key("argument", NAME.of("t, a coordinate or a velocity"), "what it is measured over", "t"),
+            Key("interpolation", words(*INTERPOLATIONS), "between its points", "linear"),
+            Key("outside", words(*OUTSIDE), "beyond its ends", "error"),
+            Key("column", NAME.of("or whole header"), "of the values, where a table has several columns of them", "the only one", "table.column", ""),
+            Key("gaps", words(*GAPS), "lines in which a number is missing", "refuse", "table.gaps", REFUSE),
+            Key("csv", NAME, "the table itself, in the place of the file", "the file", "table.text"),
             DESCRIPTION,
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
         '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n',
+        full=entries.drive_table, make=entries.drive, apart=True,
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",
-        (Key("unit", "unit", "of the state", NEEDED), Key("rate", "expression, that unit per second", "how fast it changes", NEEDED), Key("smooth", "true | false", "as of forces", "false"), DESCRIPTION),
+        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.of("that unit per second"), "how fast it changes", NEEDED), Key("smooth", FLAG, "as of forces", "false"), DESCRIPTION),
         '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n',
+        make=State, apart=True,
     ),
     "initial": Section(
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
-        (Key("value", "quantity, or a number beside unit", "at the start", NEEDED), Key("unit", "unit", "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", given("quantity, or a number beside unit"), "at the start", NEEDED), Key("unit", given("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
         'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
+        full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
     "events": Section(
         "functions whose zeros are located, and what is done there", "event", OF_EVENTS,
@@ -199,103 +190,95 @@ SECTIONS: dict[str, Section] = {
         '[events.release]\nfunction = "t - 2*second"\naction = "switch"\nto = "free"\ndescription = "the string is cut"\n'
         '[events.wall]\nfunction = "2*metre - x"\ndirection = "falling"\naction = "reset"\nset = { v_x = "-0.9*v_x" }\nroot_state = "interpolant"\n'
         '[events.third]\nfunction = "theta"\naction = "stop"\ncount = 3\n',
+        make=entries.event, apart=True,
     ),
     "contacts": Section(
         "unilateral contacts: impacts, rest, take-off, Coulomb's friction", "contact", OF_CONTACTS,
         '[contacts.floor]\ngap = "x + 1*metre"\nrestitution = "0.8*exp(-approach_speed/(9*metre/second))"\nrest_height = "1 nm"\nposition_tolerance = "1 nm"\nlaw = "poisson"\n'
         '[contacts.pad]\ngap = "3*metre - x"\nrestitution = 0.5\nlaw = "poisson"\ntangential = "coulomb"\nslip = "l*v_theta/radian"\nfriction = 0.3\nstatic = 0.4\ntime_tolerance = "1 ps"\ndescription = "rubber"\n',
+        make=entries.contact, apart=True,
     ),
     "frictions": Section(
         "dry friction with true stick, where the normal load is known", "friction",
         (
-            Key("slip", "expression, m s-1 (rad s-1)", "relative velocity, linear in velocities", NEEDED),
-            Key("kinetic", "expression, N", "how large the force is while it slips", NEEDED),
-            Key("static", "expression, N", "the most that sticking holds", "kinetic"),
+            Key("slip", EXPRESSION.of("m s-1 (rad s-1)"), "relative velocity, linear in velocities", NEEDED),
+            Key("kinetic", COEFFICIENT.of("N"), "how large the force is while it slips", NEEDED),
+            Key("static", COEFFICIENT.of("N"), "the most that sticking holds", "kinetic"),
             TOLERANCE, DESCRIPTION,
         ),
         '[frictions.belt]\nslip = "v_x - 0.1*metre/second"\nkinetic = "0.2*newton"\nstatic = "0.4*newton"\ntime_tolerance = "1 ns"\ndescription = "felt"\n',
+        make=entries.friction, apart=True,
     ),
     "regimes": Section(
         "which forces act together while a regime lasts; events switch between them", "regime",
-        (Key("forces", "list of names", "the terms that act", NEEDED), DESCRIPTION),
+        (Key("forces", NAMES, "the terms that act", NEEDED), DESCRIPTION),
         '[regimes.pulled]\nforces = ["gravity", "drag"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
+        make=Regime, apart=True,
     ),
     "observables": Section(
         "what else is recorded along the run and at events", "observable",
-        (Key("expression", "expression of any unit", "what is recorded", NEEDED), Key("unit", "unit", "that it is recorded in", "the SI unit"), DESCRIPTION),
+        (Key("expression", FORMULA.of("any unit"), "what is recorded", NEEDED), Key("unit", UNIT, "that it is recorded in", "the SI unit"), DESCRIPTION),
         '[observables]\nheight = "-l*cos(theta)"\nspeed_of_it = { expression = "v_x", unit = "km h-1", description = "as on a speedometer" }\n',
         'its expression: "m*v_x"',
+        make=Observable, field="observed", brief="expression", written=entries.written_observable,
     ),
     "validation": Section(
-        "closed forms that a run is compared with by `xdynamics validate`", "closed form",
+        "closed forms that a run is compared with by `xdynamics validate`", "validation",
         (
-            Key("expression", "expression of t and parameters", "what the quantity is to be", NEEDED),
-            Key("bound", 'quantity, "rounding", "rounding from order 2", "order", "band" or "unscaled"', "the most that it may be off, or how that follows", NEEDED),
-            Key("quantity", "name", "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
-            Key("times", "time or list of times", "where it is compared", "at every accepted state"),
-            Key("event", "name", "after which it is compared", "none"),
-            Key("occurrence", "whole number from 1 on", "which of these", "1"),
+            Key("quantity", NAME, "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
+            Key("expression", FORMULA.of("of t and parameters"), "what the quantity is to be", NEEDED),
+            Key("bound", BOUND, "the most that it may be off, or how that follows", NEEDED),
+            Key("event", NAME, "after which it is compared", "none", omitted=""),
+            Key("occurrence", COUNT, "which of these", "1", omitted=0),
+            Key("times", INSTANTS, "where it is compared", "at every accepted state"),
             DESCRIPTION,
         ),
         '[validation.x]\nexpression = "0.01*metre"\nbound = "1 km"\ntimes = ["0 s", "1 s"]\ndescription = "at rest"\n'
         '[validation.first_turn]\nquantity = "t"\nexpression = "0*second"\nbound = "order"\nevent = "turn"\noccurrence = 1\n',
         "expression and bound are both needed",
+        full=entries.named, make=entries.closed_form, apart=True,
     ),
     "correlations": Section(
-        "correlation coefficients of uncertain inputs", "", (Key("<name>", "table of numbers from -1 to 1", "by the other name", "0"),),
+        "correlation coefficients of uncertain inputs", "", (Key("<name>", given("table of numbers from -1 to 1"), "by the other name", "0"),),
         "[correlations]\nl = { x = 0.3 }\n",
     ),
     "discrepancy": Section(
         "what the model itself may have a quantity wrong, declared by its author", "discrepancy",
-        (Key("standard", "quantity", "standard uncertainty", NEEDED), DESCRIPTION),
+        (Key("standard", SIZE, "standard uncertainty", NEEDED), DESCRIPTION),
         '[discrepancy]\nx = { standard = "1 mm", description = "no wind in it" }\n',
         'its standard uncertainty: "1 mm"',
+        make=Discrepancy, brief="standard",
     ),
     "fit": Section(
         "what the numbers of the model were fitted to, as `fit` writes it", "",
         (
-            Key("data", "text", "name of the measured data", "none"),
-            Key("adequate", "true | false", "whether the residuals bear the fit out: budgets refuse a model of one that they do not, unless they are asked for it", "true"),
+            Key("data", NAME, "name of the measured data", "none"),
+            Key("adequate", FLAG, "whether the residuals bear the fit out: budgets refuse a model of one that they do not, unless they are asked for it", "true", omitted=None),
             DESCRIPTION,
         ),
         '[fit]\ndata = "bench.csv"\nadequate = true\ndescription = "residuals are no more than noise"\n',
+        make=Fitted,
     ),
     "figure": Section(
         "what pictures and animations show of the motion in a plane", "",
         (
-            Key("plane", "pair of expressions of one unit, or a list of pairs", "where bodies are, across and up: of coordinates, t and parameters", "the coordinates"),
-            Key("section", "expression of parameters, s", "the period of a drive: Poincare's section has a dot in each", "none"),
-            Key("wrap", "list of angles", "drawn within half a turn to either side", "none"),
+            Key("plane", PLANE.of("of one unit, or a list of pairs"), "where bodies are, across and up: of coordinates, t and parameters", "the coordinates"),
+            Key("section", EXPRESSION.of("s, of parameters"), "the period of a drive: Poincare's section has a dot in each", "none"),
+            Key("wrap", NAMES.of("angles"), "drawn within half a turn to either side", "none"),
         ),
         '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\nsection = "2*pi*sqrt(m/k)"\nwrap = ["theta"]\n',
         "without it two coordinates of one unit are a plane, and three are seen from three sides",
-    ),
-    "time": Section(
-        "what time is measured in", "",
-        (Key("unit", '"s" | "1"', "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s"),),
-        '[time]\nunit = "s"\n',
+        make=Pictured, field="pictured",
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
-        tuple(Key(name, key.written, key.about, key.default) for name, key in KEYWORDS.items() if key.example),
+        tuple(Key(name, given(key.written), key.about, key.default) for name, key in KEYWORDS.items() if key.example),
         "[run]\n" + "".join(f"{name} = {key.example}\n" for name, key in KEYWORDS.items() if key.example),
     ),
 }  # fmt: skip
 
 # the keys above all sections
 HEAD = (
-    Key("name", "text", "of the model, first of all", NEEDED),
+    Key("name", TEXT, "of the model, first of all", NEEDED),
     DESCRIPTION,
 )
-
-
-def keys_of(section: str, given: Any, more: tuple[str, ...] = (), needed: tuple[str, ...] | None = None) -> None:
-    """Check the keys of an entry against its section.
-
-    Raises
-    ------
-    InputError
-        If it is not a table, has keys other than those of the section and `more`, or lacks a needed one.
-    """
-    about = SECTIONS[section]
-    keys(given, about.known + more, about.needed if needed is None else needed)

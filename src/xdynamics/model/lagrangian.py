@@ -12,10 +12,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names, parse
+from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, negative
 from xdynamics.faults import InputError
-from xdynamics.model.grammar import keys_of
 from xdynamics.model.parts import Force
 from xdynamics.schema import velocity
 
@@ -35,22 +34,6 @@ class Lagrangian:
 
     kinetic: Node
     potential: Node | None = None
-
-
-def lagrangian(given: object) -> Lagrangian | None:
-    """Read the section `lagrangian`, if there is one.
-
-    Raises
-    ------
-    InputError
-        Naming the key that is wrong.
-    """
-    if not given:
-        return None
-    keys_of("lagrangian", given)
-    assert isinstance(given, Mapping)  # noqa: S101 - `keys_of` has seen to it
-    potential = parse(given["potential"]) if "potential" in given else None
-    return Lagrangian(parse(given["kinetic"]), potential)
 
 
 def motion_of(

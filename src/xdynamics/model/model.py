@@ -294,7 +294,7 @@ class Model:
             drives=drives,
             initial=initial,
             starts={},
-            observed={},
+            observed={name: Observable(tree) for name, tree in self.observables.items()},
             run={},
             validation={},
             correlations={},

@@ -140,29 +140,9 @@ class Drive:
 class Event:
     """A scalar function of the state whose zeros are located, and the action taken there.
 
-    Attributes
-    ----------
-    function : Node or Function
-        One in Python has no derivative and no bounds: it is sampled, and slopes are differences.
-    direction : {"rising", "falling", "either"}
-        A touch counts if the function approaches zero from the matching side.
-    action : {"record", "stop", "switch", "reset"}
-    time_tolerance : Quantity, optional
-        How well it is located; by default as in the settings of the run.
-    position_tolerance : Quantity, optional
-        How far from zero its function may be at the accepted state, in its own unit; by default what the time tolerance
-        leaves.
-    description : str
-    to : str
-        The regime that a switch leads to.
-    reset : mapping of str to Node
-        New values of coordinates, velocities or states, from those before.
-    count : int
-        The occurrence from which on to act.
-    root_state : {"reintegrate", "interpolant"}
-        Whether it is located on shortened steps of the method, or on the interpolant of the full step.
-    unit : Unit, optional
-        The unit of what a function in Python returns (in SI); by default a pure number.
+    Its attributes are the keys of `[events]`; `reset` is the key `set`. A touch counts in the direction from which the
+    function approaches zero. A function in Python has no derivative and no bounds: it is sampled, and slopes are
+    differences.
     """
 
     function: Node | Function
@@ -182,26 +162,8 @@ class Event:
 class Contact:
     """A unilateral contact: motion is possible only where its gap is not negative.
 
-    Attributes
-    ----------
-    gap : Node
-        Of coordinates and time; its gradient is the normal.
-    restitution : Node
-        The coefficient, a number or an expression, of `approach_speed` too.
-    tangential : {"frictionless", "coulomb"}
-    slip : Node, optional
-        Velocity along the surface, of a contact with friction.
-    friction, static : Node, optional
-        Coefficients while it slips, and up to which it sticks.
-    time_tolerance : Quantity, optional
-        Of impacts, rest and take-off; by default as in the settings of the run.
-    position_tolerance : Quantity, optional
-        How large the gap may be at the accepted state of an impact; by default what the time tolerance leaves.
-    rest_height : Quantity, optional
-        Bounces lower than this may be skipped into rest; by default 1e-9 of the largest gap so far.
-    law : {"newton", "poisson", "sequential", "energetic"}
-        Of impacts, including simultaneous ones.
-    description : str
+    Its attributes are the keys of `[contacts]`. The gradient of `gap` is the normal; `restitution` may read
+    `approach_speed`.
     """
 
     gap: Node
@@ -221,15 +183,7 @@ class Contact:
 class Friction:
     """Dry friction with true stick under a known load: a force along the derivative of `slip` by the velocities.
 
-    Attributes
-    ----------
-    slip : Node
-        Relative velocity, linear in velocities.
-    kinetic, static : Node
-        Size of the force while it slips, and the largest force that sticking holds.
-    time_tolerance : Quantity, optional
-        Of stick and slip; by default as in the settings of the run.
-    description : str
+    Its attributes are the keys of `[frictions]`.
     """
 
     slip: Node
@@ -241,25 +195,16 @@ class Friction:
 
 @dataclass(frozen=True)
 class Observable:
-    """How an observable is recorded: its unit, if one is chosen, and its description."""
+    """What else is recorded, its unit, if one is chosen, and its description."""
 
+    expression: Node
     unit: Unit | None = None
     description: str = ""
 
 
 @dataclass(frozen=True)
 class Pictured:
-    """What figures show of a motion.
-
-    Attributes
-    ----------
-    plane : tuple of (Node, Node)
-        Positions of bodies, across and up.
-    section : Node, optional
-        The period of the Poincare section.
-    wrap : tuple of str
-        Angles that are drawn within half a turn to either side.
-    """
+    """What figures show of a motion, by the keys of `[figure]`."""
 
     plane: tuple[tuple[Node, Node], ...] = ()
     section: Node | None = None
@@ -270,21 +215,8 @@ class Pictured:
 class Validation:
     """The expected value of a quantity of a run.
 
-    Attributes
-    ----------
-    expression : Node
-        Its closed form, of time and parameters.
-    quantity : str
-        A coordinate, velocity, state, energy, observable, contact force; at an event `t` too, its time.
-    times : tuple of float, s
-        Where it is compared; if empty, at every accepted state.
-    bound : str or Quantity
-        The largest deviation allowed, or a word for how it is derived.
-    event : str
-        The event after which it is compared.
-    occurrence : int
-        Which occurrence of the event, from 1.
-    description : str
+    Its attributes are the keys of `[validation]`: `times` in s, compared at every accepted state if there are none;
+    `bound` a quantity or a word for how it is derived; `occurrence` from 1, and 0 without an event.
     """
 
     expression: Node
@@ -292,7 +224,7 @@ class Validation:
     times: tuple[float, ...]
     bound: str | Quantity
     event: str = ""
-    occurrence: int = 1
+    occurrence: int = 0
     description: str = ""
 
 

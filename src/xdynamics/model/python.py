@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from xdynamics.expressions import Node, parse
 from xdynamics.faults import InputError
 from xdynamics.model.parts import Function
 from xdynamics.model.table_keys import keys
@@ -13,20 +12,16 @@ from xdynamics.model.table_keys import keys
 Functions = Mapping[str, Callable[..., float]]
 
 
-def expression_or_function(value: Any, functions: Functions) -> Node | Function:
-    """Read an expression, a Python function, or a table that describes one.
+def function_of(entry: Any, functions: Functions) -> Function:
+    """Read a Python function, or a table that describes one.
 
     Raises
     ------
     InputError
         If it cannot be read, or the function passed is a different one.
     """
-    if callable(value):
-        return Function.of(value)
-    return _function(value, functions) if isinstance(value, Mapping) else parse(value)
-
-
-def _function(entry: Mapping[str, Any], functions: Functions) -> Function:
+    if callable(entry):
+        return Function.of(entry)
     keys(entry, ("function", "arguments", "digest", "source"), needed=("function", "digest"))
     name, arguments = entry["function"], entry.get("arguments", [])
     listed = [name, entry["digest"], entry.get("source", ""), *(arguments if isinstance(arguments, list) else [None])]

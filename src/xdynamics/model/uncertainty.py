@@ -120,7 +120,7 @@ def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
     if len(sizes) > 1:
         raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
     bounded = sizes == ["half_width"]
-    distribution = choice(given, "distribution", DISTRIBUTIONS, RECTANGULAR if bounded else NORMAL)
+    distribution = choice(given.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS)
     if bounded and distribution not in HALF_WIDTHS:
         raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
     return Spread(_size(given[sizes[0]], sizes[0], value), distribution, bounded, _freedom(given, distribution))

@@ -1,0 +1,142 @@
+"""Entries of a model file that are more than their keys: what keys need, exclude and mean together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from xdynamics.expressions import Node, text_of
+from xdynamics.faults import InputError
+from xdynamics.model.drives import REFUSE, Table
+from xdynamics.model.kinds import Source
+from xdynamics.model.parts import Contact, Drive, Event, Friction, Function, Observable, Parameter, Validation
+from xdynamics.model.python_tables import tabled
+from xdynamics.model.section import Section
+from xdynamics.model.table_keys import keys
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
+from xdynamics.units import NUMBERS, SECONDS, Unit, parse_quantity
+
+COULOMB = "coulomb"
+_OF_COULOMB = ("slip", "friction", "static")
+_OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other takes
+
+
+def parameter_table(entry: Any, *_: Any) -> Any:
+    """Return the table that a quantity stands for, perhaps with its standard uncertainty after a sign."""
+    if pair := parted(entry):
+        return {"value": pair[0], "uncertainty": pair[1]}
+    return entry if isinstance(entry, Mapping) else {"value": entry}
+
+
+def parameter(value: Any, unit: str | None = None, description: str = "", **spread: Any) -> Parameter:
+    """Make a parameter, or a value at the start, from a quantity or from a number beside a unit."""
+    quantity = parse_quantity(value)
+    if unit is not None and quantity.unit.text != "1":
+        raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
+    if unit is not None:
+        quantity = parse_quantity(f"{quantity.value!r} {unit}")
+    return Parameter(quantity, spread_of(spread, quantity), description)
+
+
+def written_parameter(part: Parameter) -> str | dict[str, Any]:
+    """Write a parameter: its value alone, or a table where more is known of it."""
+    if part.spread is None and not part.description:
+        return str(part.quantity)
+    body: dict[str, Any] = {"value": part.quantity.value, "unit": part.quantity.unit.text}
+    if part.spread is not None:
+        size, bounded = part.spread.size, part.spread.bounded
+        same = size.unit.text == part.quantity.unit.text
+        body["half_width" if bounded else "uncertainty"] = size.value if same else str(size)
+        if part.spread.distribution != (RECTANGULAR if bounded else NORMAL):
+            body["distribution"] = part.spread.distribution
+        if part.spread.degrees_of_freedom is not None:
+            body["degrees_of_freedom"] = part.spread.degrees_of_freedom
+    return body | ({"description": part.description} if part.description else {})
+
+
+def written_observable(part: Observable) -> str | None:
+    """Write an observable of which no more than the expression is known; None if it needs a table."""
+    return text_of(part.expression) if part == Observable(part.expression) else None
+
+
+def force_table(entry: Any, section: Section, *_: Any) -> Any:
+    """Return the entry of a force term, which has a potential or components."""
+    if not isinstance(entry, Mapping) or not entry:
+        raise InputError(f"{entry!r} needs a potential or a component per coordinate")
+    components = [key for key in entry if key not in section.known]
+    if components and "potential" in entry:
+        raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
+    if not components and "potential" not in entry:
+        raise InputError("needs a potential or a component per coordinate")
+    return entry
+
+
+def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
+    """Return a drive's entry with the text of its table: written there, in a file, or made in Python."""
+    if not isinstance(entry, Mapping) or not ({*entry} & {"table", "csv"} or {*entry} <= {*section.known}):
+        entry = {"table": entry}  # a table from Python in place of an entry
+    keys(entry, section.known, ())
+    if "table" not in entry and "csv" not in entry:
+        raise InputError("key 'table' is missing; name a CSV file there, or write its text behind csv")
+    file = entry.get("table", f"{name}.csv")
+    if not isinstance(file, str):
+        return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
+    if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
+        raise InputError(f"table {file!r} must be the name of a CSV file")
+    return {**entry, "table": file, "csv": entry["csv"] if "csv" in entry else source.reach.text_of(file)}
+
+
+def drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **others: Any) -> Drive:
+    """Make a drive from the text of its table."""
+    return Drive(Table.parse(Path(table).name, csv, column, gaps), **others)
+
+
+def event(**values: Any) -> Event:
+    """Make an event whose keys go with its action."""
+    action = values.get("action", "record")
+    for key, needed in _OF_ACTIONS.items():
+        if action == needed and key not in values:
+            raise InputError(f"action '{action}' needs the key '{key}'")
+        if action != needed and key in values:
+            raise InputError(f"key '{key}' is for action '{needed}': '{action}' does not take it")
+    if "unit" in values and not isinstance(values["function"], Function):
+        raise InputError("key 'unit' is for a function written in Python: an expression has its own")
+    if action == "record" and values.get("count", 1) > 1:
+        raise InputError(f"count is {values['count']}, and action 'record' does nothing that could wait for it")
+    return Event(reset=values.pop("set", {}), **values)
+
+
+def contact(**values: Any) -> Contact:
+    """Make a contact; one that rubs needs a slip and a coefficient, and sticks as it slips unless told otherwise."""
+    if values.get("tangential") == COULOMB:
+        if missing := [key for key in _OF_COULOMB[:2] if key not in values]:
+            raise InputError(f"tangential '{COULOMB}' needs {' and '.join(missing)}")
+        values = {"static": values["friction"], **values}
+    elif unused := [key for key in _OF_COULOMB if key in values]:
+        raise InputError(f"{', '.join(unused)} is for tangential = '{COULOMB}', and this contact is frictionless")
+    return Contact(**values)
+
+
+def friction(kinetic: Node, **others: Any) -> Friction:
+    """Make a friction element, which sticks as it slips unless told otherwise."""
+    return Friction(kinetic=kinetic, **{"static": kinetic, **others})
+
+
+def named(entry: Any, _: Section, name: str, *__: Any) -> Any:
+    """Return the entry of a closed form, whose own name is the quantity unless told otherwise."""
+    if isinstance(entry, str):
+        return {"quantity": name, "expression": entry}
+    return {"quantity": name, **entry} if isinstance(entry, Mapping) else entry
+
+
+def closed_form(times: tuple[float, ...] = (), event: str = "", occurrence: int = 1, **others: Any) -> Validation:
+    """Make a closed form, compared at times or at an occurrence of an event."""
+    if event and times:
+        raise InputError("event and times are both given; a value is compared at one or the other")
+    return Validation(times=times, event=event, occurrence=occurrence if event else 0, **others)
+
+
+def time_unit(unit: str = SECONDS.text) -> Unit:
+    """Return the unit of a model's time."""
+    return SECONDS if unit == SECONDS.text else NUMBERS

@@ -1,0 +1,204 @@
+"""Kinds of values in a model file: how each is read, how it is written, and when it need not be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xdynamics.expressions import Node, parse, text_of
+from xdynamics.faults import InputError
+from xdynamics.model.file_access import Reach
+from xdynamics.model.parts import Function
+from xdynamics.model.python import Functions, function_of
+from xdynamics.model.table_keys import choice
+from xdynamics.units import NONE, SECONDS, TIME, Quantity, Unit, behind, parse_quantity, parse_unit, time_in
+
+NEVER = object()  # equal to no value: a key that is always written
+MOST_COUNTED = 1 << 31
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a model is read with beside its text: Python functions, the files in reach, the unit of time."""
+
+    functions: Functions
+    reach: Reach
+    time: Unit = SECONDS
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of value.
+
+    Attributes
+    ----------
+    takes : str
+        How a value is described in the help.
+    read : callable of (value, key, Source)
+        Returns the value as a part of a model has it, or raises an `InputError` that names the key.
+    write : callable of (value, Unit)
+        Returns what stands in TOML, in a model with a unit of time.
+    omitted : object
+        The value that is not written; `NEVER` if all are.
+    """
+
+    takes: str
+    read: Callable[[Any, str, Source], Any]
+    write: Callable[[Any, Unit], Any] = lambda value, _: value
+    omitted: Any = NEVER
+
+    def of(self, unit: str) -> Kind:
+        """Return the kind with its unit, or whatever else belongs to it, in the help."""
+        return replace(self, takes=f"{self.takes}, {unit}")
+
+
+def words(*known: str) -> Kind:
+    """Return the kind of values that are one of some words."""
+    takes = " | ".join(f'"{word}"' for word in known)
+    return Kind(takes, lambda value, key, _: choice(value, key, known))
+
+
+def given(takes: str) -> Kind:
+    """Return the kind of values that are read together with other keys of their entry."""
+    return Kind(takes, lambda value, *_: value)
+
+
+def description(value: Any, *_: Any) -> str:
+    """Read a text for people.
+
+    Raises
+    ------
+    InputError
+        If it has characters that are not printable.
+    """
+    text = str(value).strip()
+    if not all(character.isprintable() or character in "\n\t" for character in text):
+        raise InputError(f"text {text[:40]!r} has characters that are not printable")
+    return text
+
+
+def _name(value: Any, key: str, *_: Source) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{key} is {value!r}, needs the name of one")
+    return value
+
+
+def _names(value: Any, key: str, *_: Source) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+        raise InputError(f"{key} is {value!r}, needs a list of names")
+    if len(set(value)) < len(value):
+        raise InputError(f"{key} lists one of {', '.join(value)} twice")
+    return tuple(value)
+
+
+def _expression(value: Any, key: str, *_: Source) -> Node:
+    try:
+        return parse(value)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _coefficient(value: Any, key: str, *_: Source) -> Node:
+    """Read an expression, or a plain number."""
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    return _expression(repr(value) if plain else value, key)
+
+
+def _component(value: Any, key: str, source: Source) -> Node | Function:
+    """Read an expression, a Python function, or a table that describes one."""
+    if callable(value) or isinstance(value, Mapping):
+        return function_of(value, source.functions)
+    return _expression(value, key)
+
+
+def _written(value: Node | Function, *_: Unit) -> Any:
+    """Write an expression as text, a Python function as the table that describes it."""
+    if not isinstance(value, Function):
+        return text_of(value)
+    return {
+        "function": value.name,
+        "arguments": list(value.arguments),
+        "digest": value.digest,
+        "source": value.source,
+    }
+
+
+def _trees(value: Any, key: str, *_: Source) -> dict[str, Node]:
+    if not isinstance(value, Mapping):
+        raise InputError(f'{key} is {value!r}, needs a table like {{ v_y = "-v_y" }}')
+    return {name: _expression(text, f"{key} '{name}'") for name, text in value.items()}
+
+
+def _pairs(value: Any, key: str, *_: Source) -> tuple[tuple[Node, Node], ...]:
+    one_pair = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
+    pairs = [value] if one_pair else value
+    if (
+        not isinstance(pairs, list | tuple)
+        or not pairs
+        or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs)
+    ):
+        raise InputError(
+            f'{key} is {value!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
+        )
+    return tuple((_expression(across, key), _expression(up, key)) for across, up in pairs)
+
+
+def _flag(value: Any, key: str, *_: Source) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{key} is {value!r}, needs true or false")
+    return value
+
+
+def _count(value: Any, key: str, *_: Source) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < MOST_COUNTED:
+        raise InputError(f"{key} is {value!r}, needs 1 or more, a whole number")
+    return value
+
+
+def _duration(value: Any, key: str, *_: Source) -> Quantity:
+    quantity = parse_quantity(value)
+    if quantity.unit.dimension not in (TIME, NONE) or quantity.value <= 0:
+        raise InputError(f"{key} is '{quantity}', needs a positive time")
+    return quantity
+
+
+def _positive(value: Any, key: str, *_: Source) -> Quantity:
+    quantity = parse_quantity(value)
+    if not quantity.value > 0:
+        raise InputError(f"{key} is '{quantity}', needs a positive quantity")
+    return quantity
+
+
+def _size(value: Any, key: str, *_: Source) -> Quantity:
+    quantity = parse_quantity(value)
+    if quantity.value < 0:
+        raise InputError(f"{key} is '{quantity}', must be non-negative")
+    return quantity
+
+
+def _instants(value: Any, key: str, source: Source) -> tuple[float, ...]:
+    instants = [value] if isinstance(value, str | int | float) else value
+    return tuple(time_in(source.time, instant, key) for instant in instants)
+
+
+def _text_of(tree: Node, *_: Unit) -> str:
+    return text_of(tree)
+
+
+TEXT = Kind("text", description, omitted="")
+NAME = Kind("name", _name)
+NAMES = Kind("list of names", _names, lambda names, _: list(names), ())
+UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
+EXPRESSION = Kind("expression", _expression, _text_of, None)
+COEFFICIENT = Kind("expression", _coefficient, _text_of, None)
+FORMULA = Kind("expression", lambda value, *_: parse(value), _text_of)  # named by its entry alone
+COMPONENT = Kind("expression", _component, _written, None)
+EXPRESSIONS = Kind("table of expressions", _trees, lambda trees, _: {key: text_of(trees[key]) for key in trees}, {})
+PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())
+FLAG = Kind("true | false", _flag, omitted=False)
+COUNT = Kind("whole number from 1 on", _count, omitted=1)
+DURATION = Kind("time", _duration, omitted=None)
+INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{behind(unit)}" for time in times], ())
+POSITIVE = Kind("quantity", _positive, omitted=None)
+SIZE = Kind("quantity", _size, omitted=None)

@@ -1,0 +1,153 @@
+"""A section of a model file, declared once: its keys, how an entry is read and written, and the help on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+from xdynamics.model.kinds import Kind, Source
+from xdynamics.model.table_keys import keys
+from xdynamics.units import Unit
+
+NEEDED = "needed"
+_OF_KIND = object()
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a section's entries, or of the section itself.
+
+    Attributes
+    ----------
+    name : str
+        In angle brackets if it stands for any name of that kind.
+    kind : Kind
+        Of its value: how that is read and written, and what the help says of it.
+    about : str
+    default : str
+        What applies if the key is absent; `NEEDED` if it is required.
+    field : str
+        The attribute of the part that it is written from, if that has another name.
+    omitted : object
+        The value that is not written, if that is another than the kind's.
+    """
+
+    name: str
+    kind: Kind
+    about: str
+    default: str = ""
+    field: str = ""
+    omitted: Any = _OF_KIND
+
+    @property
+    def takes(self) -> str:
+        """How its value is described in the help."""
+        return self.kind.takes
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it stands for any name."""
+        return self.name.startswith("<")
+
+    def holds(self, value: Any) -> bool:
+        """Whether a value is to be written."""
+        omitted = self.kind.omitted if self.omitted is _OF_KIND else self.omitted
+        return self.default == NEEDED or not bool(value == omitted)
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of a model file.
+
+    Attributes
+    ----------
+    about : str
+    entry : str
+        What an entry is called, in a section of named entries; empty if the section itself has the keys.
+    keys : tuple of Key
+        In the order in which they are written.
+    example : str
+        TOML that uses every key.
+    short : str
+        What may be written instead of an entry's table.
+    make : callable, optional
+        The part of a model that an entry is, or a function that returns one, from the values of its keys. A section
+        without it is read and written as a whole, by `reading` and `toml`.
+    field : str
+        The attribute of the statement that holds what was read, if that has another name than the section.
+    brief : str
+        The key whose value that is.
+    full : callable of (entry, Section, name, Source), optional
+        Returns the table that an entry stands for, if it is one in another form.
+    written : callable of one part, optional
+        Returns what stands in the place of an entry's table; None if nothing does.
+    apart : bool
+        Whether every entry is written as a table of its own.
+    """
+
+    about: str
+    entry: str
+    keys: tuple[Key, ...]
+    example: str
+    short: str = ""
+    make: Callable[..., Any] | None = None
+    field: str = ""
+    brief: str = ""
+    full: Callable[[Any, Section, str, Source], Any] | None = None
+    written: Callable[[Any], Any] | None = None
+    apart: bool = False
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The keys with a fixed name."""
+        return tuple(key.name for key in self.keys if not key.is_open)
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """The keys that are required."""
+        return tuple(key.name for key in self.keys if key.default == NEEDED and not key.is_open)
+
+    @property
+    def values(self) -> Kind | None:
+        """The kind of entries that have no keys, but are a value each."""
+        return self.keys[0].kind if len(self.keys) == 1 and self.keys[0].is_open else None
+
+    def read(self, name: str, given: Any, source: Source) -> Any:
+        """Read an entry, or the section itself.
+
+        Raises
+        ------
+        InputError
+            Naming the key that is wrong.
+        """
+        if self.values is not None:
+            return self.values.read(given, name, source)
+        if self.full is not None:
+            given = self.full(given, self, name, source)
+        elif self.brief and not isinstance(given, Mapping):
+            given = {self.brief: given}
+        rest = next((key for key in self.keys if key.is_open), None)
+        if rest is None or not isinstance(given, Mapping):
+            keys(given, self.known, self.needed)
+        values = {key.name: key.kind.read(given[key.name], key.name, source) for key in self.keys if key.name in given}
+        if rest is not None:
+            others = {key: value for key, value in given.items() if key not in self.known}
+            values[rest.field or rest.name] = {key: rest.kind.read(value, key, source) for key, value in others.items()}
+        return values if self.make is None else self.make(**values)
+
+    def write(self, part: Any, time: Unit) -> Any:
+        """Return the keys of an entry, with their values as in TOML, or what stands in their place."""
+        if self.values is not None:
+            return self.values.write(part, time)
+        if self.written is not None and (brief := self.written(part)) is not None:
+            return brief
+        body: dict[str, Any] = {}
+        for key in self.keys:
+            value = attrgetter(key.field or key.name)(part)
+            if key.is_open:
+                body |= {name: key.kind.write(item, time) for name, item in value.items()}
+            elif key.holds(value):
+                body[key.name] = key.kind.write(value, time)
+        return body
