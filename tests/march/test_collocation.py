@@ -120,20 +120,22 @@ def written(solve: Any, count: int) -> Any:
 
 def real_solved(lines: Assignments, given: list[Operand], n: int) -> list[Operand]:
     """Factorise a matrix, column by column, and solve for what stands behind it."""
-    m = [given[j * n : (j + 1) * n] for j in range(n)]
-    right = given[n * n :]
+    m = [[(one,) for one in given[j * n : (j + 1) * n]] for j in range(n)]
+    right = [(one,) for one in given[n * n :]]
     pivots, sound = elimination.factorise(lines, m)
     elimination.substitute(lines, m, pivots, right)
-    return [one for column in m for one in column] + pivots + right + [sound]
+    return [one for column in m for (one,) in column] + pivots + [one for (one,) in right] + [sound]
 
 
 def complex_solved(lines: Assignments, given: list[Operand], n: int) -> list[Operand]:
     """The same for a complex one, real parts first."""
-    re, im = ([given[(p * n + j) * n : (p * n + j + 1) * n] for j in range(n)] for p in range(2))
-    right, imaginary = given[2 * n * n : 2 * n * n + n], given[2 * n * n + n :]
-    pivots, sound = elimination.factorise_complex(lines, re, im)
-    elimination.substitute_complex(lines, re, im, pivots, right, imaginary)
-    return [one for plane in (re, im) for column in plane for one in column] + pivots + right + imaginary + [sound]
+    entries = list(zip(given[: n * n], given[n * n : 2 * n * n], strict=True))
+    m = [entries[j * n : (j + 1) * n] for j in range(n)]
+    right = list(zip(given[2 * n * n : 2 * n * n + n], given[2 * n * n + n :], strict=True))
+    pivots, sound = elimination.factorise(lines, m)
+    elimination.substitute(lines, m, pivots, right)
+    planes = [entry[part] for part in range(2) for column in m for entry in column]
+    return planes + pivots + [entry[part] for part in range(2) for entry in right] + [sound]
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])

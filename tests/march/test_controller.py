@@ -127,7 +127,7 @@ def test_growth_after_a_rejection_and_after_a_cut() -> None:
 def test_predicted_growth_is_taken(growth: float, factor: float) -> None:
     """Assert that a method that predicts its growth is not asked by the norm, and has the same limits."""
     run = controlled(norm=0.5)
-    run.plan[0].predictive, run.kept[0].growth = 1, growth
+    run.kept[0].growth = growth
     assert grown(run, 0.1) == 0.1 * factor
     assert run.now[0].step_log == control.LEAST_LOGARITHM
 
@@ -157,7 +157,7 @@ def test_a_rejected_step_shrinks_by_its_norm(norm: float, failed: bool, factor: 
 def test_a_predicted_step_shrinks_by_its_growth(growth: float, iterations: int, failed: bool, factor: float) -> None:
     """Assert that the prediction counts after an error or equations that were not solved, and there only."""
     run = controlled(norm=32.0)
-    run.plan[0].predictive, run.kept[0].growth, run.trial[0].iterations = 1, growth, iterations
+    run.kept[0].growth, run.trial[0].iterations = growth, iterations
     assert reduced(run, 0.5, failed_test=failed) == 0.5 * factor
 
 

@@ -6,9 +6,8 @@ A lane whose iteration has ended waits for the others; one whose iteration fails
 
 from __future__ import annotations
 
-from xdynamics.kernels import elimination
+from xdynamics.kernels import radau_lines
 from xdynamics.kernels.formulas import Formulas
-from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
     AT,
     REGIME,
@@ -24,31 +23,13 @@ from xdynamics.kernels.program import (
     Store,
     T,
 )
-from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.kernels.radau_memory import Memory
+from xdynamics.kernels.radau_systems import factorisation, solve_complex, solve_real
 from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
 
-# Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
-# of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
-# derivatives, its factors and its estimate have to be computed.
-LASTING = (
-    "factored",
-    "theta",
-    "eta",
-    "before",
-    "norm_before",
-    "linearised",
-    "fresh",
-    "since",
-    "turns",
-    "iterations",
-    "evaluations",
-    "jacobians",
-    "factorisations",
-)
-KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
-LINEARISE, FACTORISE, CORRECT, ESTIMATE = "linearise", "factorise", "correct", "estimate"
+LINEARISE, CORRECT, ESTIMATE = "linearise", "correct", "estimate"
 
 _RECALL = """
 moved = where(since == 2, 1, 0)
@@ -82,28 +63,6 @@ _RECALLED = {
     "vain": "0",
     "turn": "0",
 }
-_POLYNOMIAL = """
-middle = (z0 - z1)/c12
-first = where(moved > 0, (z1 - z2)/c21, p0)
-second = where(moved > 0, (middle - first)/c11, p1)
-third = where(moved > 0, second - (middle - z0/c1)/c2, p2)
-"""
-_GUESS = """
-s = where(last_step > 0, c*ratio, 0)
-bent = second + (s - c11)*third
-guess = where(last_step > 0, s*(first + (s - c21)*bent), 0)
-"""
-_OF_FACTORS = """
-alpha_f = a/factored
-beta_f = b/factored
-square_f = alpha_f*alpha_f + beta_f*beta_f
-"""
-_JUDGED = """
-ratio_now = size/change
-theta_now = where(turn_now < 2.5, ratio_now, sqrt(ratio_now*ratio))
-eta_now = theta_now/(1 - theta_now)
-lacking = eta_now*size
-"""
 _VERDICT = """
 stalls = where(size <= rounding, where(ratio_now >= stalled, 1, 0), 0)
 converges = where(theta_now < diverging, where(lacking > max(tolerance, rounding), 2, 0), 2)
@@ -114,20 +73,6 @@ eta_then = where(turn_now > 1.5, eta_now, eta_tried)
 close = where(eta_then*size <= tolerance, 1, where(turn_now == most_turns, where(size <= rounding, 1, 2), 0))
 verdict = where(size - size == 0, where(so_far == 0, close, so_far), 2)
 """
-CONSTANTS: dict[str, Operand] = {
-    "few_turns": float(radau.FEW_TURNS),
-    "slow": radau.SLOW,
-    "least_norm": radau.LEAST_NORM,
-    "eps": EPS,
-    "same_step": radau.SAME_STEP,
-    "diverging": radau.DIVERGING,
-    "stalled": radau.STALLED,
-    "smallest": radau.SMALLEST,
-    "held": radau.HELD,
-    "most_turns": float(radau.MOST_TURNS),
-    "work": 2.0 * radau.MOST_TURNS,
-    "least_work": 1.0 + 2.0 * radau.MOST_TURNS,
-}
 
 
 class Collocation:
@@ -135,61 +80,48 @@ class Collocation:
 
     Parameters
     ----------
-    layout : Layout
-    places : mapping of str to Place
-        Where a lane keeps its numbers.
+    memory : Memory
     atol : int
-        Where in `w` its absolute tolerances begin.
-    first : int
-        Where in `w` the memory of these parts begins.
+        Where in `w` a lane's absolute tolerances begin.
     follows : bool
         Whether some tolerances follow their variables.
     """
 
-    def __init__(self, layout: Layout, places: dict[str, Place], atol: int, first: int, *, follows: bool) -> None:
-        self._layout, self._atol, self._follows = layout, atol, follows
-        self._used, self._n = len(layout.used), len(layout.coordinates)
-        self._size = self._used - self._n
-        self.places = places | {name: Place("w", first + i) for i, name in enumerate(KEPT)}
-        self._first: dict[str, int] = {}
-        first += len(KEPT)
-        for name, length in lengths(layout).items():
-            self._first[name] = first
-            first += length
+    def __init__(self, memory: Memory, atol: int, *, follows: bool) -> None:
+        self._memory, self._atol, self._follows = memory, atol, follows
+        self._layout, self._used, self._n = memory.layout, memory.used, memory.n
         self._body: list[Instruction] = []
 
     @property
     def programs(self) -> tuple[Program, ...]:
         """The programs that the step calls, each after those that it calls itself."""
-        return (self._linearise(), self._factorise(), self._correct(), self._estimate_again())
+        return (self._linearise(), factorisation(self._memory), self._correct(), self._estimate_again())
 
     def begin(self, known: dict[str, Operand]) -> tuple[Instruction, ...]:
         """Write what precedes the iteration: what is kept of the previous step, and the starting values."""
-        f, u, (c1, c2, _) = self._formulas("_begin_", known), self._used, NODES
+        f, u = self._memory.formulas("_begin_", known), self._used
         f.write(_RECALL)
-        f.write("ratio = where(last_step > 0, width/last_step, 0)")
-        f.known |= {"c12": c1 - c2, "c21": c2 - 1.0, "c11": c1 - 1.0, "c1": c1, "c2": c2}
-        stages, past = self._vectors(f, "stages"), self._vectors(f, "past")
+        f.write("relative = where(last_step > 0, width/last_step, 0)")
+        stages, past = self._memory.vectors(f, "stages"), self._memory.vectors(f, "past")
         guessed: list[list[Operand]] = [[], [], []]
         for i in range(u):
-            f.write(_POLYNOMIAL, **{f"z{k}": stages[k][i] for k in range(3)}, **{f"p{k}": past[k][i] for k in range(3)})
+            f.write(radau_lines.POLYNOMIAL, **{f"z{k}": stages[k][i] for k in range(3)})
             for k, name in enumerate(("first", "second", "third")):
-                f.store(self._place("past", k * u + i), f.known[name])
+                f.write(f"{name} = where(moved > 0, {name}, before)", before=past[k][i])
+                f.store(self._memory.place("past", k * u + i), f.known[name])
             for k, c in enumerate(NODES):
-                f.write(_GUESS, c=c)
+                f.write(radau_lines.GUESS, c=c)
                 guessed[k].append(f.known["guess"])
-        self._put(f, "stages", guessed)
-        self._put(f, "turned", _transformed(f, guessed))
-        recalled = {name: f.of(text) for name, text in _RECALLED.items()}
-        for name, value in recalled.items():
-            f.store(self.places[name], value)
+        self._memory.put(f, "stages", guessed)
+        self._memory.put(f, "turned", _transformed(f, guessed))
+        self._memory.update(f, _RECALLED)
         return tuple(f.lines)
 
     def ended(self) -> tuple[Instruction, ...]:
         """Write the state at the end of the step, which is its third stage."""
         body = (
             Load("_y", Place("y")),
-            Load("_stage", self._place("stages", 2 * self._used)),
+            Load("_stage", self._memory.place("stages", 2 * self._used)),
             Compute("_sum", "add", ("_y", "_stage")),
             Store(Place("z"), "_sum"),
         )
@@ -197,26 +129,10 @@ class Collocation:
 
     def estimated(self) -> tuple[Instruction, ...]:
         """Write the estimate of the error, to `e`."""
-        f = self._formulas("_estimated_")
+        f = self._memory.formulas("_estimated_")
         slopes = [f.load(Place("y", self._slope(i))) for i in range(self._used)]
         self._estimate(f, slopes)
         return tuple(f.lines)
-
-    def _formulas(self, prefix: str, known: dict[str, Operand] | None = None) -> Formulas:
-        return Formulas(self.places, prefix, CONSTANTS | (known or {}))
-
-    def _place(self, name: str, i: int) -> Place:
-        return Place("w", self._first[name] + i)
-
-    def _vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
-        """Read three vectors, stored one after the other."""
-        u = self._used
-        return [[f.load(self._place(name, k * u + i)) for i in range(u)] for k in range(3)]
-
-    def _put(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
-        for k, vector in enumerate(vectors):
-            for i, value in enumerate(vector):
-                f.store(self._place(name, k * self._used + i), value)
 
     def _slope(self, i: int) -> int:
         """Return where in a state the time derivative of its i-th number is: `march.force_evaluation.slope_of`."""
@@ -243,102 +159,23 @@ class Collocation:
 
     def _linearise(self) -> Program:
         """Evaluate the derivatives at the state in lanes that lack them: `radau.freshen`."""
-        f, record, entries = self._formulas("_"), len(self._layout.record), len(self._layout.couplings)
+        f, record, entries = self._memory.formulas("_"), len(self._layout.record), len(self._layout.couplings)
         self._body = [
             Each(record, (Load("_state", Place("y")), Store(Place("state"), "_state"))),
             Call("linearised", "at", "state", "state", "found"),
         ]
         for k in range(entries):
-            place = self._place("slopes", k)
+            place = self._memory.place("slopes", k)
             new = f.of("where(missing > 0, new, old)", new=f.load(Place("found", k)), old=f.load(place))
             f.store(place, new)
         return self._finished(LINEARISE, "Derivatives at the state.", f, state=record, found=max(1, entries))
 
-    def _factorise(self) -> Program:
-        """Assemble both matrices and factorise them: `transformed.factorise_both`."""
-        f, n, size = self._formulas("_"), self._n, self._size
-        h = f.load(Place("at", H))
-        f.write("gamma = g/h\nalpha = a/h\nbeta = b/h\nsquare = alpha*alpha + beta*beta", g=GAMMA, a=ALPHA, b=BETA, h=h)
-        zeros = [[[0.0] * size for _ in range(size)] for _ in range(3)]
-        real, re, im = ([list[Operand](column) for column in plane] for plane in zeros)
-        for i in range(size):
-            real[i][i], re[i][i], im[i][i] = f.known["gamma"], f.known["alpha"], f.known["beta"]
-        for k, (row, column) in enumerate(self._layout.couplings):
-            slope, j = f.load(self._place("slopes", k)), column if column < n else column - n
-            if column < n:
-                real[j][row] = f.of("m - slope/gamma", m=real[j][row], slope=slope)
-                re[j][row] = f.of("m - slope*(alpha/square)", m=re[j][row], slope=slope)
-                im[j][row] = f.of("m + slope*(beta/square)", m=im[j][row], slope=slope)
-            else:
-                real[j][row] = f.of("m - slope", m=real[j][row], slope=slope)
-                re[j][row] = f.of("m - slope", m=re[j][row], slope=slope)
-        pivots, sound = elimination.factorise(f, real)
-        complex_pivots, complex_sound = elimination.factorise_complex(f, re, im)
-        f.write("sound = where(one > 0, other, 0)", one=sound, other=complex_sound)
-        factors = [entry for plane in (real, re, im) for column in plane for entry in column] + pivots + complex_pivots
-        for k, value in enumerate(factors):
-            place = self._place("matrix", k)
-            f.store(place, f.of("where(unfactored > 0, new, old)", new=value, old=f.load(place)))
-        updates = {
-            "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)",
-            "factorisations": "factorisations + unfactored*sound",
-            "open": "where(unfactored > 0, open*sound, open)",
-            "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
-        }
-        values = {name: f.of(text, h=h) for name, text in updates.items()}
-        for name, value in values.items():
-            f.store(self.places[name], value)
-        return self._finished(FACTORISE, "The factors of both matrices for the step.", f)
-
-    def _matrices(
-        self, f: Formulas
-    ) -> tuple[elimination.Columns, elimination.Columns, elimination.Columns, list[Operand], list[Operand]]:
-        """Read the factors and the row exchanges."""
-        size = self._size
-        flat = [f.load(self._place("matrix", k)) for k in range(3 * size * size + 2 * size)]
-        planes = [[flat[(p * size + j) * size : (p * size + j + 1) * size] for j in range(size)] for p in range(3)]
-        pivots = flat[3 * size * size :]
-        return planes[0], planes[1], planes[2], pivots[:size], pivots[size:]
-
-    def _solve_real(self, f: Formulas, vector: list[Operand]) -> list[Operand]:
-        """Solve (gamma/h - J) d = r: `transformed.solve_real`."""
-        n, (matrix, _, _, pivots, _) = self._n, self._matrices(f)
-        gamma = f.of("g/factored", g=GAMMA)
-        right = vector[n:]
-        for k, (row, column) in enumerate(self._layout.couplings):
-            if column < n:
-                slope = f.load(self._place("slopes", k))
-                right[row] = f.of("r + slope*(v/gamma)", r=right[row], slope=slope, v=vector[column], gamma=gamma)
-        elimination.substitute(f, matrix, pivots, right)
-        return [f.of("(v + w)/gamma", v=vector[i], w=right[i], gamma=gamma) for i in range(n)] + right
-
-    def _solve_complex(
-        self, f: Formulas, first: list[Operand], second: list[Operand]
-    ) -> tuple[list[Operand], list[Operand]]:
-        """Solve ((alpha + i beta)/h - J) d = r: `transformed.solve_complex`."""
-        n, (_, re, im, _, pivots) = self._n, self._matrices(f)
-        f.write(_OF_FACTORS, a=ALPHA, b=BETA)
-        x, y = f.of("alpha_f/square_f"), f.of("-beta_f/square_f")
-        u = [f.of("u*x - v*y", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
-        v = [f.of("u*y + v*x", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
-        right, imaginary = first[n:], second[n:]
-        for k, (row, column) in enumerate(self._layout.couplings):
-            if column < n:
-                slope = f.load(self._place("slopes", k))
-                right[row] = f.of("r + slope*d", r=right[row], slope=slope, d=u[column])
-                imaginary[row] = f.of("r + slope*d", r=imaginary[row], slope=slope, d=v[column])
-        elimination.substitute_complex(f, re, im, pivots, right, imaginary)
-        for i in range(n):
-            operands = {"u": right[i], "v": imaginary[i], "x": x, "y": y}
-            u[i], v[i] = f.of("d + (u*x - v*y)", d=u[i], **operands), f.of("d + (u*y + v*x)", d=v[i], **operands)
-        return u + right, v + imaginary
-
     def _correct(self) -> Program:
         """Correct the stages of every open lane once, and judge: `radau.correct`, `radau.judged`."""
-        f, u = self._formulas("_"), self._used
+        f, u = self._memory.formulas("_"), self._used
         t, h = f.load(Place("at", T)), f.load(Place("at", H))
         y = [f.load(Place("y", i)) for i in range(u)]
-        stages, turned = self._vectors(f, "stages"), self._vectors(f, "turned")
+        stages, turned = self._memory.vectors(f, "stages"), self._memory.vectors(f, "turned")
         slopes = []
         for k, c in enumerate(NODES):
             time = f.of("t + c*h" if k < 2 else "t + h", t=t, c=c, h=h)
@@ -351,13 +188,13 @@ class Collocation:
             defects[0][i] = f.of("d - gamma*w", d=defects[0][i], w=w0)
             defects[1][i] = f.of("d - (alpha*w1 - beta*w2)", d=defects[1][i], w1=w1, w2=w2)
             defects[2][i] = f.of("d - (beta*w1 + alpha*w2)", d=defects[2][i], w1=w1, w2=w2)
-        changes = [self._solve_real(f, defects[0]), *self._solve_complex(f, defects[1], defects[2])]
+        changes = [solve_real(f, self._memory, defects[0]), *solve_complex(f, self._memory, defects[1], defects[2])]
         new = [[f.of("w + d", w=turned[k][i], d=changes[k][i]) for i in range(u)] for k in range(3)]
         moved = _back(f, new)
         f.write("size = one", one=self._correction(f, y, moved, changes))
         for name, vectors, old in (("turned", new, turned), ("stages", moved, stages)):
             chosen = [[f.of("where(open > 0, a, b)", a=vectors[k][i], b=old[k][i]) for i in range(u)] for k in range(3)]
-            self._put(f, name, chosen)
+            self._memory.put(f, name, chosen)
         self._judge(f)
         local = {f"stage{k}": len(self._layout.record) for k in range(3)} | {f"at_stage{k}": len(AT) for k in range(3)}
         return self._finished(CORRECT, "One simplified Newton iteration.", f, **local)
@@ -381,7 +218,7 @@ class Collocation:
     def _judge(self, f: Formulas) -> None:
         """Judge the iterations by their corrections: `radau.judged`."""
         f.write("turn_now = turn + 1")
-        f.write(_JUDGED)
+        f.write(f"{radau_lines.CONVERGENCE}lacking = eta_now*size")
         for remaining in range(1, int(radau.MOST_TURNS) - 1):  # one for each remaining iteration
             f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
         f.write(
@@ -401,42 +238,28 @@ class Collocation:
             "vain": "where(verdict == 2, 1, vain)",
             "open": "where(verdict == 0, open, 0)",
         }
-        values = {name: f.of(f"where(open > 0, {text}, {name})") for name, text in updates.items()}
-        for name, value in values.items():
-            f.store(self.places[name], value)
+        self._memory.update(f, {name: f"where(open > 0, {text}, {name})" for name, text in updates.items()})
 
     def _estimate(self, f: Formulas, slopes: list[Operand], only: str = "") -> None:
         """Write the error by the embedded formula, with the given slopes, to `e`: `radau.estimate`."""
-        stages, h = self._vectors(f, "stages"), f.load(Place("at", H))
+        stages, h = self._memory.vectors(f, "stages"), f.load(Place("at", H))
         e1, e2, e3 = ERROR
         components = [
             dict(zip(("a", "b", "c"), (stages[k][i] for k in range(3)), strict=True)) for i in range(self._used)
         ]
         defects = [f.of("(e1*a + e2*b + e3*c)/h", h=h, e1=e1, e2=e2, e3=e3, **component) for component in components]
-        errors = self._solve_real(f, [f.of("d + s", d=d, s=s) for d, s in zip(defects, slopes, strict=True)])
+        errors = solve_real(f, self._memory, [f.of("d + s", d=d, s=s) for d, s in zip(defects, slopes, strict=True)])
         for i, error in enumerate(errors):
             kept = f.of(f"where({only} > 0, new, old)", new=error, old=f.load(Place("e", i))) if only else error
             f.store(Place("e", i), kept)
 
     def _estimate_again(self) -> Program:
         """Estimate again, with the slopes that the first estimate leads to."""
-        f, u = self._formulas("_"), self._used
+        f, u = self._memory.formulas("_"), self._used
         values = [f.of("y + e", y=f.load(Place("y", i)), e=f.load(Place("e", i))) for i in range(u)]
         self._estimate(f, self._evaluate(f, "beside", f.of("t"), values), "again")
         about, record = "The error by the slopes that the first estimate leads to.", len(self._layout.record)
         return self._finished(ESTIMATE, about, f, beside=record, at_beside=len(AT))
-
-
-def lengths(layout: Layout) -> dict[str, int]:
-    """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
-    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
-    matrix = 3 * size * size + 2 * size
-    return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
-
-
-def width(layout: Layout) -> int:
-    """Return the length of that memory in all."""
-    return len(KEPT) + sum(lengths(layout).values())
 
 
 def _transformed(f: Formulas, vectors: list[list[Operand]]) -> list[list[Operand]]:

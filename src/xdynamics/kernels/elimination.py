@@ -1,151 +1,103 @@
 """Small linear systems written out, for lanes whose pivots differ: the operations of `kernels.linear`, in their order.
 
-Matrices are lists of columns. Where the single march skips an operation because a number is zero, a lane keeps its old
-value: subtracting a zero can change the sign of a zero.
+Matrices are lists of columns; a number is its parts, one if it is real, two if it is complex. Where the single march
+skips an operation because a number is zero, a lane keeps its old value: subtracting a zero can change the sign of a
+zero.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.program import Operand
 
-Columns = list[list[Operand]]
+Entry = tuple[Operand, ...]
+Columns = list[list[Entry]]
 
 
 def factorise(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
-    """Factorise a matrix as P L U in place; return the row exchanged with each, and whether the matrix is regular."""
+    """Factorise a matrix as P L U in place; return the row exchanged with each, and whether the matrix is regular.
+
+    The diagonal of a complex U is left inverted.
+    """
     n, pivots = len(m), list[Operand]()
     sound: Operand = 1.0
     for k in range(n):
-        sizes = [lines.compute("abs", entry) for entry in m[k]]
-        filled = _filled_from(lines, sizes)
-        pivot: Operand = float(k)
-        size = sizes[k]
-        for i in range(k + 1, n):
-            larger = lines.compute("more", sizes[i], size)
-            pivot = lines.compute("choose", larger, float(i), pivot)
-            size = lines.compute("choose", larger, sizes[i], size)
+        pivot, size = _largest(lines, m[k], k)
+        filled = _filled(lines, m[k][::-1])[::-1]
         sound = _still(lines, sound, size)
         pivots.append(pivot)
         _exchange(lines, m, k, pivot)
+        m[k][k] = _pivoted(lines, m[k][k], size)
         for i in range(k + 1, n):
-            m[k][i] = lines.compute("choose", filled[i], lines.compute("divide", m[k][i], m[k][k]), m[k][i])
+            m[k][i] = _chosen(lines, [filled[i]], _over(lines, m[k][i], m[k][k]), m[k][i])
         for j in range(k + 1, n):
-            nonzero = lines.compute("unequal", m[j][k], 0.0)
+            nonzero = _filled(lines, [m[j][k]])
             for i in range(k + 1, n):
-                reduced = lines.compute("subtract", m[j][i], lines.compute("multiply", m[j][k], m[k][i]))
-                m[j][i] = _where_both(lines, nonzero, filled[i], reduced, m[j][i])
+                reduced = _reduced(lines, m[j][i], m[j][k], m[k][i])
+                m[j][i] = _chosen(lines, [*nonzero, filled[i]], reduced, m[j][i])
     return pivots, sound
 
 
-def substitute(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Operand]) -> None:
+def substitute(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Entry]) -> None:
     """Solve with the factors of `factorise`; the solution replaces the right-hand side."""
     n = len(m)
     for k in range(n):
         _exchange(lines, [right], k, pivots[k])
     for k in range(n):
-        filled = _filled_from(lines, m[k])
+        filled = _filled(lines, m[k][::-1])[::-1]
         for i in range(k + 1, n):
-            reduced = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
-            right[i] = lines.compute("choose", filled[i], reduced, right[i])
+            right[i] = _chosen(lines, [filled[i]], _reduced(lines, right[i], right[k], m[k][i]), right[i])
     for k in range(n - 1, -1, -1):
-        right[k] = lines.compute("divide", right[k], m[k][k])
-        filled = _filled_to(lines, m[k])
+        right[k] = _over(lines, right[k], m[k][k])
+        filled = _filled(lines, m[k])
         for i in range(k):
-            reduced = lines.compute("subtract", right[i], lines.compute("multiply", right[k], m[k][i]))
-            right[i] = lines.compute("choose", filled[i], reduced, right[i])
+            right[i] = _chosen(lines, [filled[i]], _reduced(lines, right[i], right[k], m[k][i]), right[i])
 
 
-def factorise_complex(lines: Assignments, re: Columns, im: Columns) -> tuple[list[Operand], Operand]:
-    """Factorise a complex matrix as `factorise` does a real one; the diagonal of U is left inverted."""
-    n, pivots = len(re), list[Operand]()
-    sound: Operand = 1.0
-    for k in range(n):
-        sizes = _sizes(lines, re[k], im[k])
-        filled = _filled_from(lines, sizes)
-        pivot: Operand = float(k)
-        size: Operand = -1.0
-        for i in range(k, n):
-            larger = lines.compute("more", sizes[i], size)
-            pivot = lines.compute("choose", larger, float(i), pivot)
-            size = lines.compute("choose", larger, sizes[i], size)
-        sound = _still(lines, sound, size)
-        pivots.append(pivot)
-        _exchange(lines, re, k, pivot)
-        _exchange(lines, im, k, pivot)
-        x, y = lines.compute("divide", re[k][k], size), lines.compute("divide", im[k][k], size)
-        squares = lines.compute("add", lines.compute("multiply", x, x), lines.compute("multiply", y, y))
-        square = lines.compute("multiply", squares, size)
-        x, y = lines.compute("divide", x, square), lines.compute("divide", lines.compute("negative", y), square)
-        re[k][k], im[k][k] = x, y
-        for i in range(k + 1, n):
-            real, imaginary = _product(lines, re[k][i], im[k][i], x, y)
-            re[k][i] = lines.compute("choose", filled[i], real, re[k][i])
-            im[k][i] = lines.compute("choose", filled[i], imaginary, im[k][i])
-        for j in range(k + 1, n):
-            u, v = re[j][k], im[j][k]
-            nonzero = lines.compute(
-                "choose",
-                lines.compute("unequal", u, 0.0),
-                1.0,
-                lines.compute("choose", lines.compute("unequal", v, 0.0), 1.0, 0.0),
-            )
-            nonzero = lines.compute("more", nonzero, 0.0)
-            for i in range(k + 1, n):
-                real, imaginary = _product(lines, u, v, re[k][i], im[k][i])
-                reduced = lines.compute("subtract", re[j][i], real)
-                re[j][i] = _where_both(lines, nonzero, filled[i], reduced, re[j][i])
-                reduced = lines.compute("subtract", im[j][i], imaginary)
-                im[j][i] = _where_both(lines, nonzero, filled[i], reduced, im[j][i])
-    return pivots, sound
+def _largest(lines: Assignments, column: list[Entry], first: int) -> tuple[Operand, Operand]:
+    """Return the row of the largest number of a column, and its size."""
+    pivot: Operand = float(first)
+    size: Operand = -1.0
+    for i, entry in enumerate(column[first:], first):
+        magnitude = lines.compute("abs", entry[0])
+        for part in entry[1:]:
+            magnitude = lines.compute("add", magnitude, lines.compute("abs", part))
+        larger = lines.compute("more", magnitude, size)
+        pivot = lines.compute("choose", larger, float(i), pivot)
+        size = lines.compute("choose", larger, magnitude, size)
+    return pivot, size
 
 
-def substitute_complex(
-    lines: Assignments, re: Columns, im: Columns, pivots: list[Operand], right: list[Operand], imaginary: list[Operand]
-) -> None:
-    """Solve with the factors of `factorise_complex`; the solution replaces both parts of the right-hand side."""
-    n = len(re)
-    for k in range(n):
-        _exchange(lines, [right], k, pivots[k])
-        _exchange(lines, [imaginary], k, pivots[k])
-    for k in range(n):
-        filled = _filled_from(lines, re[k], im[k])
-        for i in range(k + 1, n):
-            _take(lines, right, imaginary, k, i, re[k][i], im[k][i], filled[i])
-    for k in range(n - 1, -1, -1):
-        right[k], imaginary[k] = _product(lines, right[k], imaginary[k], re[k][k], im[k][k])
-        filled = _filled_to(lines, re[k], im[k])
-        for i in range(k):
-            _take(lines, right, imaginary, k, i, re[k][i], im[k][i], filled[i])
+def _pivoted(lines: Assignments, pivot: Entry, size: Operand) -> Entry:
+    """Return what a pivot is kept as: a complex one inverted, over its size first, which neither over- nor underflows."""
+    if len(pivot) == 1:
+        return pivot
+    x, y = (lines.compute("divide", part, size) for part in pivot)
+    squares = lines.compute("add", lines.compute("multiply", x, x), lines.compute("multiply", y, y))
+    square = lines.compute("multiply", squares, size)
+    return lines.compute("divide", x, square), lines.compute("divide", lines.compute("negative", y), square)
 
 
-def _take(
-    lines: Assignments,
-    right: list[Operand],
-    imaginary: list[Operand],
-    k: int,
-    i: int,
-    p: Operand,
-    q: Operand,
-    filled: Operand,
-) -> None:
-    """Subtract a multiple of the k-th unknown from the i-th equation."""
-    real_part, imaginary_part = _product(lines, right[k], imaginary[k], p, q)
-    right[i] = lines.compute("choose", filled, lines.compute("subtract", right[i], real_part), right[i])
-    imaginary[i] = lines.compute(
-        "choose", filled, lines.compute("subtract", imaginary[i], imaginary_part), imaginary[i]
-    )
+def _over(lines: Assignments, number: Entry, pivot: Entry) -> Entry:
+    """Return a number over a pivot as it is kept."""
+    return (lines.compute("divide", *number, *pivot),) if len(pivot) == 1 else _product(lines, number, pivot)
 
 
-def _product(lines: Assignments, u: Operand, v: Operand, p: Operand, q: Operand) -> tuple[Operand, Operand]:
-    """Multiply two complex numbers."""
+def _product(lines: Assignments, x: Entry, y: Entry) -> Entry:
+    if len(x) == 1:
+        return (lines.compute("multiply", *x, *y),)
+    (u, v), (p, q) = x, y
     real = lines.compute("subtract", lines.compute("multiply", u, p), lines.compute("multiply", v, q))
     return real, lines.compute("add", lines.compute("multiply", u, q), lines.compute("multiply", v, p))
 
 
-def _sizes(lines: Assignments, re: list[Operand], im: list[Operand]) -> list[Operand]:
-    parts = zip(re, im, strict=True)
-    return [lines.compute("add", lines.compute("abs", p), lines.compute("abs", q)) for p, q in parts]
+def _reduced(lines: Assignments, number: Entry, x: Entry, y: Entry) -> Entry:
+    """Return a number less a product."""
+    return tuple(
+        lines.compute("subtract", part, other) for part, other in zip(number, _product(lines, x, y), strict=True)
+    )
 
 
 def _still(lines: Assignments, sound: Operand, size: Operand) -> Operand:
@@ -155,35 +107,28 @@ def _still(lines: Assignments, sound: Operand, size: Operand) -> Operand:
     return lines.compute("choose", finite, regular, 0.0)
 
 
-def _filled_from(lines: Assignments, *columns: list[Operand]) -> list[Operand]:
-    """Return for each row whether it or a row below holds a nonzero number."""
-    return _filled(lines, list(zip(*columns, strict=True))[::-1])[::-1]
-
-
-def _filled_to(lines: Assignments, *columns: list[Operand]) -> list[Operand]:
-    """Return for each row whether it or a row above holds a nonzero number."""
-    return _filled(lines, list(zip(*columns, strict=True)))
-
-
-def _filled(lines: Assignments, rows: list[tuple[Operand, ...]]) -> list[Operand]:
+def _filled(lines: Assignments, entries: Iterable[Entry]) -> list[Operand]:
+    """Return for each number whether it or one before it is not zero."""
     filled: list[Operand] = []
     nonzero: Operand = 0.0
-    for row in rows:
-        for number in row:
-            nonzero = lines.compute("choose", lines.compute("unequal", number, 0.0), 1.0, nonzero)
+    for entry in entries:
+        for part in entry:
+            nonzero = lines.compute("choose", lines.compute("unequal", part, 0.0), 1.0, nonzero)
         filled.append(lines.compute("more", nonzero, 0.0))
     return filled
 
 
-def _where_both(lines: Assignments, first: Operand, second: Operand, new: Operand, old: Operand) -> Operand:
-    return lines.compute("choose", first, lines.compute("choose", second, new, old), old)
+def _chosen(lines: Assignments, conditions: list[Operand], new: Entry, old: Entry) -> Entry:
+    """Return a new number where all conditions hold, else the old one."""
+    for condition in conditions[::-1]:
+        new = tuple(lines.compute("choose", condition, part, other) for part, other in zip(new, old, strict=True))
+    return new
 
 
 def _exchange(lines: Assignments, columns: Columns, k: int, pivot: Operand) -> None:
     """Exchange the k-th row with the pivot row of each lane."""
     for i in range(k + 1, len(columns[0])):
-        chosen = lines.compute("equal", pivot, float(i))
+        chosen = [lines.compute("equal", pivot, float(i))]
         for column in columns:
             upper, lower = column[k], column[i]
-            column[k] = lines.compute("choose", chosen, lower, upper)
-            column[i] = lines.compute("choose", chosen, upper, lower)
+            column[k], column[i] = _chosen(lines, chosen, lower, upper), _chosen(lines, chosen, upper, lower)

@@ -7,18 +7,17 @@ nothing in its lane and is reported; the single march then makes it. So each lin
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
-from xdynamics.expressions import parse
-from xdynamics.kernels import collocation, interval_lanes, model_programs
-from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels import collocation, interval_lanes, model_programs, radau_lines, step_control
 from xdynamics.kernels.collocation import Collocation
+from xdynamics.kernels.formulas import Formulas, parted
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
     AT,
     UNSOUND,
     Call,
-    Compute,
     Each,
     Instruction,
     Load,
@@ -29,6 +28,8 @@ from xdynamics.kernels.program import (
     When,
     While,
 )
+from xdynamics.kernels.radau_memory import Memory, width
+from xdynamics.kernels.radau_systems import FACTORISE
 
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is their limit; h and norm are those of the last
@@ -68,8 +69,8 @@ LANE = (
     "ordinary",
 )
 STRIDE, DERIVED = "stride", "derived"
+SCALED_NORM = f"{step_control.ALLOWED}\n{step_control.NORM}"  # where tolerances follow their variables
 STRETCH = 1.01  # of a step that would end just before a node
-LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 
 _AIM_FREELY = """
 rest_of = node - t
@@ -96,34 +97,14 @@ advances = where(t + width > t, where(reach > t, 1, 0), 0)
 ready = lives*where(lands > inner, 0, 1)*advances*where(done <= most, 1, 0)
 """
 _JUDGE = """
-grown = width*where(rejected > 0, min(factor, 1), factor)
-kept_up = where(lands > 0, where(rejected > 0, grown, max(grown, step)), grown)
-next_step = min(max_step, max(min_step, kept_up))
+shorter = width*shrink
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
 repeats = where(judged > 1, where(judged < 1e300, where(least*width > bound, where(least*step > bound, 1, 0), 0), 0), 0)
 moves = ready*sound*silent*where(judged <= 1, 1, 0)
 turns_back = ready*sound*repeats
 """
-_PREDICT = """
-bounded = max(judged, smallest)
-own = safety*min(1, least_work/(turn + work))/sqrt(sqrt(bounded))
-seen = safety*(width/before)*sqrt(sqrt(norm_before/(bounded*bounded)))
-predicted = where(judged <= 1, where(before > 0, min(own, seen), own), own)
-limited = min(greatest, max(least, predicted))
-stays = where(turns <= few_turns, 1, where(theta <= slow, 1, 0))*where(limited >= 1, where(limited <= held, 1, 0), 0)
-growth = where(stays > 0, 1, limited)
-factor = min(greatest, max(least, growth))
-next_log = least_logarithm
-shorter = width*min(0.9, growth)
-"""
-_CONTROL = """
-logarithm = log(judged)
-beta = 0.2/k
-allowed = safety*exp(where(judged > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log))
-factor = where(judged > 0, min(greatest, max(least, allowed)), greatest)
-next_log = max(where(judged > 0, logarithm, least_logarithm), least_logarithm)
-shorter = width*max(least, min(0.9, allowed))
-"""
+_CONTROL = f"logarithm = log(norm)\n{step_control.EXPONENT}\npower = exp(exponent)\n{step_control.PROPORTIONAL}"
+_PREDICT = step_control.PREDICTIVE + step_control.PREDICTED
 _MOVE = """
 t = where(moves > 0, reach, t)
 h = where(moves > 0, width, h)
@@ -180,7 +161,7 @@ def of_collocation(layout: Layout) -> int:
 
 def _of_smooth(layout: Layout) -> int:
     """Return where in a lane's memory the numbers of switches declared smooth begin."""
-    return of_collocation(layout) + (collocation.width(layout) if layout.implicit else 0)
+    return of_collocation(layout) + (width(layout) if layout.implicit else 0)
 
 
 def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
@@ -202,12 +183,14 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
         write.error_norm()
         write.load("judged", Place("norm", same=True))
     write.watch()
-    control = _PREDICT if layout.implicit else _CONTROL
-    write.lines(control + _JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
+    if adaptive:
+        control = _PREDICT if layout.implicit else _CONTROL
+        write.lines(control + step_control.NEXT, norm="judged", cut=write.known["lands"])
+    write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.smooth()
     write.move(adaptive=adaptive)
     updates = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if layout.implicit else "")
-    write.lines(_MOVE + updates, kept=True)
+    write.keep(_MOVE + updates)
     local = {"norm": 1}
     if any(followers):
         local["tops"] = 1 + max(layout.kinds)
@@ -220,40 +203,43 @@ class _Writing:
 
     def __init__(self, layout: Layout, followers: tuple[bool, ...]) -> None:
         self.body: list[Instruction] = []
+        self.known: dict[str, Operand] = {"stretch": STRETCH, **step_control.CONSTANTS, **radau_lines.CONSTANTS}
         self._layout = layout
         self._followers = followers
-        constants: dict[str, Operand] = {"stretch": STRETCH, "least_logarithm": LEAST_LOGARITHM}
-        self._known = constants | collocation.CONSTANTS
         self._places = {name: Place("w", i) for i, name in enumerate(LANE)}
         self._parts = 0
 
-    def lines(self, text: str, *, kept: bool = False) -> None:
-        """Write lines; with `kept` their values go to the lane, and each line sees what the lane had before."""
+    def lines(self, text: str, **given: Operand) -> None:
+        """Write lines, some of whose names are given."""
         write = self._next()
-        stores = []
-        for line in filter(None, text.split("\n")):
-            target, expression = line.split(" = ")
-            value = write.value(parse(expression))
-            if kept:
-                stores.append(Store(self._places[target], value))
-            else:
-                self._known[target] = write.name(target, value)
+        write.write(text, **given)
+        self.body += write.lines
+
+    def keep(self, text: str) -> None:
+        """Write lines whose values go to the lane; each line sees what the lane had before."""
+        write = self._next()
+        stores = [Store(self._places[target], write.of(expression)) for target, expression in parted(text)]
         self.body += [*write.lines, *stores]
 
-    def _next(self) -> Assignments:
+    def _each(self, count: int, text: str, places: dict[str, Place], stored: dict[str, Place]) -> None:
+        """Write lines for every component of vectors, named by where they begin; store some of the values."""
+        known = {name: value for name, value in self.known.items() if name not in places}
+        of_lane = {name: replace(place, same=True) for name, place in self._places.items()}
+        write = Formulas(of_lane | places, "_", known)
+        write.write(text)
+        for name, place in stored.items():
+            write.store(place, write.known[name])
+        self.body.append(Each(count, tuple(write.lines)))
+
+    def _next(self) -> Formulas:
         """Begin the next lines, with names of their own."""
         self._parts += 1
-        return Assignments(self._found, f"_{self._parts}_")
-
-    def _found(self, lines: Assignments, name: str) -> Operand:
-        if name in self._known:
-            return self._known[name]
-        return lines.load(self._places[name], f"_{self._parts}_{name}")
+        return Formulas(self._places, f"_{self._parts}_", self.known)
 
     def load(self, name: str, place: Place) -> None:
         """Read a number that was written since it was last read."""
         # no underscore: printed Python writes names with one where they are used, after other lines
-        self._known[name] = name
+        self.known[name] = name
         self.body.append(Load(name, place))
 
     def store(self, array: str, values: dict[str, str]) -> None:
@@ -271,75 +257,42 @@ class _Writing:
     def solve(self) -> tuple[Program, ...]:
         """Make the step by iterations in all lanes until each has ended; return the programs called for it."""
         layout, follows = self._layout, any(self._followers)
-        inner = Collocation(layout, self._places, len(LANE), of_collocation(layout), follows=follows)
-        self._places = inner.places
-        self.body += inner.begin(self._known)
-        self.body.append(When(inner.places["missing"], Call(collocation.LINEARISE, "at", "y", "z")))
-        self.body.append(When(inner.places["unfactored"], Call(collocation.FACTORISE, "at", "y", "z")))
-        self.body.append(While(inner.places["open"], Call(collocation.CORRECT, "at", "y", "z")))
+        memory = Memory(layout, self._places, of_collocation(layout))
+        inner = Collocation(memory, len(LANE), follows=follows)
+        self._places = places = memory.places
+        self.body += inner.begin(self.known)
+        self.body.append(When(places["missing"], Call(collocation.LINEARISE, "at", "y", "z")))
+        self.body.append(When(places["unfactored"], Call(FACTORISE, "at", "y", "z")))
+        self.body.append(While(places["open"], Call(collocation.CORRECT, "at", "y", "z")))
         self.body += inner.ended()
         self.store("at", {"t": "reach"})
         self.body += [Call("forces", "at", "z", "z"), *inner.estimated()]
         self.error_norm()
         self.load("judged_first", Place("norm", same=True))
         self.lines("solved = ready*(1 - vain)")
-        self._known["ready"] = self._known["solved"]
-        self.lines(_AGAIN, kept=True)
-        self.body.append(When(inner.places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
+        self.known["ready"] = self.known["solved"]
+        self.keep(_AGAIN)
+        self.body.append(When(places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
         write = self._next()
         numbers = [write.load(Place("z", i)) for i in range(len(layout.state))]
         unsound: Operand = 0.0
         for number in numbers:  # a number minus itself is 0 if it is finite, else nan
             unsound = write.compute("add", unsound, write.compute("subtract", number, number))
         self.body += write.lines
-        self._known["finite_step"] = unsound
+        self.known["finite_step"] = unsound
         return (model_programs.linearised(layout), *inner.programs)
 
     def error_norm(self) -> None:
         """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
-        first = len(LANE)
-        write = self._next()
-        rtol, floor, rest = write.named("rtol"), write.named("floor"), write.named("rest")
-        self.body += [*write.lines, Store(Place("norm", same=True), 0.0)]
+        norm = Place("norm", same=True)
+        self.body.append(Store(norm, 0.0))
         if any(self._followers):
             self._tops(Place("z"))
         for begin, end, kind, follows in self._pieces():
-            least: tuple[Compute | Load | Store, ...] = (
-                (
-                    Load("_top", Place("tops", kind, same=True)),
-                    Compute("_least", "multiply", (floor, "_top")),
-                    Load("_slope", Place("z", self._slope(begin))),
-                    Compute("_steep", "abs", ("_slope",)),
-                    Compute("_moved", "unequal", ("_atol", 0.0)),
-                    Compute("_time", "multiply", (rtol, rest)),
-                    Compute("_reach", "multiply", ("_time", "_steep")),
-                    Compute("_beginning", "choose", ("_moved", 0.0, "_reach")),
-                    Compute("_more", "greatest", ("_atol", "_least")),
-                    Compute("_allowed", "greatest", ("_more", "_beginning")),
-                )
-                if follows
-                else ()
-            )
-            body: tuple[Compute | Load | Store, ...] = (
-                Load("_e", Place("e", begin)),
-                Load("_y", Place("y", begin)),
-                Load("_z", Place("z", begin)),
-                Load("_atol", Place("w", first + begin)),
-                Load("_norm", Place("norm", same=True)),
-                *least,
-                Compute("_before", "abs", ("_y",)),
-                Compute("_behind", "abs", ("_z",)),
-                Compute("_size", "greatest", ("_before", "_behind")),
-                Compute("_relative", "multiply", (rtol, "_size")),
-                Compute("_scale", "add", ("_allowed" if follows else "_atol", "_relative")),
-                Compute("_error", "abs", ("_e",)),
-                Compute("_ratio", "divide", ("_error", "_scale")),
-                Compute("_there", "unequal", ("_e", 0.0)),
-                Compute("_mine", "choose", ("_there", "_ratio", 0.0)),
-                Compute("_largest", "greatest", ("_norm", "_mine")),
-                Store(Place("norm", same=True), "_largest"),
-            )
-            self.body.append(Each(end - begin, body))
+            places = {name: Place(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
+            places["atol" if follows else "allowed"] = Place("w", len(LANE) + begin)
+            places |= {"norm": norm, "top": Place("tops", kind, same=True), "slope": Place("z", self._slope(begin))}
+            self._each(end - begin, SCALED_NORM if follows else step_control.NORM, places, {"norm": norm})
 
     def _slope(self, i: int) -> int:
         """Return where in a state the time derivative of its i-th number is."""
@@ -359,47 +312,31 @@ class _Writing:
         """Find the largest absolute value of each kind: `march.tolerance_sizes.tops_of`."""
         self.body += [Store(Place("tops", kind), 0.0) for kind in range(1 + max(self._layout.kinds))]
         for begin, end, kind, _ in self._pieces():
-            top = Place("tops", kind, same=True)
-            body = (
-                Load("_value", Place(of.array, of.index + begin)),
-                Load("_top", top),
-                Compute("_amount", "abs", ("_value",)),
-                Compute("_greater", "greatest", ("_top", "_amount")),
-                Store(top, "_greater"),
-            )
-            self.body.append(Each(end - begin, body))
+            places = {"top": Place("tops", kind, same=True), "value": replace(of, index=of.index + begin)}
+            self._each(end - begin, "top = max(top, abs(value))", places, {"top": places["top"]})
 
     def _settle(self, first: int) -> None:
         """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
-        write = self._next()
-        rtol, floor, used = write.named("rtol"), write.named("floor"), len(self._layout.used)
-        self.body += write.lines
+        used = len(self._layout.used)
         self._tops(Place("w", first + used))
         for begin, end, kind, follows in self._pieces():
             if follows:
-                body = (
-                    Load("_largest", Place("w", first + used + begin)),
-                    Load("_top", Place("tops", kind, same=True)),
-                    Compute("_own", "multiply", (rtol, "_largest")),
-                    Compute("_least", "multiply", (floor, "_top")),
-                    Compute("_allowed", "greatest", ("_own", "_least")),
-                    Store(Place("w", first + begin), "_allowed"),
-                )
-                self.body.append(Each(end - begin, body))
+                places = {"size": Place("w", first + used + begin), "top": Place("tops", kind, same=True)}
+                self._each(end - begin, step_control.TOLERANCE, places, {"atol": Place("w", first + begin)})
 
     def watch(self) -> None:
         """Find out whether every event function certainly keeps its side: `march.events.isolation.quiet`."""
-        self._known["silent"] = 1.0
+        self.known["silent"] = 1.0
         if not self._layout.watched:
             return
-        lines, enclosures = interval_lanes.bounds(self._layout, self._known["width"], self._known["reach"])
+        lines, enclosures = interval_lanes.bounds(self._layout, self.known["width"], self.known["reach"])
         self.body += lines
         first, bounded = len(LANE) + 3 * len(self._layout.used), interval_lanes.is_bounded(self._layout)
         for i, (under, over, _) in enumerate(enclosures):
             self.load(f"side{i}", Place("w", first + i))
-            self._known |= {"under": under, "over": over, "side": f"side{i}"}
+            self.known |= {"under": under, "over": over, "side": f"side{i}"}
             self.lines((_SIDE if bounded[i] else _ASLEEP).format(i))
-            self._known["silent"] = self._known[f"silent{i}"]
+            self.known["silent"] = self.known[f"silent{i}"]
             if interval_lanes.is_gap(self._layout)[i]:
                 self.load(f"gap{i}", Place("w", first + len(enclosures) + i))
                 self.lines(f"gap{i}_now = max(gap{i}, under)")
@@ -410,45 +347,31 @@ class _Writing:
         for i in range(len(self._layout.smooth)):
             for k, name in enumerate(("value", "decides")):
                 self.load(f"{name}{i}", Place("samples", noted + 2 * i + k))
-                self._known[name] = f"{name}{i}"
+                self.known[name] = f"{name}{i}"
             places = {name: Place("w", first + 3 * i + k) for k, name in enumerate(("side", "count", "time"))}
             for name, place in places.items():
                 self.load(f"{name}_smooth{i}", place)
-                self._known[name] = f"{name}_smooth{i}"
+                self.known[name] = f"{name}_smooth{i}"
             self.lines(_PASSED)
-            self.body += [Store(place, self._known[f"new_{name}"]) for name, place in places.items()]
+            self.body += [Store(place, self.known[f"new_{name}"]) for name, place in places.items()]
 
     def move(self, *, adaptive: bool) -> None:
         """Replace the old state by the new one in lanes that move."""
-        self.body.append(Compute("_moving", "more", (self._known["moves"], 0.0)))
         first, used = len(LANE) + len(self._layout.used), len(self._layout.used)
-
-        def chosen(new: str, to: Place, old: str) -> tuple[Compute | Load | Store, ...]:
-            return Compute(f"{old}_now", "choose", ("_moving", new, old)), Store(to, f"{old}_now")
-
         if adaptive:
-            larger = (
-                Load("_largest", Place("w", first)),
-                Load("_z", Place("z")),
-                Compute("_size", "abs", ("_z",)),
-                Compute("_most", "greatest", ("_largest", "_size")),
-                *chosen("_most", Place("w", first), "_largest"),
-            )
-            self.body.append(Each(used, larger))
+            self._moved(used, "max(old, abs(new))", Place("z"), Place("w", first))
         if any(self._followers):
             self._settle(len(LANE))
         if self._layout.estimates:
-            error = (
-                Load("_e", Place("e")),
-                Load("_kept", Place("w", first + used)),
-                *chosen("_e", Place("w", first + used), "_kept"),
-            )
-            self.body.append(Each(used, error))
+            self._moved(used, "new", Place("e"), Place("w", first + used))
         first += 2 * used + len(self._layout.watched)
         for i, gap in enumerate(interval_lanes.is_gap(self._layout)):
             if gap:
                 write = self._next()
-                value = write.value(parse(f"where(moves > 0, gap{i}_now, gap{i})"))
+                value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
                 self.body += [*write.lines, Store(Place("w", first + i), value)]
-        state = (Load("_new", Place("z")), Load("_old", Place("y")), *chosen("_new", Place("y"), "_old"))
-        self.body.append(Each(len(self._layout.record), state))
+        self._moved(len(self._layout.record), "new", Place("z"), Place("y"))
+
+    def _moved(self, count: int, value: str, new: Place, old: Place) -> None:
+        """Replace old numbers by a value of both in lanes that move."""
+        self._each(count, f"kept = where(moves > 0, {value}, old)", {"new": new, "old": old}, {"kept": old})

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
-from xdynamics.kernels.program import ARRAYS, AT, Call, Compute, Each, Load, Operand, Place, Program, Store, When, While
+from xdynamics.kernels.program import (
+    ARRAYS,
+    AT,
+    Call,
+    Compute,
+    Each,
+    Instruction,
+    Load,
+    Operand,
+    Place,
+    Program,
+    Store,
+    When,
+    While,
+)
 
 _ATOM = 9
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
@@ -32,15 +46,28 @@ def python_of(program: Program) -> str:
     return f"def {program.name}({SIGNATURE}):\n{body}\n"
 
 
+def function_text(name: str, given: Iterable[str], body: Iterable[Instruction], results: Iterable[Operand]) -> str:
+    """Print instructions as a function of numbers that returns numbers."""
+    printer = _Printer(tuple(body), returned=tuple(results))
+    lines = [*printer.lines, f"return {', '.join(map(printer.text, results))}"]
+    return f"def {name}({', '.join(given)}):\n" + "".join(f"    {line}\n" for line in lines)
+
+
 class _Printer:
     """Prints the lines of one scope; an unnamed value that is read once gets no line of its own."""
 
-    def __init__(self, body: tuple[object, ...], known: dict[str, Text] | None = None, index: str = "") -> None:
+    def __init__(
+        self,
+        body: tuple[object, ...],
+        known: dict[str, Text] | None = None,
+        index: str = "",
+        returned: tuple[Operand, ...] = (),
+    ) -> None:
         self.lines: list[str] = []
         self._index = index
         self._texts: dict[str, Text] = dict(known or {})
         self._heights: dict[Operand, int] = {}  # of expressions written where they are used
-        self._uses = Counter(_operands(body))
+        self._uses = Counter([*_operands(body), *returned])
         for line in body:
             self._print(line)
 
@@ -52,7 +79,7 @@ class _Printer:
                 height = 1 + max((self._heights.get(entry, 0) for entry in line.arguments), default=0)
                 self._define(line.target, self._computed(line), height)
             case Store():
-                self.lines.append(f"{self._place(line.place)} = {self._text(line.value)}")
+                self.lines.append(f"{self._place(line.place)} = {self.text(line.value)}")
             case Call():
                 passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (passed.get(entry, entry) for entry in ARRAYS)
@@ -84,19 +111,20 @@ class _Printer:
         if name == "negative":
             return f"-{self._bound(arguments[0], 3)}", 3
         if name == "choose":
-            condition, yes, no = self._text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
+            condition, yes, no = self.text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
         if name in ("find_piece", "value_at", "slope_at", "piece_of"):
-            extra = ", ".join(["_tables, _pieces", *(self._text(argument) for argument in arguments)])
+            extra = ", ".join(["_tables, _pieces", *(self.text(argument) for argument in arguments)])
             return f"_{name}({extra})", _ATOM
         called = name if name in PYTHON else f"_{name}"
-        return f"{called}({', '.join(self._text(argument) for argument in arguments)})", _ATOM
+        return f"{called}({', '.join(self.text(argument) for argument in arguments)})", _ATOM
 
     def _bound(self, operand: Operand, needed: int) -> str:
         text, strength = self._expression(operand)
         return f"({text})" if strength < needed else text
 
-    def _text(self, operand: Operand) -> str:
+    def text(self, operand: Operand) -> str:
+        """Return the expression of an operand."""
         return self._expression(operand)[0]
 
     def _expression(self, operand: Operand) -> Text:

@@ -7,9 +7,19 @@ import math
 import numpy as np
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.lane_step import LEAST_LOGARITHM
+from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
+from xdynamics.kernels.step_control import (
+    ALLOWED,
+    CONSTANTS,
+    EXPONENT,
+    LEAST_LOGARITHM,
+    NEXT,
+    NORM,
+    PREDICTED,
+    PROPORTIONAL,
+)
 from xdynamics.march.force_evaluation import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
@@ -33,6 +43,15 @@ FIRST_STEP = (
     " sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1"
     " at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
 )
+# the lines as functions of numbers
+_allowed = function_of(ALLOWED, "atol rtol rest floor top slope", "allowed")
+_norm = function_of(NORM, "norm error before after allowed rtol", "norm")
+_exponent = function_of(EXPONENT, "norm logarithm step_log k", "exponent")
+_proportional = function_of(
+    PROPORTIONAL, "norm logarithm power safety least greatest", "factor next_log shrink", CONSTANTS
+)
+_predicted = function_of(PREDICTED, "growth least greatest", "factor next_log shrink", CONSTANTS)
+_next = function_of(NEXT, "width factor cut rejected step min_step max_step", "next_step")
 
 
 @compiled
@@ -42,28 +61,17 @@ def accepts(norm: float) -> bool:
 
 
 @compiled
-def larger(x: float, y: float) -> float:
-    """Return the larger; nan if the first is, so that a norm once nan stays nan."""
-    return x if x > y or x != x else y
-
-
-@compiled
 def error_norm(run: Run) -> float:
     """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1."""
-    rtol, norm, follows = run.plan[0].rtol, 0.0, run.plan[0].follows
-    if follows:
+    plan, norm = run.plan[0], 0.0
+    if plan.follows:
         tops_of(run, run.z)
-    for i in range(run.plan[0].used):
-        if run.e[i] != 0.0:  # a component that stays zero has no error, whatever its scale
-            atol = run.atol[i]
-            if follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
-                reach = rtol * run.plan[0].rest
-                at_rest = reach * abs(slope_of(run, run.z, i)) if atol == 0.0 else 0.0  # none of the kind has moved yet
-                atol = max(atol, run.plan[0].floor * run.tops[run.kinds[i]], at_rest)
-            scale = atol + rtol * larger(abs(run.y[i]), abs(run.z[i]))
-            norm = larger(norm, abs(run.e[i]) / scale)
-        else:
-            norm = larger(norm, 0.0)
+    for i in range(plan.used):
+        allowed = run.atol[i]
+        if plan.follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
+            slope = slope_of(run, run.z, i)
+            allowed = _allowed(allowed, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope)
+        norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol)
     return norm
 
 
@@ -75,36 +83,32 @@ def shortest(run: Run) -> float:
 
 
 @compiled
+def factors(run: Run) -> tuple[float, float, float]:
+    """Return the factor after an accepted step, what the next one remembers, and the factor after a rejected one."""
+    plan, now = run.plan[0], run.now[0]
+    if run.kept[0].growth > 0.0:  # the stepper proposes it
+        return _predicted(run.kept[0].growth, plan.least, plan.greatest)
+    logarithm = applied(run.law[LOG], now.norm) if now.norm > 0.0 else LEAST_LOGARITHM
+    power = applied(run.law[EXP], _exponent(now.norm, logarithm, now.step_log, plan.order))
+    return _proportional(now.norm, logarithm, power, plan.safety, plan.least, plan.greatest)
+
+
+@compiled
 def grow(run: Run, h: float, cut: bool) -> None:
     """Choose the step after an accepted one: no growth right after a rejection, no loss from a cut step."""
     plan, now = run.plan[0], run.now[0]
-    k, factor, logarithm = plan.order, plan.greatest, LEAST_LOGARITHM
-    if plan.predictive:
-        factor = min(plan.greatest, max(plan.least, run.kept[0].growth))
-    elif now.norm > 0.0:
-        beta, logarithm = 0.2 / k, applied(run.law[LOG], now.norm)
-        factor = plan.safety * applied(run.law[EXP], (0.75 * beta - 1.0 / k) * logarithm + beta * now.step_log)
-        factor = min(plan.greatest, max(plan.least, factor))
-    if now.rejected:
-        factor = min(factor, 1.0)
-    step = h * factor
-    if cut and not now.rejected:
-        step = max(step, now.step)
-    now.step = min(plan.max_step, max(plan.min_step, step))
-    now.step_log = max(logarithm, LEAST_LOGARITHM)
+    factor, now.step_log, _ = factors(run)
+    now.step = _next(h, factor, cut, now.rejected, now.step, plan.min_step, plan.max_step)
     now.rejected = 0
 
 
 @compiled
 def reduce(run: Run, h: float, failed_test: bool) -> None:
     """Choose the step after a rejected trial of step h."""
-    plan, now = run.plan[0], run.now[0]
-    factor = NONFINITE_FACTOR
-    if plan.predictive and (failed_test or run.trial[0].iterations < 0):
-        factor = min(0.9, run.kept[0].growth)
-    elif failed_test and math.isfinite(now.norm):
-        shrink = plan.safety * applied(run.law[EXP], -applied(run.law[LOG], now.norm) / plan.order)
-        factor = max(plan.least, min(0.9, shrink))
+    now, factor = run.now[0], NONFINITE_FACTOR
+    unsolved = run.kept[0].growth > 0.0 and run.trial[0].iterations < 0
+    if unsolved or (failed_test and math.isfinite(now.norm)):
+        _, _, factor = factors(run)
     now.step = max(h * factor, shortest(run))
     now.rejected = 1
 

@@ -192,7 +192,6 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "implicit": scheme.method.implicit,
         "simplified": scheme.method.simplified,
         "differences": scheme.jacobian == DIFFERENCES,
-        "predictive": adaptive and scheme.predictive,
         "estimates": scheme.estimates,
         "halved": scheme.halved,
         "extrapolated": scheme.estimator == EXTRAPOLATED,

@@ -28,7 +28,7 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
-    "adaptive implicit simplified differences predictive estimates halved extrapolated limited stages samples"
+    "adaptive implicit simplified differences estimates halved extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
@@ -67,9 +67,9 @@ PIECE = _record("start end width wide full", "cut rough part verdict substeps")
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
-# after a start, those of the previous accepted step; `growth` is the factor for the next step. `linearised` is whether
-# the derivatives may be used, `fresh` whether they are those at the state itself, `since` what the march did since the
-# last trial.
+# after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control
+# chooses it. `linearised` is whether the derivatives may be used, `fresh` whether they are those at the state itself,
+# `since` what the march did since the last trial.
 KEPT = _record("factored change ratio theta eta step norm growth", "linearised fresh since turns")
 BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how

@@ -10,11 +10,11 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.collocation import KEPT
 from xdynamics.kernels.interval_lanes import can_be_watched
 from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
+from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble_part import Arrays, Part, inputs_of
 from xdynamics.march.initial_run import addresses_of, posed

@@ -12,6 +12,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.formulas import function_of
+from xdynamics.kernels.step_control import TOLERANCE
 from xdynamics.march.force_evaluation import evaluate, slope_of
 from xdynamics.march.run import Run
 
@@ -22,6 +24,8 @@ ATOL_RULE = (
     " than which the first step is not; of what moves when nothing of its kind has moved yet, of its rate in a"
     " hundredth of the time to the first node or the end"
 )
+
+_tolerance = function_of(TOLERANCE, "rtol size floor top", "atol")
 
 State = NDArray[Any]
 Floats = NDArray[Any]
@@ -51,7 +55,7 @@ def settle_tolerances(run: Run) -> None:
     tops_of(run, run.largest)
     for i in range(run.plan[0].used):
         if run.followers[i]:
-            run.atol[i] = max(run.plan[0].rtol * run.largest[i], run.plan[0].floor * run.tops[run.kinds[i]])
+            run.atol[i] = _tolerance(run.plan[0].rtol, run.largest[i], run.plan[0].floor, run.tops[run.kinds[i]])
 
 
 @shared

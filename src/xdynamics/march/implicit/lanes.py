@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.collocation import KEPT, LASTING
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.lane_step import LANE
 from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
+from xdynamics.kernels.radau_memory import KEPT, LASTING
 from xdynamics.march.run import BEGUN, Run
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ def begin_anew(run: Run, w: Floats, lane: int) -> None:
 
 @borrowing
 def enter_kept(run: Run, w: Floats, lane: int) -> int:
-    """Put what a step keeps for the next one into a lane, ordered as `collocation.lengths`; return the place after."""
+    """Put what a step keeps for the next one into a lane, ordered as `radau_memory.lengths`; return the place after."""
     first, kept = of_kept(run), run.kept[0]
     if not run.plan[0].simplified:
         return first

@@ -10,10 +10,14 @@ import math
 
 import numpy as np
 
+from xdynamics.kernels import step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
+from xdynamics.kernels.radau_lines import CONSTANTS, CONVERGENCE, GUESS, POLYNOMIAL
 from xdynamics.kernels.rounding_margins import EPS
-from xdynamics.march.control import NONFINITE_FACTOR, error_norm, larger
+from xdynamics.kernels.step_control import PREDICTIVE
+from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, keep_sample
 from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
@@ -24,13 +28,11 @@ from xdynamics.methods.radau import (
     ERROR,
     FEW_TURNS,
     GAMMA,
-    HELD,
     LEAST_NORM,
     NODES,
     SAME_STEP,
     SHARE,
     SLOW,
-    SMALLEST,
     STALLED,
     T_INVERSE,
 )
@@ -58,6 +60,15 @@ AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in 
 OPEN, DONE, IN_VAIN = range(3)
 
 error_norm_apart = apart(error_norm)
+_polynomial = function_of(POLYNOMIAL, "z0 z1 z2", "first second third", CONSTANTS)
+_guess = function_of(GUESS, "c relative first second third", "guess", CONSTANTS)
+_convergence = function_of(CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now", CONSTANTS)
+_growth = function_of(
+    PREDICTIVE,
+    "norm width before norm_before turn turns theta safety least greatest",
+    "growth",
+    step_control.CONSTANTS,
+)
 
 
 @compiled
@@ -78,10 +89,12 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
         if not np.isfinite(z[i]):
             run.at[UNSOUND] = np.nan
     if not done:
-        run.trial[0].iterations, run.kept[0].growth = -1, UNSOLVED_GROWTH
-    elif plan.estimates and not plan.halved:
-        estimate(run, t, h, y)
-        look_ahead(run, h)
+        run.trial[0].iterations = -1
+    if plan.estimates and not plan.halved:
+        run.kept[0].growth = UNSOLVED_GROWTH
+        if done:
+            estimate(run, t, h, y)
+            look_ahead(run, h)
 
 
 @shared
@@ -177,14 +190,12 @@ def judged(run: Run, size: float, turn: int) -> int:
     if not math.isfinite(size):
         return IN_VAIN
     if turn > 1:
-        ratio = size / kept.change
-        kept.theta = ratio if turn == 2 else math.sqrt(ratio * kept.ratio)
-        kept.ratio = ratio
-        if size <= rounding and ratio >= STALLED:
+        kept.ratio, kept.theta, eta = _convergence(size, kept.change, kept.ratio, turn)
+        if size <= rounding and kept.ratio >= STALLED:
             return DONE
         if not kept.theta < DIVERGING:
             return IN_VAIN
-        kept.eta = kept.theta / (1.0 - kept.theta)
+        kept.eta = eta
         remaining = kept.eta * size
         for _ in range(most - turn):
             remaining *= kept.theta
@@ -273,25 +284,21 @@ def correction(run: Run, h: float, y: State) -> float:
 @shared
 def guess(run: Run, h: float, before: float) -> None:
     """Start the iteration on the collocation polynomial of the step before, or at rest if its size `before` is 0."""
-    n, stages, past = run.plan[0].used, run.stages, run.past
-    for k in range(3):
-        s = (C1 if k == 0 else C2 if k == 1 else 1.0) * (h / before) if before > 0.0 else 0.0
-        for i in range(n):
-            bent = past[n + i] + (s - (C1 - 1.0)) * past[2 * n + i]
-            stages[k * n + i] = s * (past[i] + (s - (C2 - 1.0)) * bent) if before > 0.0 else 0.0
-    to_transformed(stages, run.turned, n)
+    n, past, relative = run.plan[0].used, run.past, h / before if before > 0.0 else 0.0
+    for i in range(n):
+        first, second, third = past[i], past[n + i], past[2 * n + i]
+        run.stages[i] = _guess(C1, relative, first, second, third)
+        run.stages[n + i] = _guess(C2, relative, first, second, third)
+        run.stages[2 * n + i] = _guess(1.0, relative, first, second, third)
+    to_transformed(run.stages, run.turned, n)
 
 
 @shared
 def keep_polynomial(run: Run) -> None:
     """Keep the differences of the collocation polynomial, from the end of the step backwards."""
-    n, past = run.plan[0].used, run.past
+    n, past, stages = run.plan[0].used, run.past, run.stages
     for i in range(n):
-        z0, z1, z2 = run.stages[i], run.stages[n + i], run.stages[2 * n + i]
-        middle = (z0 - z1) / (C1 - C2)
-        past[i] = (z1 - z2) / (C2 - 1.0)
-        past[n + i] = (middle - past[i]) / (C1 - 1.0)
-        past[2 * n + i] = past[n + i] - (middle - z0 / C1) / C2
+        past[i], past[n + i], past[2 * n + i] = _polynomial(stages[i], stages[n + i], stages[2 * n + i])
 
 
 @compiled
@@ -320,18 +327,15 @@ def look_ahead(run: Run, h: float) -> None:
     if not math.isfinite(norm):
         kept.growth = NONFINITE_FACTOR
         return
-    passed, norm = norm <= 1.0, max(norm, SMALLEST)
-    work = 2.0 * MOST_TURNS
-    kept.growth = plan.safety * min(1.0, (1.0 + work) / (run.trial[0].iterations + work)) / fourth_root(norm)
-    if passed and kept.step > 0.0:
-        predicted = plan.safety * (h / kept.step) * fourth_root(kept.norm / (norm * norm))
-        kept.growth = min(kept.growth, predicted)
-    kept.growth = min(plan.greatest, max(plan.least, kept.growth))
-    if (kept.turns <= FEW_TURNS or kept.theta <= SLOW) and 1.0 <= kept.growth <= HELD:
-        kept.growth = 1.0
-
-
-@shared
-def fourth_root(x: float) -> float:
-    """Return x**(1/4) by square roots, which every processor rounds alike."""
-    return math.sqrt(math.sqrt(x))
+    kept.growth = _growth(
+        norm,
+        h,
+        kept.step,
+        kept.norm,
+        run.trial[0].iterations,
+        kept.turns,
+        kept.theta,
+        plan.safety,
+        plan.least,
+        plan.greatest,
+    )

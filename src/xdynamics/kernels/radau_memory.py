@@ -1,0 +1,90 @@
+"""What a step of Radau IIA keeps in a lane, and the lines that read and write it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from xdynamics.kernels import radau_lines
+from xdynamics.kernels.formulas import Formulas
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.program import Operand, Place
+
+# Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
+# of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
+# derivatives, its factors and its estimate have to be computed.
+LASTING = (
+    "factored",
+    "theta",
+    "eta",
+    "before",
+    "norm_before",
+    "linearised",
+    "fresh",
+    "since",
+    "turns",
+    "iterations",
+    "evaluations",
+    "jacobians",
+    "factorisations",
+)
+KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
+
+
+class Memory:
+    """Where a lane keeps the numbers and vectors of its step.
+
+    Parameters
+    ----------
+    layout : Layout
+    places : mapping of str to Place
+        Where a lane keeps its other numbers.
+    first : int
+        Where in `w` this memory begins.
+    """
+
+    def __init__(self, layout: Layout, places: dict[str, Place], first: int) -> None:
+        self.layout = layout
+        self.used, self.n = len(layout.used), len(layout.coordinates)
+        self.size = self.used - self.n
+        self.places = places | {name: Place("w", first + i) for i, name in enumerate(KEPT)}
+        self._first: dict[str, int] = {}
+        first += len(KEPT)
+        for name, length in lengths(layout).items():
+            self._first[name] = first
+            first += length
+
+    def formulas(self, prefix: str, known: Mapping[str, Operand] | None = None) -> Formulas:
+        """Begin lines whose names are those of the lane, of constants, or known."""
+        return Formulas(self.places, prefix, {**radau_lines.CONSTANTS, **(known or {})})
+
+    def place(self, name: str, i: int) -> Place:
+        """Return the place of an element of a vector."""
+        return Place("w", self._first[name] + i)
+
+    def vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
+        """Read three vectors, stored one after the other."""
+        return [[f.load(self.place(name, k * self.used + i)) for i in range(self.used)] for k in range(3)]
+
+    def put(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
+        """Write three vectors."""
+        for k, vector in enumerate(vectors):
+            for i, value in enumerate(vector):
+                f.store(self.place(name, k * self.used + i), value)
+
+    def update(self, f: Formulas, updates: Mapping[str, str], **given: Operand) -> None:
+        """Write numbers of the lane, each from what it had before."""
+        values = {name: f.of(text, **given) for name, text in updates.items()}
+        for name, value in values.items():
+            f.store(self.places[name], value)
+
+
+def lengths(layout: Layout) -> dict[str, int]:
+    """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
+    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    matrix = 3 * size * size + 2 * size
+    return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
+
+
+def width(layout: Layout) -> int:
+    """Return the length of that memory in all."""
+    return len(KEPT) + sum(lengths(layout).values())

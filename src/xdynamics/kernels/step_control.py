@@ -1,0 +1,59 @@
+"""Step control as lines of text: the error test, the factor of the next step, its bounds.
+
+`march.control` and `march.tolerance_sizes` use them as functions of numbers, `kernels.lane_step` in all lanes at once.
+"""
+
+from __future__ import annotations
+
+from xdynamics.methods import radau
+
+LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
+CONSTANTS = {
+    "least_logarithm": LEAST_LOGARITHM,
+    "smallest": radau.SMALLEST,
+    "few_turns": float(radau.FEW_TURNS),
+    "slow": radau.SLOW,
+    "held": radau.HELD,
+    "work": 2.0 * radau.MOST_TURNS,
+    "least_work": 1.0 + 2.0 * radau.MOST_TURNS,
+}
+
+# The tolerance of a variable that follows its size, and what is allowed to its error: at least that of the largest of
+# its kind, and where none of the kind has moved yet, that of its rate
+TOLERANCE = "atol = max(rtol*size, floor*top)"
+ALLOWED = "allowed = max(atol, floor*top, where(atol == 0, rtol*rest*abs(slope), 0))"
+# The largest ratio of an error to its scale; a component that stays zero has no error, whatever its scale
+NORM = "norm = max(norm, where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0))"
+
+EXPONENT = """
+beta = 0.2/k
+exponent = where(norm > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log)
+"""
+# of the norms of this trial and the one before, by that power
+PROPORTIONAL = """
+allowed = safety*power
+factor = where(norm > 0, min(greatest, max(least, allowed)), greatest)
+next_log = max(where(norm > 0, logarithm, least_logarithm), least_logarithm)
+shrink = max(least, min(0.9, allowed))
+"""
+# of the work of the iterations too; a small growth is left out where it would cost the factors that are kept
+PREDICTIVE = """
+bounded = max(norm, smallest)
+own = safety*min(1, least_work/(turn + work))/sqrt(sqrt(bounded))
+seen = safety*(width/before)*sqrt(sqrt(norm_before/(bounded*bounded)))
+predicted = where(norm <= 1, where(before > 0, min(own, seen), own), own)
+limited = min(greatest, max(least, predicted))
+stays = where(turns <= few_turns, 1, where(theta <= slow, 1, 0))*where(limited >= 1, where(limited <= held, 1, 0), 0)
+growth = where(stays > 0, 1, limited)
+"""
+PREDICTED = """
+factor = min(greatest, max(least, growth))
+next_log = least_logarithm
+shrink = min(0.9, growth)
+"""
+# no growth right after a rejection, no loss from a step that was cut
+NEXT = """
+grown = width*where(rejected > 0, min(factor, 1), factor)
+uncut = where(cut > 0, where(rejected > 0, grown, max(grown, step)), grown)
+next_step = min(max_step, max(min_step, uncut))
+"""
