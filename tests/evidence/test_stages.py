@@ -179,3 +179,91 @@ def test_tasks_are_named_by_what_they_depend_on() -> None:
     assert first.name == Task.of("stage", max, (), 1.0).name
     others = [Task.of("stage", max, (), 1.5), Task.of("stage", max, (first,), 1.0), Task.of("other", max, (), 1.0)]
     assert len({task.name for task in (first, *others)}) == 4
+
+
+# ---------------------------------------------------------------------------------------------------------- companion
+
+
+@pytest.mark.parametrize("times", [None, [0.5, 1.25]], ids=["end", "times"])
+@pytest.mark.parametrize("asked", [{"method": "rk4", "step": 0.05}, {"rtol": 1e-6}], ids=["step", "rtol"])
+def test_a_lazy_companion_marches_when_it_is_computed(times: Any, asked: dict[str, Any]) -> None:
+    """Assert the description, one march for several numbers, and the bits of the eager companion."""
+    run = xd.simulate(BALL, until=2.0, **asked)
+    with no_march():
+        stage = xd.companion(run, times, compute=False)
+    eager = xd.companion(run, times)
+    with marches() as begun:
+        assert_described(stage, eager)
+        assert not begun
+        float(stage.global_error_y[-1])
+        assert_same_bits(stage, eager)
+    assert len(begun) == 1
+
+
+def test_a_companion_shares_its_run_with_a_refinement() -> None:
+    """Assert that half the steps of a run are a level of a study that has them."""
+    run = xd.simulate(OSCILLATOR, method="rk4", step=0.02, until=10.0)
+    study = xd.refine(OSCILLATOR, compute=False, **STUDY)
+    with marches() as begun:
+        dask.compute(study, xd.companion(run, compute=False))
+    assert len(begun) == 4
+
+
+def test_a_lazy_stage_of_a_closed_file_opens_it_again(tmp_path: Path) -> None:
+    """Assert that a record that was closed is read when a stage of it is computed, and one that is gone is named."""
+    for gone in (False, True):
+        xd.save(xd.simulate(OSCILLATOR, method="rk4", step=0.02, until=10.0), tmp_path / "run.nc")
+        with xd.open_run(tmp_path / "run.nc") as run:
+            stage = xd.companion(run, compute=False)
+        with marches():
+            if gone:
+                (tmp_path / "run.nc").unlink()
+                with pytest.raises(FileNotFoundError, match=r"run\.nc"):
+                    stage.global_error_x.compute()
+            else:
+                assert np.isfinite(float(stage.global_error_x[0]))
+
+
+# ----------------------------------------------------------------------------------------------------------- validate
+
+
+def test_a_lazy_ledger_has_the_bits_of_the_eager_one() -> None:
+    """Assert the description, one task for each case and method, and values; methods that refuse cases among them."""
+    methods = ["rk4", "velocity_verlet", "moreau_jean"]
+    with no_march():
+        stage = xd.validate(methods, compute=False)
+    eager = xd.validate(methods)
+    assert_described(stage, eager)
+    assert sum(str(key).startswith("case-") for key in stage.residual.__dask_graph__()) == 14 * len(methods)
+    with marches() as begun:
+        assert_same_bits(stage, eager)
+    assert 0 < len(begun) <= len({*eager.case_run.values}) * 3
+
+
+def test_a_ledger_of_impacts_lists_as_many_as_are_asked_for() -> None:
+    """Assert that a model with contacts needs a number, and that lines beyond those of the run are refused ones."""
+    with pytest.raises(xd.InputError, match="give the number to list, like impacts=10"):
+        xd.validate(BALL, compute=False)
+    with pytest.raises(xd.InputError, match="impacts is -1, needs a non-negative whole number"):
+        xd.validate(BALL, impacts=-1)
+    every = xd.validate(BALL)
+    for impacts in (2, 9):
+        stage, eager = xd.validate(BALL, impacts=impacts, compute=False), xd.validate(BALL, impacts=impacts)
+        assert eager.sizes["case"] == len(BALL.validation) + impacts
+        assert_described(stage, eager)
+        assert_same_bits(stage, eager)
+        both = min(eager.sizes["case"], every.sizes["case"])
+        assert eager.residual.values[:both].tobytes() == every.residual.values[:both].tobytes()
+        assert (eager.verdict[both:] == 2).all()
+
+
+# -------------------------------------------------------------------------------------------------------------- modes
+
+
+def test_lazy_modes_have_the_bits_of_eager_ones() -> None:
+    """Assert the description, and values about a model's start and about a row of a run; a bad state when computed."""
+    masses = xd.Model.from_toml(MODELS / "coupled_masses.toml")
+    for subject, asked in ((masses, {}), (OSCILLATOR, {"at": {"x": "1 m"}}), (xd.simulate(masses), {"row": 7})):
+        stage, eager = xd.modes(subject, compute=False, **asked), xd.modes(subject, **asked)
+        assert_described(stage, eager)
+        assert_same_bits(stage, eager)

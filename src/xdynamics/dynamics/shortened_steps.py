@@ -137,11 +137,22 @@ class Inside:
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states of the steps, and evaluate them at times."""
+        where = np.stack([times, starts, ends])
+        return self.described(times, rows, _blockwise(self._evaluated, where, self._columns(rows), self._height))
+
+    def blank(self, count: int) -> xr.Dataset:
+        """Return what `dataset` gives at so many times, without its values."""
+        return self.described(np.full(count, np.nan), np.zeros(count, np.int64), np.full((self._height, count), np.nan))
+
+    @property
+    def _height(self) -> int:
+        return 2 * len(self.layout.used)
+
+    def described(self, times: Floats, rows: NDArray[np.int64], numbers: Any) -> xr.Dataset:
+        """Return states and errors at times as a Dataset."""
         import xarray as xr
 
         layout, run, scheme = self.layout, self.run, self.settings.scheme
-        where = np.stack([times, starts, ends])
-        numbers = _blockwise(self._evaluated, where, self._columns(rows), 2 * len(layout.used))
         orders = interpolation_orders(scheme, layout, self.rule)
         variables = {}
         for i, name in enumerate(layout.used):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,14 +13,16 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.digits import digits
-from xdynamics.dynamics.shortened_steps import model_of, sampled, wanted_times
+from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.runs import march
+from xdynamics.evidence.stages import Task, lazy, march_task
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_whole, said_of
@@ -36,6 +40,28 @@ TIGHTER = 10.0  # factor between tolerances
 
 
 @dataclass(frozen=True)
+class Tighter:
+    """What a record's model is marched by once more.
+
+    Attributes
+    ----------
+    model : Model
+    settings : dict
+        Of the march.
+    factor : float
+        By which the difference between both runs is multiplied to give the error of the record: Richardson's, with the
+        order of the method in its step, and 1 in the tolerance.
+    said : str
+        In words, what is tighter.
+    """
+
+    model: Model
+    settings: Mapping[str, Any]
+    factor: float
+    said: str
+
+
+@dataclass(frozen=True)
 class Companion:
     """One more run of a record's model at a tighter setting, from the record alone.
 
@@ -44,10 +70,9 @@ class Companion:
     of, run : xarray.Dataset
         The record, and the tighter run.
     factor : float
-        By which the difference between both is multiplied to give the error of the record: Richardson's, with the order
-        of the method in its step, and 1 in the tolerance.
     said : str
-        In words, what is tighter.
+        As in `Tighter`.
+    functions : mapping, optional
     """
 
     of: xr.Dataset
@@ -58,19 +83,16 @@ class Companion:
 
     def beside(self, states: xr.Dataset) -> xr.Dataset:
         """Add global errors to sampled states; nan after the end of the tighter run."""
-        import xarray as xr
-
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
         tight = sampled(self.run, times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
         errors = {}
-        for name in [str(key) for key in states.data_vars if schema.error(str(key)) in states]:
-            error = np.full(times.shape, np.nan)
-            error[reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
-            errors[global_error(name)] = xr.Variable(
-                (AT,), error, about(str(states[name].attrs["units"]), self._words(name), "error")
-            )
-        return states.assign(errors).assign_attrs(companion=self.said, companion_digest=archive.digest_of_run(self.run))
+        for name in _with_errors(states):
+            errors[name] = np.full(times.shape, np.nan)
+            errors[name][reached] = self.factor * (np.asarray(states[name])[reached] - np.asarray(tight[name]))
+        return _added(states, errors, self.factor, self.said).assign_attrs(
+            companion_digest=archive.digest_of_run(self.run)
+        )
 
     def event_errors(self) -> Floats:
         """Return the error of each event's time, s; nan where the tighter run did not meet the event."""
@@ -83,9 +105,6 @@ class Companion:
             errors[rows[mine]] = self.factor * (times[mine] - tight[theirs])
         return errors
 
-    def _words(self, name: str) -> str:
-        return f"error of {name} since the start: its difference from the run with {self.said}, times {self.factor:.6g}"
-
 
 def global_error(name: str) -> str:
     """Return the name of the error that a variable has accumulated since the start of a run."""
@@ -93,7 +112,11 @@ def global_error(name: str) -> str:
 
 
 def companion(
-    run: xr.Dataset, times: Sequence[float] | Floats | float | str | None = None, *, functions: Functions | None = None
+    run: xr.Dataset,
+    times: Sequence[float] | Floats | float | str | None = None,
+    *,
+    functions: Functions | None = None,
+    compute: bool = True,
 ) -> xr.Dataset:
     """Estimate the global errors of a run by one more run with half the steps or a tenth of the tolerances.
 
@@ -105,6 +128,9 @@ def companion(
         Where to estimate; by default at the end of the run.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, and the run is marched when one is computed;
+        the record has to be open then.
 
     Returns
     -------
@@ -132,23 +158,73 @@ def companion(
     >>> bool(abs(companion(run).global_error_x[0] - true) < 0.1*abs(true))
     True
     """
-    tighter = companion_of(run, functions)
-    at = np.array([float(run["time"][-1])]) if times is None else wanted_times(times, time_unit(run))
-    states = tighter.beside(sampled(run, at, after=True, rule=REINTEGRATE, functions=functions))
-    variables = {str(name): (data.dims, data.values, data.attrs) for name, data in states.variables.items()}
-    variables["event_time"] = (
-        (EVENTS,),
-        run["event_time"].values,
-        about(time_unit(run).text, "accepted time of the event", "event"),
+    at = None if times is None else wanted_times(times, time_unit(run))
+    if compute:
+        return _beside(run, companion_of(run, functions), at)
+    tighter = tighter_of(run, functions)
+    with _no_tighter():
+        marched = march_task(tighter.model, **tighter.settings)
+    call = partial(_in_task, run, tighter, functions, at)
+    task = Task.of("companion", call, (marched,), archive.digest_of_run(run), None if at is None else at.tolist())
+    states = Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at))
+    states = _added(states, {name: states[name].values for name in _with_errors(states)}, tighter.factor, tighter.said)
+    errors = np.full(run.sizes.get(EVENTS, 0), np.nan)
+    template = _dataset(
+        run,
+        states if at is None else states.assign_coords({AT_TIME: (AT, at, states[AT_TIME].attrs)}),
+        errors,
+        errors,
+        (),
     )
+    return lazy(template, task, () if at is None else (AT_TIME,))
+
+
+def _in_task(
+    run: xr.Dataset, tighter: Tighter, functions: Functions | None, at: Floats | None, marched: xr.Dataset
+) -> xr.Dataset:
+    """Compare a record with its tighter run, in a task."""
+    return _beside(run, Companion(run, marched, tighter.factor, tighter.said, functions), at)
+
+
+def _beside(run: xr.Dataset, companion: Companion, at: Floats | None) -> xr.Dataset:
+    """Return the errors of a record by its tighter run."""
+    times = np.array([float(run["time"][-1])]) if at is None else at
+    states = companion.beside(sampled(run, times, after=True, rule=REINTEGRATE, functions=companion.functions))
+    digests = [archive.digest_of_run(data) for data in (run, companion.run)]
+    return _dataset(run, states, run["event_time"].values, companion.event_errors(), digests)
+
+
+def _dataset(
+    run: xr.Dataset, states: xr.Dataset, event_times: Floats, event_errors: Floats, digests: Sequence[str]
+) -> xr.Dataset:
+    variables = {str(name): (data.dims, data.values, data.attrs) for name, data in states.variables.items()}
+    unit = time_unit(run).text
+    variables["event_time"] = ((EVENTS,), event_times, about(unit, "accepted time of the event", "event"))
     variables["event_time_global_error"] = (
         (EVENTS,),
-        tighter.event_errors(),
-        about(time_unit(run).text, "error of the event's time since the start of the run", "error"),
+        event_errors,
+        about(unit, "error of the event's time since the start of the run", "error"),
     )
-    digests = [archive.digest_of_run(data) for data in (run, tighter.run)]
-    attributes = {"companion": tighter.said, "model_digest": run.attrs["model_digest"]}
+    attributes = {"companion": states.attrs["companion"], "model_digest": run.attrs["model_digest"]}
     return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, attributes)
+
+
+def _added(states: xr.Dataset, errors: Mapping[str, Floats], factor: float, said: str) -> xr.Dataset:
+    """Add errors since the start to states, with their words."""
+    import xarray as xr
+
+    variables = {}
+    for name, error in errors.items():
+        text = f"error of {name} since the start: its difference from the run with {said}, times {factor:.6g}"
+        variables[global_error(name)] = xr.Variable(
+            (AT,), error, about(str(states[name].attrs["units"]), text, "error")
+        )
+    return states.assign(variables).assign_attrs(companion=said)
+
+
+def _with_errors(states: xr.Dataset) -> list[str]:
+    """Name the coordinates, velocities and states."""
+    return [str(key) for key in states.data_vars if schema.error(str(key)) in states]
 
 
 def check_whole(run: xr.Dataset) -> None:
@@ -173,25 +249,41 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
     InputError
         If the Dataset is not a whole run record, or no setting is tighter.
     """
+    tighter = tighter_of(run, functions)
+    with _no_tighter():
+        return Companion(run, march(tighter.model, **tighter.settings), tighter.factor, tighter.said, functions)
+
+
+@contextmanager
+def _no_tighter() -> Iterator[None]:
+    """Say of settings that no march can have that there is no tighter run."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"there is no tighter run beside this one: {error}") from None
+
+
+def tighter_of(run: xr.Dataset, functions: Functions | None) -> Tighter:
+    """Return half the steps of a record's run, or a tenth of its tolerances.
+
+    Raises
+    ------
+    InputError
+        If the Dataset is not a whole run record.
+    """
     check_kind(run)
     check_whole(run)
     model = model_of(run, functions)
     settings = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING} | {
         "force_samples": "none"
     }
-    control = str(run.attrs["solver_step_control"])
-    try:
-        if control == "adaptive":
-            tighter = f"a {TIGHTER:.0f}th of the tolerances"
-            return Companion(run, march(model, **_tightened(settings)), TIGHTER / (TIGHTER - 1.0), tighter, functions)
-        step = settings["step"]
-        halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
-        ratio = 2.0 ** METHODS[run.attrs["solver_method"]].order
-        return Companion(
-            run, march(model, **settings | {"step": halved}), ratio / (ratio - 1.0), "half the steps", functions
-        )
-    except InputError as error:
-        raise InputError(f"there is no tighter run beside this one: {error}") from None
+    if str(run.attrs["solver_step_control"]) == "adaptive":
+        said = f"a {TIGHTER:.0f}th of the tolerances"
+        return Tighter(model, _tightened(settings), TIGHTER / (TIGHTER - 1.0), said)
+    step = settings["step"]
+    halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
+    ratio = 2.0 ** METHODS[run.attrs["solver_method"]].order
+    return Tighter(model, settings | {"step": halved}, ratio / (ratio - 1.0), "half the steps")
 
 
 def _tightened(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.evidence.stages import Task, inputs_of, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -30,7 +33,9 @@ SUGGESTION = (
 )
 
 
-def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None) -> xr.Dataset:
+def modes(
+    subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None, compute: bool = True
+) -> xr.Dataset:
     """Linearise a model about a state: its modes, its eigenvalues, and the steps that are stable by each method there.
 
     Parameters
@@ -42,6 +47,8 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
     at : mapping, optional
         Values that replace some of the state's: ``{"theta": "0 rad"}``; a bare number has the unit of the model's
         initial value.
+    compute : bool
+        Whether to linearise at once; if False, the Dataset has dask arrays. Of a record its one row is read.
 
     Returns
     -------
@@ -74,20 +81,74 @@ def modes(subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[st
     if at:
         replaced = model.replace(initial=at)
         state |= {name: replaced.initial[name].si for name in at}
-    linearisation = linearise(model, state)
+    if compute:
+        return _computed(model, state)
+    task = Task.of("modes", partial(_computed, model, state), (), model.digest, inputs_of(state))
+    template = _dataset(model, state, Spectrum.blank(model))
+    return lazy(template, task, [variable.name for variable, _ in _state(model, state)])
+
+
+def _computed(model: Model, state: Mapping[str, float]) -> xr.Dataset:
+    linearisation = linearise(model, dict(state))
     _check_state(model, linearisation, state)
     _check_finite(model, linearisation, state["t"])
-    return _dataset(model, state, linearisation)
+    return _dataset(model, state, Spectrum.of(model, linearisation))
 
 
-def _dataset(model: Model, state: Mapping[str, float], linearisation: Linearisation) -> xr.Dataset:
-    eigenvalues = np.linalg.eigvals(linearisation.jacobian).astype(np.complex128)
-    eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
+@dataclass(frozen=True)
+class Spectrum:
+    """What follows from a linearisation.
+
+    Attributes
+    ----------
+    frequency, period : ndarray, shape (modes,)
+    shapes : ndarray, shape (coordinates, modes)
+    eigenvalues : ndarray of complex, shape (variables,)
+    limits : ndarray, shape (2, methods)
+        Of an oscillation, and of a decay.
+    stable, suggested : ndarray, shape (methods,)
+    """
+
+    frequency: Floats
+    period: Floats
+    shapes: Floats
+    eigenvalues: NDArray[np.complex128]
+    limits: Floats
+    stable: Floats
+    suggested: Floats
+
+    @classmethod
+    def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
+        """Compute it."""
+        eigenvalues = np.linalg.eigvals(linearisation.jacobian).astype(np.complex128)
+        eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
+        squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass)
+        real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
+        frequency = np.sqrt(real)
+        period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
+        methods, scale = list(METHODS.values()), _scale(eigenvalues)
+        stable = np.array([stable_step_of(linearisation.jacobian, method, model) for method in methods])
+        growing = [stable_step_of(linearisation.jacobian, method, model, growth=0.01 / scale) for method in methods]
+        suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
+        limits = np.array([[limit(method) for method in methods] for limit in (oscillator_limit, decay_limit)])
+        return cls(frequency, period, shapes, eigenvalues, limits, stable, suggested)
+
+    @classmethod
+    def blank(cls, model: Model) -> Spectrum:
+        """Return one of the right sizes, before anything is computed."""
+        modes, methods = np.full(len(model.coordinates), np.nan), np.full(len(METHODS), np.nan)
+        eigenvalues = np.full(len(variables(model)), np.nan, np.complex128)
+        return cls(
+            modes, modes, np.tile(modes, (modes.size, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods
+        )
+
+
+def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr.Dataset:
     filled = [
         *_state(model, state),
-        *_undamped(model, linearisation),
-        *_eigenvalues(model, eigenvalues),
-        *_methods(model, linearisation.jacobian, eigenvalues),
+        *_undamped(model, spectrum),
+        *_eigenvalues(model, spectrum.eigenvalues),
+        *_methods(model, spectrum),
     ]
     attributes = {
         "title": f"Modes of {model.name}",
@@ -179,12 +240,8 @@ def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any
     ]
 
 
-def _undamped(model: Model, linearisation: Linearisation) -> list[tuple[Variable, Any]]:
+def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     """Return frequencies, periods and shapes, the lowest frequency first."""
-    squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass)
-    real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
-    frequency = np.sqrt(real)
-    period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
     comment = {"comment": "undamped; 0 of a rigid motion, nan where the square is negative or complex"}
     frequency_variable = Variable(
         "frequency",
@@ -196,13 +253,15 @@ def _undamped(model: Model, linearisation: Linearisation) -> list[tuple[Variable
         comment,
     )
     result: list[tuple[Variable, Any]] = [
-        (frequency_variable, frequency),
-        (Variable("period", (MODES,), "f8", model.time_unit.text, "natural period", "period"), period),
+        (frequency_variable, spectrum.frequency),
+        (Variable("period", (MODES,), "f8", model.time_unit.text, "natural period", "period"), spectrum.period),
     ]
     scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
     for i, name in enumerate(model.coordinates):
         unit, label = _si_unit(model, name).text, f"mode shape along {name}"
-        result.append((Variable(f"shape_{name}", (MODES,), "f8", unit, label, "mode_shape", scaling), shapes[i]))
+        result.append(
+            (Variable(f"shape_{name}", (MODES,), "f8", unit, label, "mode_shape", scaling), spectrum.shapes[i])
+        )
     return result
 
 
@@ -247,14 +306,9 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
     return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
 
 
-def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]) -> list[tuple[Variable, Any]]:
+def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     """Return the stability limits of each method: in general, and at this state."""
     names = schema.flags(dict(enumerate(METHODS)))
-    methods = list(METHODS.values())
-    stable = np.array([stable_step_of(jacobian, method, model) for method in methods])
-    scale = _scale(eigenvalues)
-    kept = np.array([stable_step_of(jacobian, method, model, growth=0.01 / scale) for method in methods])
-    suggested = np.minimum(scale / 20.0, kept / 2.0)  # nan where the method refuses the model
 
     def along(name: str, units: str, long_name: str, comment: str) -> Variable:
         return Variable(name, (BY_METHOD,), "f8", units, long_name, "stability", {"comment": comment})
@@ -262,7 +316,7 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
     return [
         (
             Variable("method_name", (BY_METHOD,), "i1", "1", "time-stepping method", "flag", names),
-            np.arange(len(methods), dtype=np.int8),
+            np.arange(len(METHODS), dtype=np.int8),
         ),
         (
             along(
@@ -271,7 +325,7 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
                 "largest stable step over 1/w of an undamped oscillation",
                 "0: every step makes it grow; inf: none does",
             ),
-            np.array([oscillator_limit(method) for method in methods]),
+            spectrum.limits[0],
         ),
         (
             along(
@@ -280,7 +334,7 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
                 "largest stable step over the time of a decay",
                 "inf: every step is stable; nan: the method refuses such a term",
             ),
-            np.array([decay_limit(method) for method in methods]),
+            spectrum.limits[1],
         ),
         (
             along(
@@ -289,9 +343,9 @@ def _methods(model: Model, jacobian: Floats, eigenvalues: NDArray[np.complex128]
                 "largest step with which no mode grows that does not grow in the model",
                 "0: none; inf: every step; nan: the method refuses the model",
             ),
-            stable,
+            spectrum.stable,
         ),
-        (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), suggested),
+        (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), spectrum.suggested),
     ]
 
 

@@ -26,13 +26,13 @@ from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.schema import RUNS
+from xdynamics.schema import ORIGIN, RUNS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 LIMIT = "XDYNAMICS_REMEMBERED_LIMIT"  # environment variable
-DIGEST = 64  # letters of a digest
+TEXT = np.dtype("U256")  # type of texts whose lengths are not known yet
 MOST_MEGABYTES = 256.0  # of results that are remembered, unless it is set
 
 
@@ -113,10 +113,11 @@ def lazy(template: xr.Dataset, task: Task, known: Collection[str] = ()) -> xr.Da
         graph = {(key, *[0] * variable.ndim): (partial(_values, str(name)), task.name)}
         merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {task.name}})
         chunks = tuple((size,) for size in variable.shape)
-        variables[name] = (variable.dims, da.Array(merged, key, chunks, dtype=variable.dtype), variable.attrs)
+        dtype = max(variable.dtype, TEXT) if variable.dtype.kind == "U" else variable.dtype
+        variables[name] = (variable.dims, da.Array(merged, key, chunks, dtype=dtype), variable.attrs)
     stage = template.assign(variables)
     stage.attrs = {name: value for name, value in template.attrs.items() if name != RUNS}
-    return archive.marched(stage)
+    return archive.marched(stage) if ORIGIN in template.attrs else stage
 
 
 def _values(name: str, stage: xr.Dataset) -> Any:

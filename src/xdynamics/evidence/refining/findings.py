@@ -18,9 +18,8 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import ROLE, Watched, family
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
-from xdynamics.evidence.stages import DIGEST, Task, inputs_of, lazy
+from xdynamics.evidence.stages import Task, inputs_of, lazy
 from xdynamics.faults import InputError
-from xdynamics.march.outcomes import WORDS
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
 if TYPE_CHECKING:
@@ -87,8 +86,8 @@ class Findings:
         return cls(
             np.full(1, np.nan) if subjects.times is None else subjects.times,
             list(subjects.blank()),
-            np.full(levels, "", f"U{DIGEST}"),
-            np.full(levels, "", f"U{max(map(len, WORDS))}"),
+            np.full(levels, ""),
+            np.full(levels, ""),
             {name: np.zeros(levels, np.int64) for name in (subjects.detectors if subjects.occurrences else ())},
             dict.fromkeys(subjects.cyclic, np.nan),
             {name: np.full(levels, np.nan) for name in subjects.stepped} if defects else {},

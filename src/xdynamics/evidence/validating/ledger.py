@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over, scale_of
+from xdynamics.evidence.stages import Task, inputs_of, lazy, march_task, remembered
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
@@ -30,6 +31,7 @@ from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
 from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, STEPS, flags, velocity
 from xdynamics.units import Quantity, behind, parse_unit, time_in
 
@@ -49,13 +51,20 @@ TENTH = 10  # a band is compared between the first and the last tenth
 BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, the most that a bound may be
 WIDER = 1.5  # times its first part, the most that a band may be in its last one
 ROLE = "validation"
+OF_IMPACTS = {"impact": 5}  # lines of the law of impacts of the ledger's own cases
 SCALE_RULE = (
     "largest size of the closed form where it is compared (of an event's time from the start), never its value at one"
     " time, which may pass zero; where it is 0 throughout, largest size of what was computed"
 )
 
 
-def validate(methods: Sequence[str] | str | Model | None = None, model: Model | None = None) -> xr.Dataset:
+def validate(
+    methods: Sequence[str] | str | Model | None = None,
+    model: Model | None = None,
+    *,
+    impacts: int | None = None,
+    compute: bool = True,
+) -> xr.Dataset:
     """Compare methods with exact cases, or a model with its own closed forms and the law of its contacts.
 
     Parameters
@@ -66,6 +75,12 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
         A model with closed forms, ``[validation.<name>]``; by default the ledger's own cases: zero force, constant
         acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and
         together, a drive of time, impact, resting contact, dry friction, unit scaling.
+    impacts : int, optional
+        How many relations of impacts to list of a model with contacts; where a run has fewer they are refused. By
+        default as many as it has.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, with one task for each case and method. A model
+        with contacts needs `impacts` then.
 
     Returns
     -------
@@ -97,34 +112,68 @@ def validate(methods: Sequence[str] | str | Model | None = None, model: Model | 
     """
     if isinstance(methods, Model) and model is None:
         methods, model = None, methods
+    names = _names(methods, model, impacts)
+    cases = _own(names) if model is None else _of_model(model, names, impacts)
+    title = "validation ledger: exact cases" if model is None else f"validation of {model.name}"
+    if compute:
+        return _dataset([row for case in cases for row in case.rows()], title)
+    return _lazy(cases, title)
+
+
+def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
+    """Check the arguments of `validate`, and return the names of methods, if there are any."""
     if methods is not None and not isinstance(methods, str | Sequence):
         raise InputError(f"methods is {str(methods)[:40]!r}, needs names of methods")
     if model is not None and not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    if impacts is not None and (isinstance(impacts, bool) or not isinstance(impacts, int) or impacts < 0):
+        raise InputError(f"impacts is {impacts!r}, needs a non-negative whole number")
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
     for name in names or ():
         if name not in METHODS:
             raise InputError(f"method {name!r} is not known; there are {', '.join(METHODS)}")
-    if model is None:
-        rows = [
-            row
-            for k, (name, case_model) in enumerate(_own_cases(), 1)
-            for method in names or METHODS
-            for row in _rows(case_model, method, k, f"{name}.")
-        ]
-        title = "validation ledger: exact cases"
-    else:
-        if not model.validation and not model.contacts:
-            raise InputError(
-                f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
-                " expression, bound"
-            )
-        chosen = names or [str(model.run["method"])] if "method" in model.run or names else []
-        if not chosen:
-            raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
-        rows = [row for method in chosen for row in _rows(model, method, 0, "")]
-        title = f"validation of {model.name}"
-    return _dataset(rows, title)
+    return names
+
+
+def _own(methods: Sequence[str] | None) -> list[Case]:
+    """Return the ledger's own cases by methods."""
+    return [
+        Case(model, method, stage, f"{name}.", OF_IMPACTS.get(name, 0))
+        for stage, (name, model) in enumerate(_own_cases(), 1)
+        for method in methods or METHODS
+    ]
+
+
+def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None) -> list[Case]:
+    """Return the cases of a model by methods.
+
+    Raises
+    ------
+    InputError
+        If it has neither a closed form nor contacts, or no method.
+    """
+    if not model.validation and not model.contacts:
+        raise InputError(
+            f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
+            " expression, bound"
+        )
+    chosen = methods or [str(model.run["method"])] if "method" in model.run or methods else []
+    if not chosen:
+        raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
+    return [Case(model, method, impacts=impacts) for method in chosen]
+
+
+def _lazy(cases: Sequence[Case], title: str) -> xr.Dataset:
+    """Return a ledger with dask arrays, one task for each case and method."""
+    tasks = tuple(case.task() for case in cases)
+    rows = [row for case in cases for row in case.blank()]
+    return lazy(
+        _dataset(rows, title), Task.of("ledger", partial(_of_tasks, title), tasks), ("case_method", "case_stage")
+    )
+
+
+def _of_tasks(title: str, *rows: Sequence[Row]) -> xr.Dataset:
+    return _dataset([row for case in rows for row in case], title)
 
 
 @lru_cache(maxsize=1)
@@ -160,17 +209,86 @@ class Row:
         return PASSED if self.residual <= self.bound else FAILED
 
 
-def _rows(model: Model, method: str, stage: int, prefix: str) -> Iterator[Row]:
-    """Yield the lines of one method and model."""
-    marched = Marched(model, method, own=stage > 0)
-    for name, case in model.validation.items():
-        where = f"at {case.event} {case.occurrence}" if case.event else _times_in_words(case, model)
-        rule = str(case.bound) if isinstance(case.bound, str) else "given"
-        row = Row(f"{prefix}{name}", method, stage, text_of(case.expression), case.quantity, where, rule)
-        why = marched.refusal(case)
-        yield replace(row, note=why) if why else marched.filled(row, case)
-    if model.contacts:
-        yield from _of_impacts(marched, prefix, stage)
+@dataclass(frozen=True)
+class Case:
+    """One model by one method.
+
+    Attributes
+    ----------
+    model : Model
+    method : str
+    stage : int
+        Of the ledger; 0 for a model's own closed forms.
+    prefix : str
+        Of the names of its lines.
+    impacts : int, optional
+        How many lines of the law of impacts there are where the method locates them; None for as many as the run has.
+    """
+
+    model: Model
+    method: str
+    stage: int = 0
+    prefix: str = ""
+    impacts: int | None = None
+
+    def task(self) -> Task:
+        """Return the task that marches it.
+
+        Raises
+        ------
+        InputError
+            If the number of its lines is not known.
+        """
+        if self.impacts is None and self.model.contacts:
+            raise InputError(
+                f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
+                " number to list, like impacts=10 (refused where there are fewer), or 0 for none"
+            )
+        asked = Marched(self.model, self.method, own=self.stage > 0).asked
+        words = (
+            self.stage,
+            self.prefix,
+            self.impacts,
+            self.method,
+            self.model.digest,
+            inputs_of(asked),
+            xdynamics_version(),
+        )
+        return Task.of("case", partial(_rows_of, self), (), *words)
+
+    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[Row]:
+        """Yield the lines of the ledger, of runs that are marched when they are first needed."""
+        runs = Marched(self.model, self.method, own=self.stage > 0, marched=marched)
+        for row, case in self._forms():
+            why = runs.refusal(case)
+            yield replace(row, note=why) if why else runs.filled(row, case)
+        if self.model.contacts and (self.impacts != 0 or self.stage):
+            lines = [*_of_impacts(runs, self.prefix, self.stage)]
+            missing = [] if self.impacts is None or self.stage else self._missing(self.impacts - len(lines))
+            yield from [*lines, *missing][: None if self.stage else self.impacts]
+
+    def blank(self) -> Iterator[Row]:
+        """Yield as many lines, before anything is marched."""
+        yield from (row for row, _ in self._forms())
+        if self.model.contacts:
+            runs = Marched(self.model, self.method, own=self.stage > 0)
+            located = not (runs.refused or runs.method.stepping)
+            yield from self._missing(self.impacts or 0 if located or not self.stage else 1)
+
+    def _missing(self, count: int) -> list[Row]:
+        """Return lines in the place of relations that a run does not have."""
+        law = next(iter(self.model.contacts.values())).law
+        relation, note = f"law of impacts '{law}'", "the run has no further relation of impacts"
+        where = "contacts", "every impact", "rounding"
+        return [Row(f"{self.prefix}impacts", self.method, self.stage, relation, *where, note=note)] * max(0, count)
+
+    def _forms(self) -> Iterator[tuple[Row, Validation]]:
+        """Yield every closed form, with its line as far as it is known."""
+        for name, case in self.model.validation.items():
+            where = f"at {case.event} {case.occurrence}" if case.event else _times_in_words(case, self.model)
+            rule = str(case.bound) if isinstance(case.bound, str) else "given"
+            relation = text_of(case.expression)
+            yield Row(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule), case
 
 
 def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
@@ -210,8 +328,8 @@ def _times_in_words(case: Validation, model: Model) -> str:
 class Marched:
     """The runs of one model by one method, each marched when first needed."""
 
-    def __init__(self, model: Model, method: str, *, own: bool) -> None:
-        self.model, self.method = model, METHODS[method]
+    def __init__(self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march) -> None:
+        self.model, self.method, self.marched = model, METHODS[method], marched
         refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences
         self.asked: dict[str, Any] = {"method": method}
@@ -233,7 +351,7 @@ class Marched:
     @cached_property
     def run(self) -> xr.Dataset:
         """The run with the steps of the model's `[run]`."""
-        return march(self.model, **self.asked)
+        return self.marched(self.model, **self.asked)
 
     @cached_property
     def coarse(self) -> xr.Dataset:
@@ -248,13 +366,13 @@ class Marched:
             raise InputError(
                 f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones"
             )
-        return march(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
+        return self.marched(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
 
     @cached_property
     def unscaled(self) -> xr.Dataset:
         """The run without scales."""
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
-        return march(self.model, **settings | self.asked | {"scales": {}})
+        return self.marched(self.model, **settings | self.asked | {"scales": {}})
 
     def filled(self, row: Row, case: Validation) -> Row:
         """Return a line with its residual, bound and scale.
@@ -420,6 +538,11 @@ def _units(run: xr.Dataset, case: Validation) -> str:
             " it the name of the table is one"
         )
     return str(run[case.quantity].attrs["units"])
+
+
+def _rows_of(case: Case) -> list[Row]:
+    """Return the lines of a case, in a task; runs that other stages need too are marched once."""
+    return [*case.rows(lambda model, **asked: remembered(march_task(model, **asked)))]
 
 
 def _dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
