@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.digits import digits, known_part
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import escaped
 from xdynamics.record.flag_words import words_of
@@ -29,6 +28,7 @@ from xdynamics.schema import (
     TRIALS,
 )
 from xdynamics.units import behind
+from xdynamics.units.digits import digits, known_part
 
 FEW_EVENTS = 4  # of one name, that are listed one by one
 # kind of evidence -> the room that says what it tells

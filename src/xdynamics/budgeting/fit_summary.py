@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.digits import digits
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.digits import digits
 from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
@@ -29,6 +28,7 @@ from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.record.provenance import asked_of
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, behind
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     import xarray as xr

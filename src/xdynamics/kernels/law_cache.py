@@ -21,8 +21,9 @@ _ROOMS = (
     "expressions",
     "elementary",
     "model",
+    "units",
 )  # where laws are printed, and what they are read from
-_MODULES = ("schema.py", "units.py")
+_MODULES = ("schema.py",)
 
 
 @dataclass(frozen=True)

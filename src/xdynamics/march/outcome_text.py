@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
-from xdynamics.digits import MOST, digits, known_part
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
@@ -47,6 +46,7 @@ from xdynamics.schema import (
     velocity,
 )
 from xdynamics.units import TIME, UNSCALED, behind
+from xdynamics.units.digits import MOST, digits, known_part
 
 FEWEST = 6  # digits of the time at which a run failed
 

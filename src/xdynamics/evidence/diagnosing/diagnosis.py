@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.digits import digits
 from xdynamics.dynamics.shortened_steps import model_of, sampled
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing import chaos
@@ -31,6 +30,7 @@ from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, STEPS
 from xdynamics.units import Unit, behind, parse_quantity, parse_unit, spell, time_in
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.digits import digits
 from xdynamics.evidence.observables import observables_of
 from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
@@ -24,6 +23,7 @@ from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.size import memory_asked
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.units import Quantity, behind, parse_quantity, parse_unit
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     import xarray as xr

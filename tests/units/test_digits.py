@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.command_line import call
-from xdynamics.digits import MOST, digits, known_part
+from xdynamics.units.digits import MOST, digits, known_part
 
 
 @pytest.mark.cases(400)

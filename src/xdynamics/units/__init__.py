@@ -1,0 +1,19 @@
+"""Units: UDUNITS spelling in and out, dimensions, exact conversion to SI, scales.
+
+Text is taken apart here, under limits. Conversion factors are exact fractions, so that ``"1 ms"``, ``"1e-3 s"`` and
+``0.001`` seconds are the same float.
+"""
+
+from xdynamics.units.dimension import BASE, ENERGY, NONE, TIME, Dimension
+from xdynamics.units.names import CONSTANTS, PREFIX, SPELLING
+from xdynamics.units.ranges import Range, is_range
+from xdynamics.units.reading import constant, parse_quantity, parse_time, parse_unit, time_in
+from xdynamics.units.scales import UNSCALED, Scales
+from xdynamics.units.spelling import coherent, spell
+from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, behind
+
+__all__ = [
+    "BASE", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
+    "Range", "Scales", "Unit", "behind", "coherent", "constant", "is_range", "parse_quantity", "parse_time", "parse_unit",
+    "spell", "time_in",
+]  # fmt: skip

@@ -1,0 +1,85 @@
+"""Names of units: how UDUNITS spells them, and their exact sizes.
+
+pint is the dictionary of names and nothing else: it is only ever asked for a single name.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+from xdynamics.faults import InputError
+from xdynamics.units.dimension import COHERENT, NONE, TIME, Dimension, base_powers
+
+# pint's name of a unit -> how UDUNITS spells it, where both mean the same size (a year and an electronvolt
+# differ); a unit outside this table has no place in a record
+SPELLING = {
+    "meter": "m", "gram": "g", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
+    "radian": "rad", "degree": "degree", "newton": "N", "joule": "J", "watt": "W", "pascal": "Pa", "hertz": "Hz",
+    "volt": "V", "coulomb": "C", "ohm": "ohm", "farad": "F", "tesla": "T", "weber": "Wb", "henry": "H",
+    "siemens": "S", "minute": "min", "hour": "h", "day": "d", "liter": "L", "bar": "bar",
+    "astronomical_unit": "astronomical_unit", "inch": "inch", "foot": "foot", "mile": "mile",
+    "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
+}  # fmt: skip
+PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
+          "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f"}  # fmt: skip
+NO_PREFIX = ("minute", "hour", "day", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
+             "astronomical_unit")  # fmt: skip
+# unit names that are constants of the expression language: no number there is without a unit
+CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin", "mole", "candela", "radian",
+             "degree", "newton", "joule", "watt", "pascal", "hertz", "volt", "coulomb", "ohm", "farad", "tesla",
+             "minute", "hour", "day")  # fmt: skip
+
+_PI = Fraction("3.1415926535897932384626433832795028841971693993751")
+# spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
+# does not wait for pint's dictionary
+_SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
+                                "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True))  # fmt: skip
+_FACTORS = {
+    "g": (base_powers(kg=1), Fraction(1, 1000)),
+    "degree": (NONE, _PI / 180),
+    "min": (TIME, Fraction(60)),
+    "h": (TIME, Fraction(3600)),
+    "d": (TIME, Fraction(86400)),
+    "mm": (base_powers(m=1), Fraction(1, 1000)),
+    "ms": (TIME, Fraction(1, 1000)),
+    "cm": (base_powers(m=1), Fraction(1, 100)),
+    "km": (base_powers(m=1), Fraction(1000)),
+}
+
+
+@lru_cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+@lru_cache(maxsize=512)
+def named(name: str) -> tuple[str, Dimension, Fraction]:
+    """Look one unit name up: its spelling, dimension and exact SI factor."""
+    spelling = _SPELLED.get(name, name)
+    if spelling in COHERENT:
+        return spelling, COHERENT[spelling], Fraction(1)
+    if spelling in _FACTORS:
+        return spelling, *_FACTORS[spelling]
+    if len(name) > 40:
+        raise InputError(f"unit '{name[:40]}…' is not known")
+    registry = _registry()
+    readings = registry.parse_unit_name(name)
+    prefix, unit, _ = readings[0] if readings else ("", "", "")
+    if unit not in SPELLING or prefix not in PREFIX or (prefix and unit in NO_PREFIX):
+        raise InputError(f"unit '{name}' is not known; use SI names and symbols, like 'm', 'kg', 'degree'")
+    factor, _ = registry.get_base_units(prefix + unit)
+    powers = {
+        "[mass]": "kg",
+        "[length]": "m",
+        "[time]": "s",
+        "[current]": "A",
+        "[temperature]": "K",
+        "[substance]": "mol",
+        "[luminosity]": "cd",
+    }
+    base = {powers[key]: int(power) for key, power in registry.get_dimensionality(prefix + unit).items()}
+    return PREFIX[prefix] + SPELLING[unit], base_powers(**base), Fraction(factor)

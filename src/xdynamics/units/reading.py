@@ -1,0 +1,165 @@
+"""Units and quantities from text, under limits; from numbers and from pint."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from functools import lru_cache
+from math import isfinite
+from numbers import Real
+from typing import Any
+
+from xdynamics.faults import InputError
+from xdynamics.units.dimension import NONE, TIME
+from xdynamics.units.names import named
+from xdynamics.units.unit import Quantity, Unit
+
+LONGEST_TEXT = 200
+LARGEST_EXPONENT = 16
+
+_FACTOR = re.compile(r"1(?![\d^*])|(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)?(?P<exponent>[+-]?[0-9]{1,3}))?")
+_BETWEEN = re.compile(r"\s*(?P<by>/|\*(?!\*)|\.|\s)\s*")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
+
+
+def parse_unit(text: str) -> Unit:
+    """Read a unit: factors with whole powers, ``kg m-1``, ``m s^-2``, ``N*s/m``, ``1``.
+
+    Raises
+    ------
+    InputError
+        If the text is too long, has characters or powers that units do not have, or names an unknown unit.
+
+    Examples
+    --------
+    >>> parse_unit("N s/m").dimension == parse_unit("kg s-1").dimension
+    True
+    >>> parse_unit("m/s**2").text
+    'm s-2'
+    """
+    if not isinstance(text, str):
+        raise InputError(f"unit {text!r} is no text; write it like 'm s-1'")
+    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"unit {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+    stripped = text.strip()
+    if not stripped:
+        raise InputError("unit is empty; a pure number has the unit '1'")
+    return _product(stripped, shown)
+
+
+@lru_cache(maxsize=512)
+def _product(stripped: str, shown: str) -> Unit:
+    """Read the factors of a unit."""
+    dimension, factor, position, sign = NONE, Fraction(1), 0, 1
+    powers: dict[str, int] = {}
+    while True:
+        match = _FACTOR.match(stripped, position)
+        if not match:
+            raise InputError(
+                f"unit {shown} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
+            )
+        exponent = sign * int(match["exponent"] or 1)
+        if not 0 < abs(exponent) <= LARGEST_EXPONENT:
+            raise InputError(f"unit {shown} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
+        if match["name"]:
+            spelling, one_dimension, one_factor = named(match["name"])
+            powers[spelling] = powers.get(spelling, 0) + exponent
+            dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
+        position = match.end()
+        if position == len(stripped):
+            break
+        between = _BETWEEN.match(stripped, position)
+        if not between:
+            raise InputError(f"unit {shown} cannot be read at column {position + 1}, near {stripped[position]!r}")
+        sign = -1 if between["by"] == "/" else 1
+        position = between.end()
+    parts = [name + ("" if power == 1 else str(power)) for name, power in powers.items() if power]
+    return Unit(" ".join(parts) or "1", dimension, factor)
+
+
+def parse_quantity(given: Any) -> Quantity:
+    """Read ``"0.145 kg"``, a bare number (unit ``1``) or a pint quantity.
+
+    Raises
+    ------
+    InputError
+        If the number is missing or not finite, or the unit cannot be read.
+
+    Examples
+    --------
+    >>> parse_quantity("10.8 g").si
+    0.0108
+    """
+    if hasattr(given, "magnitude") and hasattr(given, "unit_items"):
+        powers = [(name, int(power) if power == int(power) else power) for name, power in given.unit_items()]
+        return _quantity(
+            _number(given.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(given))
+        )
+    if not isinstance(given, str):
+        return _quantity(_number(given), "1", repr(given))
+    text = given.strip()
+    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"quantity {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+    match = _NUMBER.match(text)
+    if not match:
+        raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
+    return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown)
+
+
+def parse_time(given: Any, what: str) -> float:
+    """Read a time and return seconds; a bare number is seconds.
+
+    Raises
+    ------
+    InputError
+        If `given` is no finite time; the message names `what`.
+    """
+    try:
+        quantity = parse_quantity(given)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+    bare = isinstance(given, Real)
+    if not bare and quantity.unit.dimension != TIME:
+        raise InputError(f"{what} {given!r} has units '{quantity.unit.dimension}', needs 's'")
+    return quantity.si
+
+
+def time_in(unit: Unit, given: Any, what: str) -> float:
+    """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
+
+    Raises
+    ------
+    InputError
+        If it has another unit; the message names `what`.
+    """
+    if unit.dimension == TIME or not isinstance(given, str):
+        return parse_time(given, what)
+    quantity = parse_quantity(given)
+    if quantity.unit.dimension != NONE:
+        raise InputError(
+            f"{what} {given!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
+        )
+    return quantity.si
+
+
+def constant(name: str) -> Unit:
+    """Return the unit that a unit constant of the expression language stands for."""
+    spelling, dimension, factor = named(name)
+    return Unit(spelling, dimension, factor)
+
+
+def _number(given: Any) -> float:
+    if isinstance(given, Real) and not isinstance(given, bool):
+        try:
+            return float(given)
+        except OverflowError:
+            pass
+    raise InputError(f"quantity {str(given)[:40]!r} is no number with a unit; write it like '0.145 kg'")
+
+
+def _quantity(value: float, unit: str, shown: str) -> Quantity:
+    if not isfinite(value):
+        raise InputError(f"quantity {shown} is not finite")
+    return Quantity(value, parse_unit(unit))

@@ -1,0 +1,83 @@
+"""Units and quantities: numbers with a unit, converted to SI exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from xdynamics.faults import InputError
+from xdynamics.units.dimension import NONE, TIME, Dimension
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in UDUNITS spelling.
+
+    Attributes
+    ----------
+    text : str
+        The spelling a record carries: ``kg m-1``.
+    dimension : Dimension
+    factor : Fraction
+        SI units in one of these, exact (pi to 50 digits for a degree).
+    """
+
+    text: str
+    dimension: Dimension
+    factor: Fraction = Fraction(1)
+
+    def per_second(self, times: int = 1) -> Unit:
+        """Return the unit of this quantity's rate: ``m`` gives ``m s-1``, ``m s-2``."""
+        text = f"s-{times}" if self.text == "1" else f"{self.text} s-{times}"
+        return Unit(text, self.dimension / TIME**times, self.factor)
+
+    def per(self, time: Unit, times: int = 1) -> Unit:
+        """Return the unit of this quantity's rate by a time in seconds, or by one that is a pure number."""
+        return self.per_second(times) if time.dimension == TIME else self
+
+    def to_si(self, value: float) -> float:
+        """Convert a number of these units to SI, correctly rounded.
+
+        Raises
+        ------
+        InputError
+            If the result is not finite.
+        """
+        if self.factor == 1:
+            return value
+        try:
+            return float(Fraction(repr(float(value))) * self.factor)
+        except OverflowError:
+            raise InputError(f"{value!r} {self.text} is not finite in SI units") from None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A finite number with its unit, as it was written."""
+
+    value: float
+    unit: Unit
+
+    @property
+    def si(self) -> float:
+        """The value in SI units, correctly rounded."""
+        return self.unit.to_si(self.value)
+
+    def __str__(self) -> str:
+        return f"{self.value!r} {self.unit.text}"
+
+
+SECONDS = Unit("s", TIME)
+NUMBERS = Unit("1", NONE)  # the unit of a time that has none
+
+
+def behind(unit: Unit | str) -> str:
+    """Return a unit as it follows a number; empty for a dimensionless one.
+
+    Examples
+    --------
+    >>> f"3{behind('s')}, 3{behind('1')}"
+    '3 s, 3'
+    """
+    text = unit if isinstance(unit, str) else unit.text
+    return "" if text == NUMBERS.text else f" {text}"
