@@ -175,6 +175,7 @@ TOUCHED = {
     ),
     "march/events/enclosures.py": (ENCLOSED,),
     "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
+    "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": (
         "test_transition.py",
         PHASES,

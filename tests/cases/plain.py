@@ -7,8 +7,10 @@ from math import inf
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary import FUNCTIONS, NAME
+from xdynamics.elementary.intervals import Interval, Intervals
 from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
 from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
@@ -31,6 +33,7 @@ def plain(function: Any) -> Callable[..., Any]:
             "applied": applied_plainly,
             "run_at": lambda run: run,
             "entered_by": lambda entry, *given: PLAIN[int(entry)](*given),
+            "row_by": lambda entry, *given: PLAIN[int(entry)](*given),
         }
     return _KNOWN[python]
 
@@ -148,6 +151,25 @@ def law_of(*functions: Callable[..., None]) -> Any:
     return np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64)
 
 
+def rules_in_python() -> Any:
+    """Put the operations on intervals behind addresses, as plain Python."""
+    import numpy as np
+
+    from xdynamics.march.events.intervals import ROUGH, in_python
+
+    rules = [in_python(name, NAME, rough=rough and name in ROUGH) for rough in (False, True) for name in RULES]
+    first = max(PLAIN, default=0) + 1
+    PLAIN.update(enumerate(rules, first))
+    return first + np.arange(len(rules))
+
+
+def between_states(name: str, y: Any, z: Any, places: Any, width: float) -> Interval:
+    """Enclose a variable between two states, in which it and its derivatives have these places."""
+    ends = [float(state[place]) for state in (y, z) for place in places]
+    enclosure: Interval = Intervals(FUNCTIONS).of(name, *ends, width, 0.0, 0)
+    return enclosure
+
+
 def entries() -> Any:
     """Put what is called by address behind the elementary functions, as plain Python."""
     import numpy as np
@@ -160,4 +182,17 @@ def entries() -> Any:
     return found
 
 
-__all__ = ["NOW", "PLAN", "Seen", "entries", "kept", "law_of", "made_by_hand", "nothing", "plain", "watching"]
+__all__ = [
+    "NOW",
+    "PLAN",
+    "Seen",
+    "between_states",
+    "entries",
+    "kept",
+    "law_of",
+    "made_by_hand",
+    "nothing",
+    "plain",
+    "rules_in_python",
+    "watching",
+]

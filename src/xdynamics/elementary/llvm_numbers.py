@@ -39,14 +39,16 @@ class Lines:
         return scalar if self.lanes == 1 else f"<{self.lanes} x {scalar}>"
 
     def constant(self, value: float | int) -> Written:
-        """Write a constant as an operand: a whole number in digits, any other with all its bits."""
+        """Write a constant as an operand: a truth, a whole number in digits, any other with all its bits."""
+        if isinstance(value, bool):
+            return self._repeated("t", "i1", str(value).lower())
         if isinstance(value, int):
             return self._repeated("w", "i64", str(value))
         return self._repeated("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
 
-    def everywhere(self) -> Written:
-        """Write the truth that holds in every lane."""
-        return self._repeated("t", "i1", "true")
+    def value(self, value: Written | float | int) -> Written:
+        """Return a value, which may be a constant, as an operand."""
+        return value if isinstance(value, Written) else self.constant(value)
 
     def _repeated(self, letter: str, scalar: str, text: str) -> Written:
         return Written(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
@@ -54,13 +56,13 @@ class Lines:
     def line(self, letter: str, text: str) -> Written:
         """Write a line and return its value."""
         self._count += 1
-        self.lines.append(f"%v{self._count} = {text}")
-        return Written(self, letter, f"%v{self._count}")
+        self.lines.append(f"%v.{self._count} = {text}")  # no array's name has a dot
+        return Written(self, letter, f"%v.{self._count}")
 
     def label(self) -> str:
         """Return a name for a block."""
         self._count += 1
-        return f"block{self._count}"
+        return f"block.{self._count}"
 
     def begin(self, label: str) -> None:
         """Begin a block."""
@@ -134,8 +136,14 @@ class Written:
     def __and__(self, other: Any) -> Written:
         return self._binary("&", self, other)
 
+    def __rand__(self, other: Any) -> Written:
+        return self._binary("&", other, self)
+
     def __or__(self, other: Any) -> Written:
         return self._binary("|", self, other)
+
+    def __ror__(self, other: Any) -> Written:
+        return self._binary("|", other, self)
 
     def __xor__(self, other: Any) -> Written:
         return self._binary("^", self, other)
@@ -179,6 +187,10 @@ class Written:
         """Return the square root."""
         return self._lines.call(f"llvm.sqrt.{self._lines.suffix()}", [self])
 
+    def floor(self) -> Written:
+        """Return the greatest whole number that is at most this one."""
+        return self._lines.call(f"llvm.floor.{self._lines.suffix()}", [self])
+
     def absolute(self) -> Written:
         """Return the absolute value."""
         return self._lines.call(f"llvm.fabs.{self._lines.suffix()}", [self])
@@ -209,7 +221,7 @@ class Written:
         if lines.lanes == 1:
             return lines.line(letter, f"load {scalar}, ptr {place.text}, align 8")
         pointers = f"<{lines.lanes} x ptr> {place.text}"
-        every = lines.everywhere().text
+        every = lines.constant(value=True).text
         return lines.line(
             letter,
             f"call {kind} @llvm.masked.gather.{lines.suffix(letter)}.v{lines.lanes}p0"

@@ -45,7 +45,7 @@ def number(w: Whole) -> Number:
 
 def choose(truth: Truth, yes: Any, no: Any) -> Any:
     """Return one of two values, both already computed."""
-    if isinstance(truth, bool):
+    if isinstance(truth, bool | np.bool_):
         return yes if truth else no
     return np.where(truth, yes, no) if isinstance(truth, np.ndarray) else truth.choose(yes, no)
 
@@ -71,6 +71,16 @@ def sqrt(x: Number) -> Number:
     if isinstance(x, float):
         return math.sqrt(x) if x >= 0.0 else math.nan
     return np.sqrt(x) if isinstance(x, np.ndarray) else x.sqrt()
+
+
+def floor(x: Number) -> Number:
+    """Return the greatest whole number that is at most x."""
+    return x.floor() if isinstance(x, Written) else float(np.floor(x))
+
+
+def quotient(x: Number, y: Number) -> Number:
+    """Return x/y, also of floats by zero."""
+    return x * math.copysign(math.inf, y) if isinstance(y, float) and y == 0.0 else x / y
 
 
 def absolute(x: Number) -> Number:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import re
+from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
 
-from xdynamics.elementary.functions import NAME, PAIRS, TOGETHER
+from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
+from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.numbers import Number
+from xdynamics.elementary.rounding_margins import LEAST
 from xdynamics.elementary.sets import SETS
 from xdynamics.elementary.tables import TABLES
 
@@ -31,6 +36,17 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
         f" {result.text}\n}}"
     )
     return text, tuple(sorted(lines.tables))
+
+
+def called_in(text: str) -> Counter[str]:
+    """Return how often a text calls each function."""
+    return Counter(re.findall(r"call .*@elementary_(\w+)\(", text))
+
+
+def written_intervals(lines: Lines, margin: Number = LEAST, *, rough: bool) -> Intervals:
+    """Return the operations on intervals for bounds that are written as lines, which call the elementary functions."""
+    functions = {name: lambda x, name=name: lines.call(f"elementary_{name}", [x]) for name in FUNCTIONS}
+    return Intervals(functions, margin, rough)
 
 
 def struct_of(name: str, lanes: int) -> str:
@@ -62,7 +78,7 @@ def declarations(lanes: int) -> str:
     """Declare the LLVM intrinsics that functions and laws call."""
     lines = Lines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
-    printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs")]
+    printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs", "floor")]
     printed.append(f"declare {number} @llvm.copysign.{suffix}({number}, {number})")
     if lanes > 1:
         printed += [

@@ -6,6 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import njit
+from numba.extending import overload
+
+from xdynamics.elementary import numbers
 
 # fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
 OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
@@ -28,6 +31,9 @@ def apart(function: Any) -> Any:
 
 
 entry: Any = njit(**OPTIONS)
+# what functions of any kind of number call is compiled for floats as it is meant
+overload(numbers.choose)(lambda truth, yes, no: lambda truth, yes, no: yes if truth else no)  # noqa: ARG005
+overload(numbers.absolute)(lambda x: lambda x: abs(x))  # noqa: ARG005, PLW0108
 
 # where nothing is compiled, an address is a key of this mapping: functions of the arrays of `program.ARRAYS`
 PLAIN: dict[int, Callable[..., None]] = {}

@@ -1,35 +1,45 @@
-"""The event functions and their time derivatives as rows of numbers, which `march.events.enclosures` bounds.
+"""The event functions and their time derivatives as a program of intervals: rows of numbers, or lines for lanes.
 
-The third printed form, besides Python and LLVM text: single assignments in the order written, but of values known only
-to lie between two numbers. Nothing is compiled for it, so that a new model's first run does not wait.
+A row is an operation, the place of its value, and up to three places of operands; `march.events.enclosures` goes
+through rows one by one, so that a new model's first run waits for nothing to be compiled. In lanes the same rows
+are printed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import FUNCTIONS
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import Compute, Load, Operand, Place
+from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import told
 from xdynamics.schema import acceleration, rate, velocity
 
-# the functions that are called at the ends of an interval, by their place in a run's `functions`
-CALLED = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
-# operations; a row is an operation, the place of its value, and three places or numbers
-ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt", "abs", "least", "greatest", "sign")
+# operations of `elementary.intervals` by their number of operands
 COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
-OPERATIONS = (*ARITHMETIC, "choose", *COMPARED, "hypot", "atan2", "power", "positive", *CALLED)
-OPERATION = {name: i for i, name in enumerate(OPERATIONS)}
-NUMBER, CONSTANT, TIME, PHASE, COORDINATE, STATE, VALUE, SLOPE, UNKNOWN = range(len(OPERATIONS), len(OPERATIONS) + 9)
+ARITHMETIC = {
+    **dict.fromkeys(("add", "subtract", "multiply", "divide", "least", "greatest", *COMPARED), 2),
+    **dict.fromkeys(("square", "negative", "sqrt", "abs", "sign", "positive"), 1),
+    "choose": 3,
+}
+CALLED = {name: 2 if name in ("hypot", "atan2", "power") else 1 for name in FUNCTIONS}
+# variables, each by which of the places of the state that they are enclosed by has the error that counts
+VARIABLES = {"position": 0, "velocity": 1, "acceleration": 0, "state": 0, "rate": 0}
+OPERANDS = ARITHMETIC | CALLED | {"position": 3, "velocity": 3, "acceleration": 3, "state": 2, "rate": 2}
+RULES = tuple(OPERANDS)
+OPERATIONS = (*RULES, "number", "constant", "time", "regime", "unknown", "value_at", "slope_at")
+VARIABLE, NUMBER, CONSTANT, TIME, PHASE, UNKNOWN, VALUE, SLOPE = (
+    OPERATIONS.index(name) for name in ("position", *OPERATIONS[len(RULES) :])
+)
 UNUSED = -1
 WIDTH = 5
 
@@ -63,11 +73,72 @@ class Enclosing:
     bends: tuple[int, ...]
     of_time: tuple[bool, ...]
 
+    @property
+    def rules(self) -> frozenset[str]:
+        """The operations on intervals that rows ask for."""
+        return frozenset(OPERATIONS[row] for row in self.rows[:, 0] if row < len(RULES))
+
+    @property
+    def looked_at(self) -> list[list[int]]:
+        """The rows that the functions themselves need."""
+        rows: list[list[int]] = self.rows[: self.parts[1]].tolist()
+        return rows
+
 
 @lru_cache(maxsize=64)
 def enclosing(layout: Layout) -> Enclosing:
     """Print the event functions of a model, and their derivatives along the motion, as rows."""
     return _Printer(layout).printed()
+
+
+def can_be_watched(layout: Layout) -> bool:
+    """Return whether all event functions consist of operations that can be printed: no table, no Python function."""
+    return all(row[0] < UNKNOWN for row in enclosing(layout).looked_at)
+
+
+def bounds(
+    layout: Layout, width: Operand, begin: Operand, end: Operand
+) -> tuple[list[Compute | Load], list[tuple[str, str]]]:
+    """Write lines that bound the event functions between the state `y` and the state `z`.
+
+    Parameters
+    ----------
+    layout : Layout
+    width, begin, end : operand
+        Size of the step, and the times at its ends.
+
+    Returns
+    -------
+    list of instruction
+    list of (str, str)
+        Lower and upper bound of each function.
+    """
+    program, lines = enclosing(layout), list[Compute | Load]()
+
+    def loaded(place: Place) -> str:
+        lines.append(Load(f"_b{len(lines)}", place))
+        return lines[-1].target
+
+    for number, target, *places in program.looked_at:
+        name, given = OPERATIONS[number], tuple[Operand, ...]()
+        if number < VARIABLE:
+            given = tuple(f"_i{place}" for place in places[: OPERANDS[name]])
+        elif name in VARIABLES:
+            owned = places[: OPERANDS[name]]
+            given = (*(loaded(Place(state, place)) for state in "yz" for place in owned), width, 0.0, 0.0)
+        elif number == NUMBER:
+            name, given = "point", (float(program.numbers[places[0]]),)
+        elif number == TIME:
+            name, given = "between", (begin, end)
+        else:
+            name, given = "point", (loaded(Place("p", places[0]) if number == CONSTANT else Place("at", REGIME)),)
+        lines.append(Compute(f"_i{target}", name, given, INTERVAL))
+    ends = [(f"under{i}", f"over{i}") for i in range(len(program.functions))]
+    for names, place in zip(ends, program.functions, strict=True):
+        lines += [
+            Compute(name, end, (f"_i{place}",), INTERVAL) for name, end in zip(names, ("low", "high"), strict=True)
+        ]
+    return lines, ends
 
 
 class _Printer:
@@ -82,7 +153,6 @@ class _Printer:
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(told(layout.model))
-        self._python = python_values(layout.model)
         self._moving = self._variables()
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
 
@@ -114,20 +184,17 @@ class _Printer:
             of_time,
         )
 
-    def _variables(self) -> Mapping[str, Callable[[int], tuple[int, ...]]]:
-        """Return for each moving name a function that makes its row from the place of its value."""
-        layout = self._layout
-        makers: dict[str, Callable[[int], tuple[int, ...]]] = {"t": lambda at: (TIME, at, 0, 0, 0)}
-        makers[REGIME_NUMBER] = lambda at: (PHASE, at, 0, 0, 0)
+    def _variables(self) -> Mapping[str, tuple[int, ...]]:
+        """Return for each moving name what its row computes, and by which places of the state."""
+        layout, found = self._layout, {"t": (TIME,), REGIME_NUMBER: (PHASE,)}
+        n, used = len(layout.coordinates), len(layout.used)
         for i, name in enumerate(layout.coordinates):
-            for order, variable in enumerate((name, velocity(name), acceleration(name))):
-                makers[variable] = lambda at, i=i, order=order: (COORDINATE, at, i, order, 0)  # type: ignore[misc]
+            for k, variable in enumerate((name, velocity(name), acceleration(name))):
+                found[variable] = (VARIABLE + k, i, n + i, used + i)  # type: ignore[assignment]
         for i, name in enumerate(layout.states):
-            for order, variable in enumerate((name, rate(name))):
-                makers[variable] = lambda at, i=i, order=order: (STATE, at, i, order, 0)  # type: ignore[misc]
-        for name in self._python:
-            makers[name] = lambda at: (UNKNOWN, at, 0, 0, 0)
-        return makers
+            for k, variable in enumerate((name, rate(name)), 3):
+                found[variable] = (VARIABLE + k, 2 * n + i, used + n + i)  # type: ignore[assignment]
+        return found | dict.fromkeys(python_values(layout.model), (UNKNOWN,))
 
     def _found(self, lines: Assignments, name: str) -> Operand:
         """Return the operand of a name in an expression."""
@@ -146,53 +213,37 @@ class _Printer:
     def _taken(self, lines: Assignments, value: Operand) -> int:
         """Turn the assignments so far into rows; return the place of a value."""
         for line in lines.lines:
-            if isinstance(line, Load):
-                self._load(line)
+            if isinstance(line, Load) and line.place.array == "p":
+                self._row(line.target, CONSTANT, line.place.index, constant=line.place.index < self._fixed)
+            elif isinstance(line, Load):
+                self._row(line.target, *list(self._moving.values())[line.place.index])
             elif isinstance(line, Compute):
                 self._compute(line)
         lines.lines.clear()
         return self._place(value)
 
-    def _load(self, line: Load) -> None:
-        at = self._new(line.target)
-        if line.place.array == "p":
-            row = (CONSTANT, at, line.place.index, 0, 0)
-            if line.place.index < self._fixed:
-                self._first.append(row)
-                self._constant.add(at)
-            else:
-                self._rows.append(row)
-        else:
-            self._rows.append(list(self._moving.values())[line.place.index](at))
-
     def _compute(self, line: Compute) -> None:
-        if line.operation in ("value_at", "slope_at"):
-            argument, number = line.arguments
-            drive = list(self._layout.model.drives.values())[int(number)]
-            row = (
-                VALUE if line.operation == "value_at" else SLOPE,
-                self._new(line.target),
-                self._place(argument),
-                int(number),
-                int(drive.argument == "t"),
-            )
-            self._rows.append(row)
+        name = line.operation
+        if name in ("value_at", "slope_at"):
+            argument, drive = line.arguments
+            of_time = list(self._layout.model.drives.values())[int(drive)].argument == "t"
+            self._row(line.target, OPERATIONS.index(name), self._place(argument), int(drive), int(of_time))
             return
         places = [self._place(argument) for argument in line.arguments]
-        rows = self._first if self._constant.issuperset(places) else self._rows
-        target = self._new(line.target)
-        rows.append((OPERATION[line.operation], target, *places, *[0] * (3 - len(places))))
-        if rows is self._first:
-            self._constant.add(target)
+        if name == "multiply" and places[0] == places[1]:
+            name = "square"
+        self._row(line.target, OPERATIONS.index(name), *places, constant=self._constant.issuperset(places))
+
+    def _row(self, target: Operand, operation: int, *operands: int, constant: bool = False) -> None:
+        place = self._places.setdefault(target, len(self._places))
+        (self._first if constant else self._rows).append((operation, place, *operands, *[0] * (3 - len(operands))))
+        if constant:
+            self._constant.add(place)
 
     def _place(self, value: Operand) -> int:
         """Return the place of a value; a number gets one when it first occurs."""
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:
-            self._first.append((NUMBER, self._new(key), len(self._numbers), 0, 0))
-            self._constant.add(self._places[key])
+            self._row(key, NUMBER, len(self._numbers), constant=True)
             self._numbers.append(float(value))
         return self._places[key]
-
-    def _new(self, value: Operand) -> int:
-        return self._places.setdefault(value, len(self._places))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-from xdynamics.kernels import collocation, interval_lanes, model_programs, radau_lines, step_control
+from xdynamics.kernels import collocation, interval_program, model_programs, radau_lines, step_control
 from xdynamics.kernels.collocation import Collocation
 from xdynamics.kernels.formulas import Formulas, parted
 from xdynamics.kernels.layout import Layout
@@ -30,6 +30,7 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.kernels.radau_memory import Memory, width
 from xdynamics.kernels.radau_systems import FACTORISE
+from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
 # run goes on; `done` counts accepted and rejected trials, `most` is their limit; h and norm are those of the last
@@ -329,15 +330,18 @@ class _Writing:
         self.known["silent"] = 1.0
         if not self._layout.watched:
             return
-        lines, enclosures = interval_lanes.bounds(self._layout, self.known["width"], self.known["reach"])
+        self.load("begin", Place("w", LANE.index("t")))
+        times = ("begin", self.known["reach"])
+        lines, enclosures = interval_program.bounds(self._layout, self.known["width"], *times)
         self.body += lines
-        first, bounded = len(LANE) + 3 * len(self._layout.used), interval_lanes.is_bounded(self._layout)
-        for i, (under, over, _) in enumerate(enclosures):
+        first = len(LANE) + 3 * len(self._layout.used)
+        for i, (detector, (under, over)) in enumerate(zip(self._layout.watched, enclosures, strict=True)):
             self.load(f"side{i}", Place("w", first + i))
             self.known |= {"under": under, "over": over, "side": f"side{i}"}
-            self.lines((_SIDE if bounded[i] else _ASLEEP).format(i))
+            # those that act only while a reaction holds are asleep: lanes make no step with a reaction that holds
+            self.lines((_ASLEEP if detector.role in (PULL, LIMIT, GRIP) else _SIDE).format(i))
             self.known["silent"] = self.known[f"silent{i}"]
-            if interval_lanes.is_gap(self._layout)[i]:
+            if detector.role == GAP:
                 self.load(f"gap{i}", Place("w", first + len(enclosures) + i))
                 self.lines(f"gap{i}_now = max(gap{i}, under)")
 
@@ -365,8 +369,8 @@ class _Writing:
         if self._layout.estimates:
             self._moved(used, "new", Place("e"), Place("w", first + used))
         first += 2 * used + len(self._layout.watched)
-        for i, gap in enumerate(interval_lanes.is_gap(self._layout)):
-            if gap:
+        for i, detector in enumerate(self._layout.watched):
+            if detector.role == GAP:
                 write = self._next()
                 value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
                 self.body += [*write.lines, Store(Place("w", first + i), value)]

@@ -15,13 +15,12 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.cached_properties import cached_property
-from xdynamics.elementary import NAME, SETS
+from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.fork_safety import waited_for
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
-from xdynamics.kernels.interval_program import CALLED
 from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
@@ -259,22 +258,11 @@ class Law:
         )
 
 
-@lru_cache(maxsize=len(SETS))
-def called_with_intervals(math_functions: str) -> NDArray[np.int64]:
-    """Return addresses of the functions of a set that event functions may call, in the order of `CALLED`."""
-    with _LOCK:
-        if config.DISABLE_JIT:  # type: ignore[attr-defined]
-            keys = [next(_KEYS) for _ in CALLED]
-            PLAIN.update(zip(keys, (SETS[math_functions][name] for name in CALLED), strict=True))
-            return np.array(keys, np.int64)
-        return np.array(list(_alone(CALLED, math_functions).addresses.values()), np.int64)
-
-
-@lru_cache(maxsize=1 + len(SETS))
-def _alone(names: tuple[str, ...], math_functions: str = NAME) -> machine.Code:
+@lru_cache(maxsize=1)
+def _alone(names: tuple[str, ...]) -> machine.Code:
     """Return machine code of functions of one number, for the engine to call."""
     entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
-    text = [declarations(1), definitions(dict.fromkeys(names, True), 1, math_functions), *map(entry.format, names)]
+    text = [declarations(1), definitions(dict.fromkeys(names, True), 1), *map(entry.format, names)]
     return machine.compiled("\n".join(text), names)
 
 

@@ -11,12 +11,14 @@ from collections.abc import Container, Iterable
 from string import ascii_lowercase
 
 from xdynamics.elementary import FUNCTIONS, NAME, PAIRS
-from xdynamics.elementary.llvm_numbers import Lines
-from xdynamics.elementary.text import declarations, definition, definitions, struct_of
+from xdynamics.elementary.intervals import Interval
+from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.text import called_in, declarations, definition, definitions, struct_of, written_intervals
 from xdynamics.kernels.operations import COMPARISONS, COMPOSED, INFIX, INTRINSICS
 from xdynamics.kernels.program import (
     ARRAYS,
     AT,
+    INTERVAL,
     TABLE,
     WORDS,
     Call,
@@ -141,15 +143,17 @@ def llvm_of(
     parts = {part.name: part for part in programs}
     text = [declarations(lanes), _TABLES if any(map(_looks_up, parts.values())) else ""]
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
-    weights = {name: _weight(part, lanes, math_functions) for name, part in parts.items()}
-    used = sum((_used(part) for part in parts.values()), Counter[str]())
-    inner = {name: _size_of(name, lanes, math_functions) * n <= INLINED // 2 for name, n in used.items()}
+    bodies = {name: _Printer(part, lanes).body() for name, part in parts.items()}
+    used = {name: called_in(body) for name, body in bodies.items()}
+    sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
+    inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}
     text.append(definitions(inner, lanes, math_functions))
-    calls = {name: sum(_calls(part, name) for part in parts.values()) for name in parts}
-    for part in parts.values():
-        called = calls[part.name] and weights[part.name] * calls[part.name] <= INLINED
-        text.append(_Printer(part, lanes).function("#2" if called or not calls[part.name] else "#0"))
-        if entered is None or part.name in entered:
+    for name, part in parts.items():
+        calls = sum(_calls(other, name) for other in parts.values())
+        weight = part.size + sum(sizes[function] * count for function, count in used[name].items())
+        attributes = "#2" if weight * calls <= INLINED else "#0"
+        text.append(f"define internal void @{name}.inner({_SIGNATURE}) {attributes} {{\nentry:\n{bodies[name]}\n}}")
+        if entered is None or name in entered:
             text.append(_Printer(part, lanes).entry())
     # "prefer-vector-width": without it 16 lanes are split into vectors of 256 bits where 512 are available
     text.append('attributes #0 = { nounwind "prefer-vector-width"="512" }')
@@ -162,23 +166,6 @@ def _looks_up(program: Program) -> bool:
     return any(
         isinstance(line, Compute) and line.operation in ("value_at", "slope_at", "find_piece") for line in program.body
     )
-
-
-def _used(program: Program) -> Counter[str]:
-    """Return how often a program computes each elementary function."""
-    loops = [
-        (line.count if line.count <= UNROLLED else 1, line.body) for line in program.body if isinstance(line, Each)
-    ]
-    counts: Counter[str] = Counter()
-    for count, body in [(1, program.body), *loops]:
-        joint = _together(body)
-        for pair, _ in joint:
-            counts[pair] += count
-        for line in body:
-            if isinstance(line, Compute) and line.operation in FUNCTIONS:
-                alone = (PAIRS.get(line.operation, ("",))[0], line.arguments) not in joint
-                counts[line.operation] += count * alone
-    return +counts
 
 
 def _together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
@@ -194,11 +181,6 @@ def _size_of(name: str, lanes: int, math_functions: str) -> int:
     return definition(name, lanes, math_functions)[0].count("\n")
 
 
-def _weight(program: Program, lanes: int, math_functions: str) -> int:
-    """Return the number of instructions of a program with its elementary functions inlined."""
-    return program.size + sum(_size_of(name, lanes, math_functions) * count for name, count in _used(program).items())
-
-
 def _calls(program: Program, name: str) -> int:
     lines = (line.call if isinstance(line, When | While) else line for line in program.body)
     return sum(isinstance(line, Call) and line.program == name for line in lines)
@@ -211,12 +193,12 @@ class _Printer:
         self._program = program
         self._lanes = lanes
         self._kinds = Lines(lanes)
+        self._intervals = written_intervals(self._kinds, rough=True)
+        self._bounds: dict[Operand, Interval] = {}
         self._number, self._suffix = self._kinds.kind("n"), self._kinds.suffix()
         self._truth, self._whole = self._kinds.kind("t"), self._kinds.kind("w")
-        self._lines: list[str] = []
+        self._lines = self._kinds.lines
         self._values: dict[str, str] = {}
-        self._count = 0
-        self._block = "entry"
         self._joint = _together(program.body)
         self._pairs: dict[tuple[str, str], str] = {}
 
@@ -239,8 +221,8 @@ class _Printer:
             f"  call void @{name}.inner({arrays}, i64 %_apart)\n  ret void\n}}"
         )
 
-    def function(self, attributes: str) -> str:
-        """Print the whole function."""
+    def body(self) -> str:
+        """Print the lines of the function."""
         if self._program.sound:
             self._lines.append(f"%{UNSOUND} = alloca {self._number}, align 8")
         for name, count in self._program.local.items():
@@ -249,11 +231,8 @@ class _Printer:
             self._line(line)
         if self._program.sound:
             self._answer(*self._program.sound)
-        body = "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines)
-        return (
-            f"define internal void @{self._program.name}.inner({_SIGNATURE}) {attributes} {{\n"
-            f"entry:\n{body}\n  ret void\n}}"
-        )
+        self._lines.append("ret void")
+        return "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines)
 
     def _answer(self, first: int, count: int) -> None:
         """Set `unsound`: a number minus itself is 0 if it is finite, else nan."""
@@ -282,8 +261,7 @@ class _Printer:
 
     def _if_any(self, line: When | While) -> None:
         """Print a call made if a number is nonzero in some lane, once or as long as it is."""
-        self._count += 1
-        label = f"any.{self._count}"
+        label = self._kinds.label()
         self._lines += [f"br label %{label}", f"{label}:"]
         number = self._new(f"load {self._number}, ptr {self._pointer(line.place, '', 0)}, align 8")
         condition = self._new(f"fcmp une {self._number} {number}, {self._operand(0.0)}")
@@ -293,7 +271,7 @@ class _Printer:
         self._lines += [f"br i1 {condition}, label %{label}call, label %{label}end", f"{label}call:"]
         self._print(line.call, "", 0)
         self._lines += [f"br label %{label if isinstance(line, While) else f'{label}end'}", f"{label}end:"]
-        self._block = f"{label}end"
+        self._kinds.block = f"{label}end"
 
     def _each(self, line: Each, index: str, shift: int) -> None:
         outside, joint, pairs = dict(self._values), self._joint, dict(self._pairs)
@@ -304,15 +282,14 @@ class _Printer:
 
     def _loop(self, line: Each) -> None:
         """Print the lines for i from 0 to count - 1, as a loop."""
-        self._count += 1
-        label, previous = f"each.{self._count}", self._block
-        index = f"%i.{self._count}"
+        label, previous = self._kinds.label(), self._kinds.block
+        index = f"%{label}i"
         self._lines += [
             f"br label %{label}",
             f"{label}:",
             f"{index} = phi i64 [ 0, %{previous} ], [ {index}n, %{label} ]",
         ]
-        self._block = label
+        self._kinds.block = label
         self._each(line, index, 0)
         self._lines += [
             f"{index}n = add i64 {index}, 1",
@@ -320,7 +297,7 @@ class _Printer:
             f"br i1 {index}c, label %{label}, label %{label}end",
             f"{label}end:",
         ]
-        self._block = f"{label}end"
+        self._kinds.block = f"{label}end"
 
     def _print(self, line: Instruction, index: str, shift: int) -> None:
         match line:
@@ -330,6 +307,8 @@ class _Printer:
             case Store():
                 place = self._pointer(line.place, index, shift)
                 self._lines.append(f"store {self._number} {self._operand(line.value)}, ptr {place}, align 8")
+            case Compute(kind=kind) if kind == INTERVAL:
+                self._enclose(line)
             case Compute():
                 self._values[line.target] = self._computed(line)
             case Call():
@@ -376,12 +355,22 @@ class _Printer:
         if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
             return self._one_of(*PAIRS[name], operands[0])
         if name in FUNCTIONS:
-            return self._new(
-                f"call {number} @elementary_{name}({', '.join(f'{number} {operand}' for operand in operands)})"
-            )
+            return self._kinds.call(f"elementary_{name}", [self._written(operand) for operand in arguments]).text
         return self._by_lane(
             "double", [(number, operand) for operand in operands], lambda scalars: f"call double @_{name}({scalars})"
         )
+
+    def _enclose(self, line: Compute) -> None:
+        """Write an operation on intervals; its result is one, or a bound."""
+        operands = [self._bounds.get(operand) or self._written(operand) for operand in line.arguments]
+        result = self._intervals.of(line.operation, *operands)
+        if isinstance(result, Interval):
+            self._bounds[line.target] = result
+        else:
+            self._values[line.target] = result.text
+
+    def _written(self, operand: Operand) -> Written:
+        return Written(self._kinds, "n", self._operand(operand))
 
     def _one_of(self, pair: str, place: int, argument: str) -> str:
         """Compute functions of one argument together, and return one of them."""
@@ -431,9 +420,7 @@ class _Printer:
         return vector
 
     def _new(self, text: str) -> str:
-        self._count += 1
-        self._lines.append(f"%v.{self._count} = {text}")  # no array's name has a dot
-        return f"%v.{self._count}"
+        return self._kinds.line("n", text).text
 
     def _operand(self, operand: Operand) -> str:
         return self._values[operand] if isinstance(operand, str) else self._kinds.constant(float(operand)).text

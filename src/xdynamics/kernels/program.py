@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 Operand = str | float | int  # a value by its name, a number, or the number of a table
+FLOAT, INTERVAL = "float", "interval"  # kinds of numbers: a value is one float, or lies between two
 
 # what every program is given: pointers to numbers; in lanes, one number for each lane
 ARRAYS = ("at", "y", "p", "tables", "pieces", "z", "e", "samples", "w")
@@ -34,11 +35,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Compute:
-    """``target = operation(arguments)``; the operations are in `kernels.operations`."""
+    """``target = operation(arguments)``; the operations are in `kernels.operations`.
+
+    Of another kind of number they are those of that kind, as `elementary.intervals.Intervals`.
+    """
 
     target: str
     operation: str
     arguments: tuple[Operand, ...]
+    kind: str = FLOAT
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
 from xdynamics.kernels.program import (
     ARRAYS,
     AT,
+    FLOAT,
     Call,
     Compute,
     Each,
@@ -101,6 +102,8 @@ class _Printer:
 
     def _computed(self, line: Compute) -> Text:
         name, arguments = line.operation, line.arguments
+        if line.kind != FLOAT:
+            return f"_{line.kind}.of({', '.join([repr(name), *map(self.text, arguments)])})", _ATOM
         if name in INFIX:
             sign, strength, _ = INFIX[name]
             if name == "divide" and arguments[1] == 0.0:

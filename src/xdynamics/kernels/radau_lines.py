@@ -6,7 +6,7 @@ Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. `march.implicit.radau` u
 
 from __future__ import annotations
 
-from xdynamics.kernels.rounding_margins import EPS
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.methods import radau
 
 C1, C2, _ = radau.NODES

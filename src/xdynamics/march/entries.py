@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.handle import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.implicit.newton import newton_step

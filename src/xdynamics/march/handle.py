@@ -278,6 +278,20 @@ def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any,
     return types.void(entry, run, y, z, first, last, whose), generate
 
 
+def _row_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, row: Any) -> Any:
+    """Call the operation on intervals at an address, with where a row of the run's begins."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        entry, run, y, z, row = arguments
+        rows = cgutils.gep_inbounds(builder, run, WORDS * _PLACES["rows"])
+        row = builder.gep(data_of(builder, rows), [builder.mul(row, _word(builder, rows, 2))])
+        given = [run, data_of(builder, y), data_of(builder, z), row]
+        builder.call(builder.inttoptr(entry, _LAW.as_pointer()), given)
+        return context.get_dummy_value()
+
+    return types.void(entry, run, y, z, row), generate
+
+
 def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
     """Call an entry of the engine at an address, with a float and an integer."""
 
@@ -391,6 +405,7 @@ run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
 floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)
 stepped_by: Any = _by_key if _PLAINLY else intrinsic(_stepped_by)
 enclosed_by: Any = _by_key if _PLAINLY else intrinsic(_enclosed_by)
+row_by: Any = _by_key if _PLAINLY else intrinsic(_row_by)
 entered_by: Any = _by_key if _PLAINLY else intrinsic(_entered_by)
 march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
 strode_by: Any = _by_key if _PLAINLY else intrinsic(_strode_by)  # without a compiler there are no lanes

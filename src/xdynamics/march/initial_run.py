@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import LEAST, LEAST_OF_0_2
 from xdynamics.expressions import limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.drive_tables import flattened
-from xdynamics.kernels.interval_program import COORDINATE, STATE, UNKNOWN, Enclosing, enclosing
+from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
-from xdynamics.kernels.law import called_with_intervals
 from xdynamics.kernels.program import AT
-from xdynamics.kernels.rounding_margins import LEAST, LEAST_OF_0_2
 from xdynamics.march.contacts.delassus import NUMBERS
 from xdynamics.march.engine import contacts, solvers, watchers
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
+from xdynamics.march.events.intervals import rules
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
@@ -259,7 +259,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
         "flaws": np.zeros(intervals.values, np.int64),
         "wanted": np.zeros(intervals.values, np.int64),
     }
-    functions = [*called_with_intervals(law.scheme.math_functions), *watchers()] if watched else []
+    functions = [*rules(law.scheme.math_functions, intervals.rules), *watchers()] if watched else []
     return (
         places
         | _touching(model, settings)
@@ -284,10 +284,10 @@ def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[st
     rows = {k: intervals.rows[k].tolist() for k in range(intervals.parts[0], intervals.parts[1])}
     disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
     leaves = []
-    for k, (row, target, i, order, _) in rows.items() if not disabled else ():
-        if row == COORDINATE and order == 0:
+    for k, (row, target, i, *_) in rows.items() if not disabled else ():
+        if row == VARIABLE:
             leaves.append((POSITION, i, target))
-        elif row in (COORDINATE, STATE, INSTANTS):
+        elif VARIABLE < row < NUMBER or row == INSTANTS:
             leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
     return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
 

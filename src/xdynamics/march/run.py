@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.interval_program import CALLED
+from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.program import TABLE, WORDS
 
 
@@ -88,8 +88,8 @@ TOUCH = _record(
     " slack rate total",
     "state part place way hit near held",
 )
-# Entries of the engine, after the elementary functions in `functions`.
-ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (len(CALLED) + i for i in range(4))
+# Entries of the engine, after the operations on intervals in `functions`.
+ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (2 * len(RULES) + i for i in range(4))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 SIDES = -3  # in place of a reason: find the side of each switch on which the march is
@@ -290,7 +290,7 @@ class Run:
     past: Floats  # differences of the previous step's collocation polynomial
     pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
     law: Whole  # addresses
-    functions: Whole  # of the elementary functions, for intervals
+    functions: Whole  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime
     log_samples: Columns  # `Layout.sample`: time, step, stage, state, results

@@ -10,7 +10,7 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.interval_lanes import can_be_watched
+from xdynamics.kernels.interval_program import can_be_watched
 from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cases.plain import Seen, plain, watching
-from xdynamics.kernels.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.events import isolation, zero_tests
 from xdynamics.march.events.zero_tests import CLEAR, CROSSED, ENDED, FORCED, MONOTONE, MURKY, NONE, OPEN, TOUCHED
-from xdynamics.march.run import TOUCH, Run
+from xdynamics.march.run import ENCLOSE, TOUCH, Run
 from xdynamics.model.detectors import GAP, OCCASION
 
 RISING = Seen(lambda s: s - 0.5, lambda _: 1.0)
@@ -122,7 +122,7 @@ def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
 ) -> None:
     """Assert bounds by slopes from -1 to 1 at the start and bends from -2 to 3 over half a second, where both are known."""
     run = on_a_piece(down=-5.0, up=7.0, least_bend=-2.0, most_bend=3.0, flaw=flaw, alive=alive)
-    run.put(under=np.array([9.0, -1.0]), over=np.array([9.0, 1.0]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64))  # fmt: skip
+    run.put(under=np.array([9.0, -1.0]), over=np.array([9.0, 1.0]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64))  # fmt: skip
     run.detectors[0].bend, run.detectors[0].slope = bend, 1
     tighten, seen = plain(zero_tests.tighten), []
     monkeypatch.setitem(
@@ -277,7 +277,7 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_trial_is_quiet_on_the_armed_side(monkeypatch: pytest.MonkeyPatch, under: float, over: float, armed: int, guard: int, asleep: int, silent: bool) -> None:  # fmt: skip
     """Assert which bounds over a trial leave no zero in it; of a gap the largest least value is kept."""
     run = on_a_piece(armed=armed, guard=guard, asleep=asleep)
-    run.put(leaves=np.zeros((0, 3), np.int64), under=np.array([under]), over=np.array([over]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64), touches=np.zeros(1, TOUCH))  # fmt: skip
+    run.put(leaves=np.zeros((0, 3), np.int64), under=np.array([under]), over=np.array([over]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64), touches=np.zeros(1, TOUCH))  # fmt: skip
     run.detectors[0].role, run.detectors[0].reaction, run.touches[0].largest = GAP, 0, 0.05
     quiet = plain(isolation.quiet)
     monkeypatch.setitem(quiet.__globals__, "enclosed_by", lambda *_: None)
@@ -291,7 +291,7 @@ def test_a_trial_is_quiet_on_the_armed_side(monkeypatch: pytest.MonkeyPatch, und
 def test_a_region_is_put_around_what_is_quiet(monkeypatch: pytest.MonkeyPatch, silent: bool, inside: bool) -> None:
     """Assert that a step inside the region is quiet without a look, and that one that was looked at has a new region if it is."""
     run = on_a_piece(armed=1 if silent else -1)
-    run.put(leaves=np.zeros((1, 3), np.int64), under=np.array([0.1]), over=np.array([2.0]), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64))  # fmt: skip
+    run.put(leaves=np.zeros((1, 3), np.int64), under=np.array([0.1]), over=np.array([2.0]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64))  # fmt: skip
     quiet, seen = plain(isolation.quiet), []
     for name, answer in (("stays_inside", inside), ("set_region", None), ("enclosed_by", None)):
         monkeypatch.setitem(

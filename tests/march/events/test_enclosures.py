@@ -18,12 +18,12 @@ import pytest
 from numpy.typing import NDArray
 
 import xdynamics as xd
-from cases.plain import plain
-from xdynamics.elementary import FUNCTIONS
-from xdynamics.kernels.compiling import PLAIN
+from cases.plain import between_states, plain, rules_in_python
+from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.drive_tables import _found, _slope, _value
-from xdynamics.kernels.interval_program import CALLED, COORDINATE, STATE
-from xdynamics.march.events.enclosures import BREAKS, SMOOTH, UNBOUNDED, companion, coordinate, enclose, put
+from xdynamics.kernels.interval_program import OPERATIONS as NAMES
+from xdynamics.kernels.interval_program import VARIABLES
+from xdynamics.march.events.enclosures import enclose, put
 from xdynamics.march.run import ALL, Run
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
@@ -31,6 +31,11 @@ from xdynamics.model.drives import INTERPOLATIONS, OUTSIDE
 
 Floats = NDArray[np.float64]
 Bounds = tuple[float, float, int]  # and whether a value may jump there, or be none
+# where a state of one coordinate and three states has a variable and its derivatives
+PLACES = {
+    **dict.fromkeys(("position", "velocity", "acceleration"), (0, 1, 5)),
+    **dict.fromkeys(("state", "rate"), (2, 6)),
+}
 EPS = float(np.finfo(float).eps)
 MOST, LEAST = float(np.finfo(float).max), 5e-324
 TABLE = "q [m],curve [1]\n-3,1.5\n-1,-2\n0,0.1\n0.5,0.3\n0.7,5\n3,5\n4,-7\n9,1e3\n"
@@ -55,8 +60,7 @@ def machine(function: str, interpolation: str = "linear", outside: str = "hold")
         initial={"q": "0 m", "v_q": "0 m s-1"} | dict.fromkeys("xyz", "0.5"), events={"e": {"function": function}},
     )  # fmt: skip
     run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.1)).run
-    PLAIN.update({-1000 - i: FUNCTIONS[name] for i, name in enumerate(CALLED)})
-    run.put(functions=-1000 - np.arange(len(CALLED)))
+    run.put(functions=rules_in_python())
     plain(enclose)(run, run.y, run.y, 0, run.parts[0], ALL)
     return run
 
@@ -64,9 +68,11 @@ def machine(function: str, interpolation: str = "linear", outside: str = "hold")
 def enclosed(run: Run, *given: tuple[float, float], slope: bool = False) -> Bounds:
     """Enclose a function of numbers that lie between two each, or its slope where they grow by one a second."""
     for k in range(run.parts[0], run.parts[2] if slope else run.parts[1]):
-        operation, place, number, order, _ = run.rows[k]
-        if operation in (STATE, COORDINATE):
-            plain(put)(run, place, *((1.0, 1.0) if order else given[number]), SMOOTH)
+        operation, place, number, *_ = run.rows[k]
+        if NAMES[operation] in VARIABLES:
+            itself = {"position": number, "state": number - 2}
+            ends = given[itself[NAMES[operation]]] if NAMES[operation] in itself else (1.0, 1.0)
+            plain(put)(run, place, *ends, SMOOTH)
         else:
             with np.errstate(all="ignore"):
                 plain(enclose)(run, run.y, run.y, k, k + 1, ALL)
@@ -284,17 +290,16 @@ def test_motion_between_two_states_is_enclosed(width: float) -> None:
     """Assert that a sine is held between two of its states: a period of a coordinate's, half a one of a first-order state's."""
     run, random = machine("x"), np.random.default_rng(9)
     n, used, s = run.plan[0].coordinates, run.plan[0].used, np.linspace(0, width, 300)
-    run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.0, width, width
     for phase in (0.0, math.pi / 2, *random.uniform(0, 2 * math.pi, 100)):
         q, v, a = np.sin(s + phase), np.cos(s + phase), -np.sin(s + phase)
         for state, k in ((run.y, 0), (run.z, -1)):
             state[[0, n, used, 2 * n, used + n]] = q[k], v[k], a[k], q[k], v[k]
-        rows = [(coordinate, order, values) for order, values in enumerate((q, v, a))]
-        rows += [(companion, order, values) for order, values in enumerate((q, v))] if width < math.pi else []
-        for row, order, values in rows:
-            plain(row)(run, run.y, run.z, 0, 0, order)
-            assert run.under[0] <= values.min(), (row, order, phase)
-            assert values.max() <= run.over[0], (row, order, phase)
+        rows = list(zip(("position", "velocity", "acceleration"), (q, v, a), strict=True))
+        rows += [("state", q), ("rate", v)] if width < math.pi else []
+        for name, values in rows:
+            low, high, _ = between_states(name, run.y, run.z, PLACES[name], width)
+            assert low <= values.min(), (name, phase)
+            assert values.max() <= high, (name, phase)
 
 
 def hull(degree: int, *values: float) -> tuple[float, float]:
@@ -305,20 +310,14 @@ def hull(degree: int, *values: float) -> tuple[float, float]:
     return float(found.min()), float(found.max())
 
 
-def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) -> dict[tuple[str, int], tuple[float, float]]:  # fmt: skip
+def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Enclosures of a coordinate and its rates, and of a first-order state and its own, between two states of a motion."""
     run = machine("x")
     n, used = run.plan[0].coordinates, run.plan[0].used
-    run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.0, width, width
     for state, at in ((run.y, 0.0), (run.z, width)):
         q, v, a = (float(one[0]) for one in motion(np.array([at])))
         state[[0, n, used, 2 * n, used + n]] = q, v, a, q, v
-    found = {}
-    for row, orders in ((coordinate, 3), (companion, 2)):
-        for order in range(orders):
-            plain(row)(run, run.y, run.z, 0, 0, order)
-            found[row.__name__, order] = float(run.under[0]), float(run.over[0])
-    return found
+    return {name: between_states(name, run.y, run.z, places, width)[:2] for name, places in PLACES.items()}
 
 
 @pytest.mark.parametrize("size", [1.0, 1e6, 1e-6])
@@ -334,12 +333,12 @@ def test_polynomials_between_two_states_have_their_hull(seed: int, size: float) 
         return c[0] + t * (c[1] + t * (c[2] + t * c[3])), c[1] + t * (2 * c[2] + t * 3 * c[3]), 2 * c[2] + 6 * c[3] * t
 
     found = between_two(cubic, width)
-    for order, degree in ((0, 5), (1, 3), (2, 1)):
+    for order, (name, degree) in enumerate({"position": 5, "velocity": 3, "acceleration": 1}.items()):
         expected = hull(degree, *cubic(np.linspace(0.0, width, degree + 1))[order].tolist())
-        assert found["coordinate", order] == pytest.approx(expected, abs=1e-11 * size)
+        assert found[name] == pytest.approx(expected, abs=1e-11 * size)
     straight = between_two(lambda t: (c[0] + c[1] * t, c[1] + 0.0 * t, 0.0 * t), width)
-    assert straight["companion", 0] == pytest.approx(hull(1, c[0], c[0] + c[1] * width), abs=1e-11 * size)
-    assert straight["companion", 1] == pytest.approx((c[1], c[1]), abs=1e-11 * size)
+    assert straight["state"] == pytest.approx(hull(1, c[0], c[0] + c[1] * width), abs=1e-11 * size)
+    assert straight["rate"] == pytest.approx((c[1], c[1]), abs=1e-11 * size)
 
 
 def test_enclosures_of_motion_become_tight_with_their_width() -> None:
@@ -352,11 +351,11 @@ def test_enclosures_of_motion_become_tight_with_their_width() -> None:
                 lambda t, phase=phase: (np.sin(t + phase), np.cos(t + phase), -np.sin(t + phase)), width
             )
             limits = {
-                ("coordinate", 0): (q, width**4 / 800),
-                ("coordinate", 1): (v, width**2 / 20),
-                ("coordinate", 2): (a, 0.3 * width**2),
+                "position": (q, width**4 / 800),
+                "velocity": (v, width**2 / 20),
+                "acceleration": (a, 0.3 * width**2),
             }
-            limits |= {("companion", 0): (q, width**2 / 15), ("companion", 1): (v, 4.0 * width)}
+            limits |= {"state": (q, width**2 / 15), "rate": (v, 4.0 * width)}
             for name, (values, most) in limits.items():
                 low, high = found[name]
                 assert values.min() - most <= low <= values.min(), (name, width, phase)
@@ -378,6 +377,7 @@ def test_rows_of_a_piece_are_enclosed_by_what_they_read() -> None:
         n, used = run.plan[0].coordinates, run.plan[0].used
         for state, at in ((run.y, 0.0), (run.z, 0.25)):
             state[[0, n, used, 2 * n, used + n]] = 1.0 + at, 1.0, 0.0, 5.0 + 2.0 * at, 2.0
+        run.put(functions=rules_in_python())
         plain(enclose)(run, run.y, run.z, 0, run.parts[1], ALL)
         place = run.detectors[0].value
         assert (run.under[place], run.over[place]) == pytest.approx((low, high), abs=1e-12), function
@@ -388,7 +388,7 @@ import sys
 import numpy as np
 import xdynamics as xd
 from cases.problems import MODELS, coupled_springs
-from xdynamics.march.events import enclosures
+from cases.plain import between_states
 from xdynamics.march import loop, trial_step
 from xdynamics.march.run import ARRAYS
 
@@ -406,15 +406,14 @@ def accept(run, old=loop.accept):
             getattr(run, name)[...] = array
     states = np.array(states)
     for first, last in ((0, 51), (0, 26), (12, 40), (30, 34)):
-        run.piece[0].start, run.piece[0].end, run.piece[0].width = t + cuts[first], t + cuts[last], cuts[last] - cuts[first]
-        here = states[first : last + 1]
-        asked = [(enclosures.coordinate, i, order, place) for i in range(n) for order, place in enumerate((i, n + i, used + i))]
-        asked += [(enclosures.companion, i, order, place) for i in range(used - 2 * n) for order, place in enumerate((2 * n + i, used + n + i))]
-        for row, i, order, place in asked:
-            row(run, here[0], here[-1], 0, i, order)
+        here, width = states[first : last + 1], cuts[last] - cuts[first]
+        asked = [(("position", "velocity", "acceleration")[k], (i, n + i, used + i), k) for i in range(n) for k in range(3)]
+        asked += [(("state", "rate")[k], (2 * n + i, used + n + i), k) for i in range(used - 2 * n) for k in range(2)]
+        for name, places, k in asked:
+            low, high, _ = between_states(name, here[0], here[-1], places, width)
             count[0] += 1
-            if not run.under[0] <= here[:, place].min() <= here[:, place].max() <= run.over[0]:
-                print("lost", method, model.name, t, h, row.__name__, i, order, first, last)
+            if not low <= here[:, places[k]].min() <= here[:, places[k]].max() <= high:
+                print("lost", method, model.name, t, h, name, places, first, last)
     for name, array in before.items():
         getattr(run, name)[...] = array
     old(run)

@@ -6,33 +6,32 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from cases.plain import made_by_hand, plain
+from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.events import event_free_region
-from xdynamics.march.events.enclosures import coordinate
-from xdynamics.march.run import DETECTOR, WATCH, Run
+from xdynamics.march.run import DETECTOR, ENCLOSE, WATCH, Run
 
 
 @pytest.mark.cases(400)
 def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
     """Assert quick bounds of a random step outside those of the enclosure, by no more than signs that differ may cost."""
     random = np.random.default_rng([26, 8, case])
-    run = made_by_hand(n=2, under=np.zeros(1), over=np.zeros(1), flaws=np.zeros(1))
+    run = made_by_hand(n=2)
     h = 10.0 ** random.uniform(-3, 1)
     a = random.normal(size=2) * [0, 1, 3 / h][case % 3]  # the last ones turn within the step
     run.y[4:], run.z[4:], run.y[2:4], run.y[:2] = a, a, random.normal(size=2), random.normal(size=2)
     run.z[2:4], run.z[:2] = run.y[2:4] + h * a, run.y[:2] + h * run.y[2:4] + h * h / 2 * a
     run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, 1)
-    run.trial[0].h = run.piece[0].width = h
+    run.trial[0].h = h
     for i in range(2):
         low, high = plain(event_free_region.way)(run, i)
-        plain(coordinate)(run, run.y, run.z, 0, i, 0)
+        enclosure = between_states("position", run.y, run.z, (i, 2 + i, 4 + i), h)
         (q0, v0, a0), (q1, v1, a1) = run.y[i::2], run.z[i::2]
         apart = max(min(0.4 * h * abs(v0), h * h * abs(a0) / 20), min(0.4 * h * abs(v1), h * h * abs(a1) / 20))
         apart += 3e-9 * (max(abs(q0), abs(q1)) + h * (abs(v0) + abs(v1)) + h * h * (abs(a0) + abs(a1)))
-        assert low < run.under[0] <= low + apart
-        assert high > run.over[0] >= high - apart
+        assert low < enclosure.low <= low + apart
+        assert high > enclosure.high >= high - apart
 
 
 def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
@@ -88,7 +87,7 @@ def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bo
     positions = np.array([[event_free_region.POSITION, j, 1 + j] for j in range(3)])
     run = made_by_hand(
         leaves=positions, region=np.zeros(event_free_region.BOX + 12), under=np.zeros(4), over=np.zeros(4), detectors=np.zeros(1, DETECTOR),
-        watches=np.zeros(1, WATCH), parts=np.zeros(4, np.int64), functions=np.zeros(20, np.int64),
+        watches=np.zeros(1, WATCH), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64),
     )  # fmt: skip
     is_silent = plain(event_free_region.is_silent)
     monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)

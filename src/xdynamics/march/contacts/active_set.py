@@ -6,9 +6,9 @@ or slips.
 
 from __future__ import annotations
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.contacts.delassus import (
     ABSENT,
     FREE,

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from math import frexp, ldexp
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import TOUCHING
 from xdynamics.kernels.program import T
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.contacts.complementarity import SMALL, prepare, solve_complementarity
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run

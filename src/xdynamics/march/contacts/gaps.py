@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import T
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import Run

@@ -14,35 +14,23 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.elementary import intervals
+from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, ULPS, UNBOUNDED
+from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.drive_tables import find_piece
-from xdynamics.kernels.interval_program import (
-    CONSTANT,
-    COORDINATE,
-    NUMBER,
-    PHASE,
-    SLOPE,
-    STATE,
-    TIME,
-    UNKNOWN,
-    VALUE,
-)
+from xdynamics.kernels.interval_program import CONSTANT, NUMBER, PHASE, RULES, SLOPE, TIME, UNKNOWN, VALUE, VARIABLE
 from xdynamics.kernels.program import REGIME
-from xdynamics.kernels.rounding_margins import ARCHED, BENT, BREAKS, ROUNDED, SMOOTH, ULPS, UNBOUNDED
-from xdynamics.march.events.intervals import (
-    DIVIDE,
-    above,
-    arithmetic,
-    below,
-    function,
-    least_of,
-    most_of,
-    put,
-)
-from xdynamics.march.handle import floats_at, run_at
+from xdynamics.march.handle import floats_at, row_by, run_at
 from xdynamics.march.run import ALIVE, ALL, Run
 
 State = NDArray[Any]
+below, above = shared(intervals.below), shared(intervals.above)
+
+
+@shared
+def put(run: Run, target: int, low: float, high: float, flaw: int) -> None:
+    """Store the bounds of a value."""
+    run.under[target], run.over[target], run.flaws[target] = low, high, flaw
 
 
 @shared
@@ -60,18 +48,18 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
     whose : int
         The number of an event function, `ALL`, or `ALIVE`: rows that these do not need are skipped.
     """
-    in_box, sparse = run.piece[0].rough == 2, whose != ALL
+    in_box, sparse, piece = run.piece[0].rough == 2, whose != ALL, run.piece[0]
+    roughly = len(RULES) if run.piece[0].rough == 1 else 0
     if sparse:
         demand(run, first, last, whose)
     for k in range(first, last):
         row, target, a = run.rows[k, 0], run.rows[k, 1], run.rows[k, 2]
         if sparse and run.wanted[target] == 0:
             continue
-        if row <= DIVIDE:
-            arithmetic(run, row, target, a, run.rows[k, 3])
-        elif row in (COORDINATE, STATE, TIME):
-            if not in_box:
-                variable(run, y, z, k)
+        if row < VARIABLE or (row < NUMBER and not in_box):
+            row_by(run.functions[row + roughly], run, y, z, k)
+        elif row == TIME and not in_box:
+            put(run, target, piece.start, piece.end, SMOOTH)
         elif row == PHASE:
             put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
         elif row == UNKNOWN:
@@ -82,8 +70,6 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
             put(run, target, run.p[a], run.p[a], SMOOTH)
         elif row >= VALUE:
             looked_up(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
-        else:
-            function(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
 
 
 @shared
@@ -101,77 +87,10 @@ def demand(run: Run, first: int, last: int, whose: int) -> None:
                 run.wanted[detector.bend] = 1
     for k in range(last - 1, first - 1, -1):
         row = run.rows[k, 0]
-        if run.wanted[run.rows[k, 1]] and (row < NUMBER or row >= VALUE):
+        if run.wanted[run.rows[k, 1]] and (row < VARIABLE or row >= VALUE):
             run.wanted[run.rows[k, 2]] = 1
-            if row < NUMBER:  # an unused operand is place 0, whose value does no harm
+            if row < VARIABLE:  # an unused operand is place 0, whose value does no harm
                 run.wanted[run.rows[k, 3]] = run.wanted[run.rows[k, 4]] = 1
-
-
-@compiled
-def variable(run: Run, y: State, z: State, k: int) -> None:
-    """Enclose the time, a variable of the state, or its derivative."""
-    row, target = run.rows[k, 0], run.rows[k, 1]
-    if row == COORDINATE:
-        coordinate(run, y, z, target, run.rows[k, 2], run.rows[k, 3])
-    elif row == STATE:
-        companion(run, y, z, target, run.rows[k, 2], run.rows[k, 3])
-    else:
-        put(run, target, run.piece[0].start, run.piece[0].end, SMOOTH)
-
-
-@compiled
-def coordinate(run: Run, y: State, z: State, target: int, i: int, order: int) -> None:
-    """Enclose a coordinate, its velocity or its acceleration.
-
-    Bounds of velocities by positions are divided by the width of the piece. On a piece made short by cutting, rounding
-    would dominate them, and so would the mismatch of positions and velocities of a method of low order: there,
-    velocities are bounded by accelerations, and accelerations by their change.
-    """
-    n, used, w = run.plan[0].coordinates, run.plan[0].used, run.piece[0].width
-    q0, v0, a0, q1, v1, a1 = y[i], y[n + i], y[used + i], z[i], z[n + i], z[used + i]
-    # how far cubic polynomials through positions and velocities are from the quintic one, at its middle
-    odd = abs((q1 - q0) - w * (v0 + v1) / 2.0 + w * w * (a1 - a0) / 12.0)
-    even = abs(v1 - v0 - w * (a0 + a1) / 2.0)
-    off, size = odd + w * even / 128.0, max(abs(q0), abs(q1))
-    if order == 0:
-        b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
-        b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
-        low = min(least_of(q0, b1, b2, b3), least_of(b4, q1, b4, q1))
-        high = max(most_of(q0, b1, b2, b3), most_of(b4, q1, b4, q1))
-        off = off + ROUNDED * size + run.piece[0].wide * abs(run.located_e[i])
-    elif order == 1:
-        b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
-        low, high = least_of(v0, b1, b2, v1), most_of(v0, b1, b2, v1)
-        off = 4.0 * off / w if w > 0.0 else 0.0
-        if run.piece[0].part or odd <= 4.0 * ROUNDED * (size + w * max(abs(v0), abs(v1))):
-            off = min(off, w * max(abs(a0), abs(a1)))
-        off = off + ROUNDED * max(abs(v0), abs(v1)) + run.piece[0].wide * abs(run.located_e[n + i])
-    else:
-        low, high = min(a0, a1), max(a0, a1)
-        bent = 24.0 * odd / (w * w) if w > 0.0 else 0.0
-        if run.piece[0].part:
-            bent = min(bent, abs(a1 - a0))
-        off = bent + 2.0 * even / w if w > 0.0 else 0.0
-        off = off + ROUNDED * max(abs(a0), abs(a1))
-    put(run, target, below(run, low - off), above(run, high + off), SMOOTH)
-
-
-@compiled
-def companion(run: Run, y: State, z: State, target: int, i: int, order: int) -> None:
-    """Enclose a first-order state or its rate."""
-    n, used, w = run.plan[0].coordinates, run.plan[0].used, run.piece[0].width
-    x0, r0, x1, r1 = y[2 * n + i], y[used + n + i], z[2 * n + i], z[used + n + i]
-    odd, even = abs((x1 - x0) - w * (r0 + r1) / 2.0), w * abs(r1 - r0)
-    off = odd / 8.0 + even / 64.0
-    if order == 0:
-        b1, b2 = x0 + w * r0 / 3.0, x1 - w * r1 / 3.0
-        low, high = least_of(x0, b1, b2, x1), most_of(x0, b1, b2, x1)
-        off = off + ROUNDED * max(abs(x0), abs(x1)) + run.piece[0].wide * abs(run.located_e[2 * n + i])
-    else:
-        low, high = min(r0, r1), max(r0, r1)
-        off = (ARCHED * odd + BENT * even) / w if w > 0.0 else 0.0
-        off = off + ROUNDED * max(abs(r0), abs(r1))
-    put(run, target, below(run, low - off), above(run, high + off), SMOOTH)
 
 
 @shared
@@ -203,9 +122,10 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
             put(run, target, -inf, inf, UNBOUNDED)
             return
         off = ULPS * (abs(c3 * to * to * to) + abs(c2 * to * to) + abs(c1 * to) + abs(c0))
-        least = min(least, least_of(b0, b1, b2, z0) - off)
-        most = max(most, most_of(b0, b1, b2, z0) + off)
-    put(run, target, below(run, least), above(run, most), flaw if begin == end else max(flaw, BREAKS))
+        least = min(least, min(min(b0, b1), min(b2, z0)) - off)  # noqa: PLW3301 - two at a time: one order of comparisons
+        most = max(most, max(max(b0, b1), max(b2, z0)) + off)  # noqa: PLW3301
+    margin = run.plan[0].margin
+    put(run, target, below(least, margin), above(most, margin), flaw if begin == end else max(flaw, BREAKS))
 
 
 def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: int) -> None:

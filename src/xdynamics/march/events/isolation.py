@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from math import nan
 
+from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.kernels.rounding_margins import BREAKS, SMOOTH
 from xdynamics.march.events.event_free_region import set_region, stays_inside
 from xdynamics.march.events.zero_tests import (
     CLEAR,

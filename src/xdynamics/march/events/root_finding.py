@@ -7,10 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
-from xdynamics.kernels.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.events.zero_tests import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import called

@@ -6,11 +6,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.kernels.rounding_margins import EPS, SMOOTH, UNBOUNDED
-from xdynamics.march.events.intervals import above, below
+from xdynamics.march.events.enclosures import above, below
 from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.model.detectors import GAP
@@ -97,8 +97,8 @@ def tighten(run: Run) -> None:
         watch, detector = run.watches[i], run.detectors[i]
         if watch.alive and detector.bend >= 0 and watch.flaw == SMOOTH:
             at_start, to = run.under[detector.slope], run.over[detector.slope]
-            watch.down = max(watch.down, at_start + min(0.0, below(run, watch.least_bend * w)))
-            watch.up = min(watch.up, to + max(0.0, above(run, watch.most_bend * w)))
+            watch.down = max(watch.down, at_start + min(0.0, below(watch.least_bend * w, run.plan[0].margin)))
+            watch.up = min(watch.up, to + max(0.0, above(watch.most_bend * w, run.plan[0].margin)))
 
 
 @shared

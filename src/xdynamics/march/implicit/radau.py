@@ -10,12 +10,12 @@ import math
 
 import numpy as np
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels import step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.kernels.radau_lines import CONSTANTS, CONVERGENCE, GUESS, POLYNOMIAL
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.kernels.step_control import PREDICTIVE
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, keep_sample

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import LINEARISED
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
 from xdynamics.kernels.program import T
-from xdynamics.kernels.rounding_margins import EPS
 from xdynamics.march.force_evaluation import State, evaluate, slope_of
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run

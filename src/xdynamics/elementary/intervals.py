@@ -1,0 +1,369 @@
+"""Interval arithmetic, rounded outward: every operation of the language on numbers that lie between two bounds.
+
+As the elementary functions, each operation is one sequence of operations on numbers, for floats and written programs
+alike: single runs, runs side by side and plain Python get the same bounds (Moore, Kearfott, Cloud, Introduction to
+Interval Analysis, 2009).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import inf, pi
+from typing import Any, NamedTuple
+
+from xdynamics.elementary.numbers import Number, Truth, Whole, absolute, choose, floor, quotient, sqrt
+from xdynamics.elementary.rounding_margins import (
+    ARCHED,
+    BENT,
+    BREAKS,
+    EPS,
+    LEAST,
+    MOST,
+    ROUNDED,
+    SMOOTH,
+    ULPS,
+    UNBOUNDED,
+)
+
+LARGEST_ANGLE = 1e15  # beyond it the distance of neighbouring numbers is a fraction of a turn
+
+
+class Interval(NamedTuple):
+    """A value between two bounds, and its flaw: whether it may jump there, or be infinite or undefined."""
+
+    low: Number
+    high: Number
+    flaw: Whole = SMOOTH
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals as a kind of number.
+
+    Parameters
+    ----------
+    functions : mapping of str to callable
+        The elementary functions that are evaluated at bounds.
+    margin : number
+        Added to the size of a bound, whose product with eps widens it.
+    rough : bool
+        Whether a sine or cosine is evaluated once, at the middle of an interval, instead of at both ends.
+    """
+
+    functions: Mapping[str, Callable[[Number], Number]]
+    margin: Number = LEAST
+    rough: bool = False
+
+    def of(self, operation: str, *operands: Any) -> Any:
+        """Return the result of an operation: an interval, or one of its bounds."""
+        return _RULES[operation](self, *operands)
+
+    def outward(self, low: Number, high: Number, flaw: Whole = SMOOTH) -> Interval:
+        """Return the interval between two bounds, rounded outward."""
+        return _settled(below(low, self.margin), above(high, self.margin), flaw)
+
+    def monotone(self, name: str, low: Number, high: Number, flaw: Whole) -> Interval:
+        """Enclose a function that rises or falls."""
+        return self.ordered(self.functions[name](low), self.functions[name](high), flaw)
+
+    def ordered(self, one: Number, other: Number, flaw: Whole) -> Interval:
+        """Return the interval between two values of elementary functions."""
+        falls = one > other
+        low, high = choose(falls, other, one), choose(falls, one, other)
+        return self.outward(low - ULPS * absolute(low), high + ULPS * absolute(high), flaw)
+
+
+def _product(of: Intervals, a: Interval, low: Number, high: Number, flaw: Whole) -> Interval:
+    w, x, y, z = a.low * low, a.low * high, a.high * low, a.high * high
+    sound = ((w == w) & (x == x)) & ((y == y) & (z == z))
+    return of.outward(choose(sound, least(w, x, y, z), -inf), choose(sound, greatest(w, x, y, z), inf), flaw)
+
+
+def _square(of: Intervals, a: Interval) -> Interval:
+    small, large = _sizes(a)
+    return of.outward(small * small, large * large, a.flaw)
+
+
+def _quotient(of: Intervals, a: Interval, b: Interval) -> Interval:
+    """Divide; a divisor that may be zero leaves nothing known."""
+    spans = (b.low <= 0.0) & (b.high >= 0.0)
+    low = choose(spans, 1.0, below(quotient(1.0, b.high), of.margin))
+    high = choose(spans, 1.0, above(quotient(1.0, b.low), of.margin))
+    dividend = Interval(choose(spans, -inf, a.low), choose(spans, inf, a.high))
+    return _product(of, dividend, low, high, choose(spans, UNBOUNDED, _worst(a, b)))
+
+
+def _signs(_: Intervals, a: Interval) -> Interval:
+    low, high = _sign(a.low), _sign(a.high)
+    return _settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
+
+
+def _root(of: Intervals, a: Interval) -> Interval:
+    undefined = a.low < 0.0
+    low = choose(undefined, 0.0, greatest(0.0, below(sqrt(a.low), of.margin)))
+    return _settled(low, above(sqrt(a.high), of.margin), choose(undefined, UNBOUNDED, a.flaw))
+
+
+def _choice(_: Intervals, a: Interval, b: Interval, c: Interval) -> Interval:
+    """Take the branch that a condition says, or both where it is undecided."""
+    always, never = a.low == 1.0, a.high == 0.0
+    both = Interval(least(b.low, c.low), greatest(b.high, c.high), greatest(BREAKS, _worst(b, c)))
+    branches = zip(b, c, both, strict=True)
+    return _settled(*(choose(always, first, choose(never, second, either)) for first, second, either in branches))
+
+
+def _judged(a: Interval, b: Interval, always: Truth, never: Truth) -> Interval:
+    """Enclose a truth: 1, 0, or from 0 to 1 where it is undecided, as for a nan, which is neither less nor more."""
+    known = _worst(a, b) < UNBOUNDED
+    return Interval(choose(known & always, 1.0, 0.0), choose(known & never, 0.0, 1.0))
+
+
+def _tangent(of: Intervals, a: Interval) -> Interval:
+    """Nothing is known of a tangent where there may be a pole."""
+    slack = _slack(a)
+    turned = floor((a.high + slack) / pi + 0.5) != floor((a.low - slack) / pi + 0.5)
+    return _either((a.high - a.low >= 3.0) | turned, Interval(-inf, inf, UNBOUNDED), of.monotone("tan", *a))
+
+
+def _within_one(a: Interval) -> Interval:
+    """Return what an arcsine is defined for."""
+    low, high = (least(1.0, greatest(-1.0, x)) for x in a[:2])
+    return Interval(low, high, choose((a.low < -1.0) | (a.high > 1.0), UNBOUNDED, a.flaw))
+
+
+def _logarithm(of: Intervals, a: Interval) -> Interval:
+    undefined = a.low <= 0.0
+    return of.monotone("log", choose(undefined, 0.0, a.low), a.high, choose(undefined, UNBOUNDED, a.flaw))
+
+
+def _power(of: Intervals, a: Interval, b: Interval) -> Interval:
+    """Raise to a power that is not whole: by logarithms, which are moved by a share to cover rounding."""
+    undefined, ends = a.low < 0.0, []
+    for x, slack in ((choose(undefined, 0.0, a.low), -ULPS), (a.high, ULPS)):
+        itself = (x <= 0.0) | (x == inf)
+        logarithm = b.low * of.functions["log"](choose(itself, 1.0, x))
+        ends.append(choose(itself, x, of.functions["exp"](logarithm + slack * absolute(logarithm))))
+    return of.ordered(ends[0], ends[1], choose(undefined, UNBOUNDED, a.flaw))
+
+
+def _hypotenuse(of: Intervals, a: Interval, b: Interval) -> Interval:
+    shortest, longest = (_length(x, y) for x, y in zip(_sizes(a), _sizes(b), strict=True))
+    low = greatest(0.0, below(shortest - ULPS * shortest, of.margin))
+    return _settled(low, above(longest + ULPS * longest, of.margin), _worst(a, b))
+
+
+def _angle(of: Intervals, a: Interval, b: Interval) -> Interval:
+    """Enclose the angle of a vector: it jumps at the cut, and the origin has none."""
+    cut = (b.low <= 0.0) & ((a.low <= 0.0) & (a.high >= 0.0))
+    angles = []
+    for y, x in ((y, x) for y in a[:2] for x in b[:2]):
+        flat = absolute(x) >= absolute(y)
+        turned = of.functions["atan"](quotient(choose(flat, y, x), choose(flat, x, y)))
+        behind = choose(y >= 0.0, turned + pi, turned - pi)
+        upright = choose(y > 0.0, pi / 2.0, -pi / 2.0)
+        angles.append(choose(flat, choose(x > 0.0, turned, behind), upright - turned))
+    low, high, flaw = least(*angles), greatest(*angles), _worst(a, b)
+    angle = of.outward(low - ULPS * absolute(low), high + ULPS * absolute(high), flaw)
+    return _either(cut, Interval(-pi - ULPS, pi + ULPS, greatest(flaw, BREAKS)), angle)
+
+
+def _wave(name: str, shift: float, of: Intervals, a: Interval) -> Interval:
+    """Enclose a sine (`shift` 0.5) or a cosine (`shift` 0): its values at the ends, and the crests between."""
+    function, slack, (low, high, flaw) = of.functions[name], _slack(a), a
+    narrow = (high - low < 2.0 * pi) & ((absolute(low) < LARGEST_ANGLE) & (absolute(high) < LARGEST_ANGLE))
+    finite = (absolute(low) < inf) & (absolute(high) < inf)
+    if of.rough:
+        middle, half = function((low + high) / 2.0), (high - low) / 2.0 + slack
+        bottom, top = middle - half, middle + half
+    else:
+        at_low, at_high = function(low), function(high)
+        first, last = (low - slack) / pi - shift, (high + slack) / pi - shift  # crests at even, troughs at odd numbers
+        top = choose(_meets(first, last), 1.0, greatest(at_low, at_high))
+        bottom = choose(_meets(first - 1.0, last - 1.0), -1.0, least(at_low, at_high))
+        bottom, top = (
+            below(bottom - ULPS * absolute(bottom), of.margin),
+            above(top + ULPS * absolute(top), of.margin),
+        )
+    low, high = choose(narrow, greatest(-1.0, bottom), -1.0), choose(narrow, least(1.0, top), 1.0)
+    return _settled(low, high, choose(finite, flaw, UNBOUNDED))
+
+
+def _meets(first: Number, last: Number) -> Truth:
+    """Whether an even number lies between two."""
+    return floor(last / 2.0) >= -floor(-(first / 2.0))
+
+
+# Variables between two states of the motion. Of a coordinate the states hold q, v, a, of a first-order state x and its
+# rate r; w is the width of the piece between the states, `error` how far its end may be off, and `part` 1 where the
+# piece is not the whole step.
+
+
+def _distances(
+    q0: Number, v0: Number, a0: Number, q1: Number, v1: Number, a1: Number, w: Number
+) -> tuple[Number, Number]:
+    """Return how far cubics through positions and velocities are from the quintic: at its middle, and beside it."""
+    odd = absolute((q1 - q0) - w * (v0 + v1) / 2.0 + w * w * (a1 - a0) / 12.0)
+    return odd, absolute(v1 - v0 - w * (a0 + a1) / 2.0)
+
+
+def _position(of: Intervals, *given: Number) -> Interval:
+    """Enclose a coordinate: the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics."""
+    q0, v0, a0, q1, v1, a1, w, error, _ = given
+    odd, even = _distances(*given[:7])
+    off = odd + w * even / 128.0 + ROUNDED * greatest(absolute(q0), absolute(q1)) + error
+    b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
+    b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
+    low, high = least(least(q0, b1, b2, b3), least(b4, q1)), greatest(greatest(q0, b1, b2, b3), greatest(b4, q1))
+    return of.outward(low - off, high + off)
+
+
+def _velocity(of: Intervals, *given: Number) -> Interval:
+    """Enclose a velocity.
+
+    Bounds by positions are divided by the width of the piece. On a piece made short by cutting, rounding would dominate
+    them, and so would the mismatch of positions and velocities of a method of low order: there, velocities are bounded
+    by accelerations, and accelerations by their change.
+    """
+    q0, v0, a0, q1, v1, a1, w, error, part = given
+    odd, even = _distances(*given[:7])
+    size, fastest = greatest(absolute(q0), absolute(q1)), greatest(absolute(v0), absolute(v1))
+    b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
+    off = choose(w > 0.0, quotient(4.0 * (odd + w * even / 128.0), w), 0.0)
+    held = (part != 0) | (odd <= 4.0 * ROUNDED * (size + w * fastest))
+    off = choose(held, least(off, w * greatest(absolute(a0), absolute(a1))), off) + ROUNDED * fastest + error
+    return of.outward(least(v0, b1, b2, v1) - off, greatest(v0, b1, b2, v1) + off)
+
+
+def _acceleration(of: Intervals, *given: Number) -> Interval:
+    _, _, a0, _, _, a1, w, _, part = given
+    odd, even = _distances(*given[:7])
+    bent = quotient(24.0 * odd, w * w)
+    bent = choose(part != 0, least(bent, absolute(a1 - a0)), bent)
+    off = choose(w > 0.0, bent + quotient(2.0 * even, w), 0.0) + ROUNDED * greatest(absolute(a0), absolute(a1))
+    return of.outward(least(a0, a1) - off, greatest(a0, a1) + off)
+
+
+def _state(of: Intervals, *given: Number) -> Interval:
+    x0, r0, x1, r1, w, error, _ = given
+    odd, even = absolute((x1 - x0) - w * (r0 + r1) / 2.0), w * absolute(r1 - r0)
+    b1, b2 = x0 + w * r0 / 3.0, x1 - w * r1 / 3.0
+    off = odd / 8.0 + even / 64.0 + ROUNDED * greatest(absolute(x0), absolute(x1)) + error
+    return of.outward(least(x0, b1, b2, x1) - off, greatest(x0, b1, b2, x1) + off)
+
+
+def _rate(of: Intervals, *given: Number) -> Interval:
+    x0, r0, x1, r1, w, _, _ = given
+    odd, even = absolute((x1 - x0) - w * (r0 + r1) / 2.0), w * absolute(r1 - r0)
+    off = choose(w > 0.0, quotient(ARCHED * odd + BENT * even, w), 0.0) + ROUNDED * greatest(absolute(r0), absolute(r1))
+    return of.outward(least(r0, r1) - off, greatest(r0, r1) + off)
+
+
+def below(x: Number, margin: Number) -> Number:
+    """Return a number below x; -inf where x is."""
+    return choose(x == inf, MOST, x - (absolute(x) + margin) * EPS)
+
+
+def above(x: Number, margin: Number) -> Number:
+    """Return a number above x; inf where x is."""
+    return choose(x == -inf, -MOST, x + (absolute(x) + margin) * EPS)
+
+
+def least(x: Number, *others: Number) -> Number:
+    """Return the least of some numbers, two at a time; where one is nan, as Python's `min` does."""
+    if len(others) > 1:
+        return least(least(x, others[0]), least(*others[1:]))
+    return choose(others[0] < x, others[0], x)
+
+
+def greatest(x: Number, *others: Number) -> Number:
+    """Return the greatest of some numbers, two at a time; where one is nan, as Python's `max` does."""
+    if len(others) > 1:
+        return greatest(greatest(x, others[0]), greatest(*others[1:]))
+    return choose(others[0] > x, others[0], x)
+
+
+def _settled(low: Number, high: Number, flaw: Whole) -> Interval:
+    """Return an interval; what is none may be anything."""
+    sound = low <= high
+    return Interval(choose(sound, low, -inf), choose(sound, high, inf), choose(sound, flaw, UNBOUNDED))
+
+
+def _worst(a: Interval, b: Interval) -> Whole:
+    return greatest(a.flaw, b.flaw)
+
+
+def _sizes(a: Interval) -> tuple[Number, Number]:
+    """Return the least and the greatest absolute value."""
+    one, other = absolute(a.low), absolute(a.high)
+    return choose((a.low < 0.0) & (a.high > 0.0), 0.0, least(one, other)), greatest(one, other)
+
+
+def _sign(x: Number) -> Number:
+    return choose(x > 0.0, 1.0, choose(x < 0.0, -1.0, choose(x == 0.0, 0.0, x)))
+
+
+def _same(a: Interval, b: Interval) -> Truth:
+    return (a.low == a.high) & ((a.high == b.low) & (b.low == b.high))
+
+
+def _apart(a: Interval, b: Interval) -> Truth:
+    return (a.high < b.low) | (a.low > b.high)
+
+
+def _slack(a: Interval) -> Number:
+    return ULPS * (absolute(a.low) + absolute(a.high) + 1.0)
+
+
+def _length(x: Number, y: Number) -> Number:
+    """Return the length of a vector of two sizes, without overflow."""
+    large, small = greatest(x, y), least(x, y)
+    ratio = quotient(small, large)
+    return choose((large > 0.0) & (large < inf), large * sqrt(1.0 + ratio * ratio), large)
+
+
+def _either(truth: Truth, a: Interval, b: Interval) -> Interval:
+    return Interval(*(choose(truth, *pair) for pair in zip(a, b, strict=True)))
+
+
+_RULES: Mapping[str, Callable[..., Any]] = {
+    "point": lambda _, x: Interval(x, x),
+    "between": lambda _, low, high: Interval(low, high),
+    "low": lambda _, a: a.low,
+    "high": lambda _, a: a.high,
+    "add": lambda of, a, b: of.outward(a.low + b.low, a.high + b.high, _worst(a, b)),
+    "subtract": lambda of, a, b: of.outward(a.low - b.high, a.high - b.low, _worst(a, b)),
+    "multiply": lambda of, a, b: _product(of, a, b.low, b.high, _worst(a, b)),
+    "square": _square,
+    "divide": _quotient,
+    "negative": lambda _, a: Interval(-a.high, -a.low, a.flaw),
+    "abs": lambda _, a: _settled(*_sizes(a), a.flaw),
+    "sign": _signs,
+    "sqrt": _root,
+    "least": lambda _, a, b: _settled(least(a.low, b.low), least(a.high, b.high), _worst(a, b)),
+    "greatest": lambda _, a, b: _settled(greatest(a.low, b.low), greatest(a.high, b.high), _worst(a, b)),
+    "positive": lambda _, a: a._replace(flaw=choose(a.low > 0.0, a.flaw, UNBOUNDED)),
+    "choose": _choice,
+    "less": lambda _, a, b: _judged(a, b, a.high < b.low, a.low >= b.high),
+    "at_most": lambda _, a, b: _judged(a, b, a.high <= b.low, a.low > b.high),
+    "more": lambda _, a, b: _judged(a, b, a.low > b.high, a.high <= b.low),
+    "at_least": lambda _, a, b: _judged(a, b, a.low >= b.high, a.high < b.low),
+    "equal": lambda _, a, b: _judged(a, b, _same(a, b), _apart(a, b)),
+    "unequal": lambda _, a, b: _judged(a, b, _apart(a, b), _same(a, b)),
+    **{name: lambda of, a, name=name: of.monotone(name, *a) for name in ("exp", "atan", "sinh", "tanh")},
+    **{name: lambda of, a, name=name: of.monotone(name, *_within_one(a)) for name in ("asin", "acos")},
+    "cosh": lambda of, a: of.monotone("cosh", *_sizes(a), a.flaw),
+    "sin": partial(_wave, "sin", 0.5),
+    "cos": partial(_wave, "cos", 0.0),
+    "tan": _tangent,
+    "log": _logarithm,
+    "power": _power,
+    "hypot": _hypotenuse,
+    "atan2": _angle,
+    "position": _position,
+    "velocity": _velocity,
+    "acceleration": _acceleration,
+    "state": _state,
+    "rate": _rate,
+}
