@@ -340,6 +340,13 @@ TOUCHED = {
     "record/conformity.py": ("test_conformity.py",),
     "record/identity.py": ("test_march_identity.py",),
     "record/kinds.py": ("test_kinds.py",),
+    "record/arguments.py": (
+        "test_provenance.py",
+        "test_record.py",
+        "test_sampling.py -k rules",
+        "test_golden.py -k reproduced",
+        "test_identity.py -k tolerances",
+    ),
     "record/provenance.py": (
         "test_provenance.py",
         "test_record.py",

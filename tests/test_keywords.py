@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from xdynamics.cli import main
 from xdynamics.keywords import IN_FILES, KEYWORDS, RECORD
-from xdynamics.record.provenance import asked_of
+from xdynamics.record.arguments import asked_of
 
 MODEL = xd.Model(
     name="swing", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},

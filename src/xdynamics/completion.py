@@ -13,8 +13,8 @@ from xdynamics import archive, record
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
+from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import rows_apart, said_of
-from xdynamics.record.provenance import asked_of
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
 from xdynamics.simulation import simulate
 

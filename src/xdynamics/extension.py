@@ -19,8 +19,8 @@ from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
+from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import said_of, said_of_log
-from xdynamics.record.provenance import asked_of
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,

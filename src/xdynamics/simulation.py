@@ -23,8 +23,8 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import is_run, said_of
-from xdynamics.record.provenance import asked_of
 from xdynamics.record.size import check_room
 from xdynamics.schema import STEP_NUMBER
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable

@@ -14,7 +14,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
 from xdynamics.methods import METHODS, Method
 from xdynamics.methods.summation import updates
-from xdynamics.record.provenance import asked_of
+from xdynamics.record.arguments import asked_of
 
 COMPOSITIONS = [one for one in METHODS.values() if one.symplectic and updates(one)]
 

@@ -14,7 +14,8 @@ from cases.problems import oscillator
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
-from xdynamics.record.provenance import _machine, asked_of, scales_of, xdynamics_version
+from xdynamics.record.arguments import asked_of, scales_of
+from xdynamics.record.circumstances import _machine, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}

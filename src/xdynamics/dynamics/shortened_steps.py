@@ -24,9 +24,10 @@ from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
+from xdynamics.record.arguments import scales_of
 from xdynamics.record.columns import state_name
 from xdynamics.record.kinds import RARE, rows_apart, said_of_log
-from xdynamics.record.provenance import interpolation, interpolation_orders, scales_of
+from xdynamics.record.provenance import interpolation, interpolation_orders
 from xdynamics.schema import AT, AT_TIME, STEPS
 from xdynamics.units import SECONDS, Range, Unit, behind, is_range, time_in
 

@@ -23,9 +23,9 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record import check_kind
+from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_whole, said_of
-from xdynamics.record.provenance import asked_of
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, behind
 from xdynamics.units.digits import digits

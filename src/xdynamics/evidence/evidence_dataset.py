@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.record.provenance import circumstances
+from xdynamics.record.circumstances import circumstances
 from xdynamics.schema import AT_TIME, CONVENTIONS, EVIDENCE, RUNS, SCHEMA_VERSION
 
 if TYPE_CHECKING:

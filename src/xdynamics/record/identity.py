@@ -14,7 +14,9 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
 from xdynamics.model.motion import variables
-from xdynamics.record.provenance import asked_of, force_digest, xdynamics_version
+from xdynamics.record.arguments import asked_of
+from xdynamics.record.circumstances import xdynamics_version
+from xdynamics.record.provenance import force_digest
 from xdynamics.units import Unit
 
 if TYPE_CHECKING:

@@ -1,43 +1,39 @@
-"""What was used, how it ended, on what it ran: the global attributes of a record, and the arguments recovered from them."""
+"""What was used, how it ended, on what it ran: the global attributes of a record."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.elementary import kept_set
 from xdynamics.kernels import Layout
-from xdynamics.keywords import FULL, KEYWORDS
+from xdynamics.keywords import FULL
 from xdynamics.march import March
 from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS, Settings
+from xdynamics.march.settings import ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.method import HERMITE, printed
 from xdynamics.methods.radau import SHARE
-from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, STEP_DOUBLING, Scheme
-from xdynamics.methods.summation import PLAIN
+from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
+from xdynamics.record.arguments import EVERYWHERE, SCALES
+from xdynamics.record.circumstances import circumstances
 from xdynamics.record.columns import left_out_tolerances
-from xdynamics.record.kinds import left_out_atols
-from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, Quantity, Scales, Unit, behind, parse_unit
+from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, behind
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
-EVERYWHERE = "everywhere"
 KEPT_ROWS = (
     "rows of the grid whose number this divides (of chosen and given steps, rows of the march), those of events and of"
     " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected"
@@ -47,7 +43,6 @@ KEPT_COLUMNS = (
     "of the columns along step and sample times, steps and flags are kept, and with them coordinates, velocities,"
     " states and errors (states), or what solver_log_variables names (chosen); events and rejected trials are whole"
 )
-_SCALES = {"length": "m", "time": "s", "mass": "kg"}
 
 
 def attributes(march: March) -> dict[str, Any]:
@@ -126,7 +121,7 @@ def _nodes_and_scales(settings: Settings) -> dict[str, Any]:
     if settings.nodes:
         recorded |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
     if settings.scales != UNSCALED:
-        for name, unit in _SCALES.items():
+        for name, unit in SCALES.items():
             recorded |= {f"solver_{name}_scale": getattr(settings.scales, name), f"solver_{name}_scale_units": unit}
     return recorded
 
@@ -165,20 +160,6 @@ def _switches(march: March) -> dict[str, str]:
     return {"solver_switches": LOCATED, "solver_switches_watched": where}
 
 
-def _switches_asked(used: dict[str, Any]) -> str:
-    """Return the treatment of switches that a record reports."""
-    choice = str(used.get("solver_switches", STEPPED_OVER))  # records from before this setting stepped over them
-    # version 0.2 did not record where it looked for them: it was everywhere
-    everywhere = used.get("solver_switches_watched", EVERYWHERE) == EVERYWHERE
-    return LOCATED_EVERYWHERE if choice == LOCATED and everywhere else choice
-
-
-def root_method_of(used: Mapping[str, Any]) -> str:
-    """Return how events of a record, or of the members of a sweep, were located; version 0.2 had one way."""
-    words = {text: name for name, text in ROOT_METHODS.items()}
-    return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
-
-
 def _time_scales(march: March) -> dict[str, Any]:
     """Compare steps with the fastest time scale and the span with the slowest, or report that this was not done."""
     scales = time_scales(march)
@@ -213,93 +194,6 @@ def _located(march: March) -> dict[str, Any]:
     if not march.layout.watched:
         return {}
     return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": "s"}
-
-
-def scales_of(run: xr.Dataset) -> Scales:
-    """Return the scales of the nondimensional variables that a run was marched in."""
-    recorded = {name: run.attrs.get(f"solver_{name}_scale") for name in _SCALES}
-    return Scales.parse(
-        {name: f"{float(value)!r} {_SCALES[name]}" for name, value in recorded.items() if value is not None} or None
-    )
-
-
-def asked_of(run: xr.Dataset) -> dict[str, Any]:
-    """Return the arguments of `simulate` that a record was made with."""
-    recorded = run.attrs
-    scales = {
-        name: f"{float(recorded[f'solver_{name}_scale'])!r} {unit}"
-        for name, unit in _SCALES.items()
-        if f"solver_{name}_scale" in recorded
-    }
-    arguments = {
-        name: keyword.read(_plain(recorded[keyword.attribute]), SECONDS)
-        for name, keyword in KEYWORDS.items()
-        if keyword.attribute in recorded
-    }
-    arguments |= {
-        "scales": scales or None,
-        "summation": recorded.get("solver_summation", PLAIN),  # version 0.1 had no other
-        "switches": _switches_asked(recorded),
-        "math_functions": kept_set(recorded.get("math_functions")),
-        "event_root_method": root_method_of(recorded),
-        "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
-        "log": _log_asked(recorded),
-        "compress": True if schema.COMPRESSION in recorded else None,
-    }
-    if "nodes" in arguments:
-        arguments["nodes"] = np.atleast_1d(arguments["nodes"]).tolist()
-    if schema.GIVEN_STEP.name in run:
-        arguments["step"] = np.asarray(run[schema.GIVEN_STEP.name])
-    elif "solver_step" in recorded:
-        arguments["step"] = float(recorded["solver_step"])
-    if "solver_rtol" in recorded:
-        arguments |= _tolerances(run)
-    if recorded["solver_step_control"] == "adaptive":
-        if recorded["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
-            arguments["step"] = float(recorded["solver_first_step"])
-        if _asked_longest(run):
-            arguments["max_step"] = float(recorded["solver_max_step"])
-    return arguments
-
-
-def _plain(value: Any) -> Any:
-    """Return an attribute as a plain value: a word, a number, a row of numbers."""
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
-    """Return the choice of log columns that a record was made with; None if it has all."""
-    if schema.LOG not in used:
-        return None
-    return str(used.get(schema.LOGGED, "")).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
-
-
-def _asked_longest(run: xr.Dataset) -> bool:
-    """Whether a longest step was asked for."""
-    if "solver_max_step_choice" in run.attrs:
-        return str(run.attrs["solver_max_step_choice"]) == "given"
-    # version 0.1 did not say
-    span = float(run.attrs["solver_until"]) - float(run["time"][0]) if "time" in run.variables else np.nan
-    return float(run.attrs["solver_max_step"]) != span
-
-
-def _tolerances(run: xr.Dataset) -> dict[str, Any]:
-    """Return the tolerances that a record was made with; those that followed their variables do so again."""
-    rtol, rescaling = float(run.attrs["solver_rtol"]), 1.0
-    if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
-        # version 0.1 judged by the given rtol: give the one that is rescaled to it
-        order = int(run.attrs["solver_order"])
-        rescaling = rtol ** (order / (order + 1)) / rtol
-    atol = {
-        str(name): Quantity(
-            rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
-        )
-        for name, variable in run.data_vars.items()
-        if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
-    }
-    for name, (size, units) in left_out_atols(run.attrs).items():
-        atol[name] = Quantity(rescaling * size, Unit("SI", parse_unit(units).dimension))
-    return {"rtol": rescaling * rtol, "atol": atol or None}
 
 
 def _steps(march: March) -> dict[str, Any]:
@@ -404,35 +298,3 @@ def _last_step(march: March) -> str:
         if partial
         else "whole"
     )
-
-
-@lru_cache
-def _machine() -> dict[str, str]:
-    """Return versions and processor: volatile, and in no digest of content."""
-    import platform
-    from importlib.metadata import version
-
-    from llvmlite import binding
-
-    features = binding.get_host_cpu_features()
-    versions = {f"{name}_version": version(name) for name in ("numpy", "numba", "llvmlite", "xarray", "xdynamics")}
-    return versions | {
-        "python_version": platform.python_version(),
-        "cpu_name": binding.get_host_cpu_name(),
-        "cpu_features": " ".join(sorted(name for name, enabled in features.items() if enabled)),
-    }
-
-
-def xdynamics_version() -> str:
-    """Return the version of this program."""
-    return _machine()["xdynamics_version"]
-
-
-def circumstances(done: str) -> dict[str, Any]:
-    """Return when and on what machine something was done; no digest of content includes it."""
-    from datetime import UTC, datetime
-
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    machine = _machine()
-    history = f"{now} {done} by xdynamics {machine['xdynamics_version']}"
-    return {"date_created": now, "history": history} | machine

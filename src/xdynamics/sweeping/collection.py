@@ -13,7 +13,7 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
 from xdynamics.march.settings import EARLIEST_FIRST, ROOT_METHODS
 from xdynamics.model import Model
-from xdynamics.record.provenance import root_method_of
+from xdynamics.record.arguments import root_method_of
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid

@@ -20,7 +20,7 @@ from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.march.uncontrolled_errors import uncontrolled
 from xdynamics.model.switches import smooth_switches
-from xdynamics.record.provenance import xdynamics_version
+from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Grid, Group

@@ -37,7 +37,7 @@ def test_nothing_is_met_in_free_flight() -> None:
 def test_both_ways_of_looking_are_reproduced(tmp_path: Path) -> None:
     """Assert that archives say where switches were looked for; those that do not, of version 0.2, mean everywhere."""
     from xdynamics.evidence.comparing.bits import reproduced
-    from xdynamics.record.provenance import asked_of
+    from xdynamics.record.arguments import asked_of
 
     for switches, said in (("located", "where the side"), ("located everywhere", "everywhere")):
         run = xd.simulate(ball(), method="rk4", step=0.01, until=2.0, switches=switches)

@@ -30,8 +30,8 @@ from xdynamics.model import Model
 from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
+from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import time_unit, words_of
-from xdynamics.record.provenance import xdynamics_version
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, STEPS, flags, velocity
 from xdynamics.units import Quantity, behind, parse_unit, time_in
 

@@ -1,0 +1,126 @@
+"""The arguments of `simulate` that a record was made with, recovered from its attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics import schema
+from xdynamics.elementary import kept_set
+from xdynamics.keywords import KEYWORDS
+from xdynamics.march.control import FIRST_STEP
+from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
+from xdynamics.methods.scheme import STEP_DOUBLING
+from xdynamics.methods.summation import PLAIN
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
+from xdynamics.record.kinds import left_out_atols
+from xdynamics.units import SECONDS, Quantity, Scales, Unit, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+EVERYWHERE = "everywhere"
+SCALES = {"length": "m", "time": "s", "mass": "kg"}  # units of the scales of nondimensional variables
+
+
+def scales_of(run: xr.Dataset) -> Scales:
+    """Return the scales of the nondimensional variables that a run was marched in."""
+    recorded = {name: run.attrs.get(f"solver_{name}_scale") for name in SCALES}
+    return Scales.parse(
+        {name: f"{float(value)!r} {SCALES[name]}" for name, value in recorded.items() if value is not None} or None
+    )
+
+
+def asked_of(run: xr.Dataset) -> dict[str, Any]:
+    """Return the arguments of `simulate` that a record was made with."""
+    recorded = run.attrs
+    scales = {
+        name: f"{float(recorded[f'solver_{name}_scale'])!r} {unit}"
+        for name, unit in SCALES.items()
+        if f"solver_{name}_scale" in recorded
+    }
+    arguments = {
+        name: keyword.read(_plain(recorded[keyword.attribute]), SECONDS)
+        for name, keyword in KEYWORDS.items()
+        if keyword.attribute in recorded
+    }
+    arguments |= {
+        "scales": scales or None,
+        "summation": recorded.get("solver_summation", PLAIN),  # version 0.1 had no other
+        "switches": _switches_asked(recorded),
+        "math_functions": kept_set(recorded.get("math_functions")),
+        "event_root_method": root_method_of(recorded),
+        "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
+        "log": _log_asked(recorded),
+        "compress": True if schema.COMPRESSION in recorded else None,
+    }
+    if "nodes" in arguments:
+        arguments["nodes"] = np.atleast_1d(arguments["nodes"]).tolist()
+    if schema.GIVEN_STEP.name in run:
+        arguments["step"] = np.asarray(run[schema.GIVEN_STEP.name])
+    elif "solver_step" in recorded:
+        arguments["step"] = float(recorded["solver_step"])
+    if "solver_rtol" in recorded:
+        arguments |= _tolerances(run)
+    if recorded["solver_step_control"] == "adaptive":
+        if recorded["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
+            arguments["step"] = float(recorded["solver_first_step"])
+        if _asked_longest(run):
+            arguments["max_step"] = float(recorded["solver_max_step"])
+    return arguments
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as a plain value: a word, a number, a row of numbers."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _switches_asked(used: dict[str, Any]) -> str:
+    """Return the treatment of switches that a record reports."""
+    choice = str(used.get("solver_switches", STEPPED_OVER))  # records from before this setting stepped over them
+    # version 0.2 did not record where it looked for them: it was everywhere
+    everywhere = used.get("solver_switches_watched", EVERYWHERE) == EVERYWHERE
+    return LOCATED_EVERYWHERE if choice == LOCATED and everywhere else choice
+
+
+def root_method_of(used: Mapping[str, Any]) -> str:
+    """Return how events of a record, or of the members of a sweep, were located; version 0.2 had one way."""
+    words = {text: name for name, text in ROOT_METHODS.items()}
+    return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
+
+
+def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
+    """Return the choice of log columns that a record was made with; None if it has all."""
+    if schema.LOG not in used:
+        return None
+    return str(used.get(schema.LOGGED, "")).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
+
+
+def _asked_longest(run: xr.Dataset) -> bool:
+    """Whether a longest step was asked for."""
+    if "solver_max_step_choice" in run.attrs:
+        return str(run.attrs["solver_max_step_choice"]) == "given"
+    # version 0.1 did not say
+    span = float(run.attrs["solver_until"]) - float(run["time"][0]) if "time" in run.variables else np.nan
+    return float(run.attrs["solver_max_step"]) != span
+
+
+def _tolerances(run: xr.Dataset) -> dict[str, Any]:
+    """Return the tolerances that a record was made with; those that followed their variables do so again."""
+    rtol, rescaling = float(run.attrs["solver_rtol"]), 1.0
+    if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
+        # version 0.1 judged by the given rtol: give the one that is rescaled to it
+        order = int(run.attrs["solver_order"])
+        rescaling = rtol ** (order / (order + 1)) / rtol
+    atol = {
+        str(name): Quantity(
+            rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
+        )
+        for name, variable in run.data_vars.items()
+        if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
+    }
+    for name, (size, units) in left_out_atols(run.attrs).items():
+        atol[name] = Quantity(rescaling * size, Unit("SI", parse_unit(units).dimension))
+    return {"rtol": rescaling * rtol, "atol": atol or None}
