@@ -221,7 +221,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
 
 def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
     """Split off the rows of the whole march that a record without all rows keeps after its memory."""
-    kept, count, used = memory, len(range(0, rows, march.stride(rows))), len(march.layout.used)
+    kept, count, used = memory, len(range(0, rows, march.stride(rows))), march.layout.used.size
     march.errors = np.full((len(march.estimated), count), np.nan)
     if memory.endswith(f" {ERRORS}") and numbers.size >= march.errors.size:
         border = numbers.size - march.errors.size

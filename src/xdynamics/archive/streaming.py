@@ -114,7 +114,7 @@ def _rows(march: March) -> int:
     """Return the rows of a block: a short run fits into one, so that its chunks are no larger than it is."""
     expected = march.expected_rows or BLOCK_ROWS
     return min(
-        BLOCK_ROWS, BLOCK_NUMBERS // len(march.layout.row), expected + ROWS_AT_EVENTS * bool(march.layout.watched)
+        BLOCK_ROWS, BLOCK_NUMBERS // march.layout.row.size, expected + ROWS_AT_EVENTS * bool(march.layout.watched)
     )
 
 

@@ -252,7 +252,7 @@ class Path:
         pairs = [] if by_differences else [(row[name], column[by]) for name, by in jacobian(model)]
         entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
         weights = self.sizes[entries[1]] / self.sizes[entries[0]]
-        width = len(layout.record)
+        width = layout.record.size
         arrays = {
             "at": np.zeros(len(AT)),
             "y": np.zeros(width),
@@ -285,7 +285,7 @@ class Path:
             nc,
             NUDGE if by_differences else 0.0,
         )
-        assert n == len(layout.used)  # noqa: S101 - forces use exactly the variables
+        assert n == layout.used.size  # noqa: S101 - forces use exactly the variables
         return law, [arrays, table, code]
 
 

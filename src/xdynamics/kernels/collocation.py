@@ -159,7 +159,7 @@ class Collocation:
 
     def _linearise(self) -> Program:
         """Evaluate the derivatives at the state in lanes that lack them: `radau.freshen`."""
-        f, record, entries = self._memory.formulas("_"), len(self._layout.record), len(self._layout.couplings)
+        f, record, entries = self._memory.formulas("_"), self._layout.record.size, len(self._layout.couplings)
         self._body = [
             Each(record, (Load("_state", Place("y")), Store(Place("state"), "_state"))),
             Call("linearised", "at", "state", "state", "found"),
@@ -196,7 +196,7 @@ class Collocation:
             chosen = [[f.of("where(open > 0, a, b)", a=vectors[k][i], b=old[k][i]) for i in range(u)] for k in range(3)]
             self._memory.put(f, name, chosen)
         self._judge(f)
-        local = {f"stage{k}": len(self._layout.record) for k in range(3)} | {f"at_stage{k}": len(AT) for k in range(3)}
+        local = {f"stage{k}": self._layout.record.size for k in range(3)} | {f"at_stage{k}": len(AT) for k in range(3)}
         return self._finished(CORRECT, "One simplified Newton iteration.", f, **local)
 
     def _correction(
@@ -258,7 +258,7 @@ class Collocation:
         f, u = self._memory.formulas("_"), self._used
         values = [f.of("y + e", y=f.load(Place("y", i)), e=f.load(Place("e", i))) for i in range(u)]
         self._estimate(f, self._evaluate(f, "beside", f.of("t"), values), "again")
-        about, record = "The error by the slopes that the first estimate leads to.", len(self._layout.record)
+        about, record = "The error by the slopes that the first estimate leads to.", self._layout.record.size
         return self._finished(ESTIMATE, about, f, beside=record, at_beside=len(AT))
 
 

@@ -186,15 +186,16 @@ class _Printer:
 
     def _variables(self) -> Mapping[str, tuple[int, ...]]:
         """Return for each moving name what its row computes, and by which places of the state."""
-        layout, found = self._layout, {"t": (TIME,), REGIME_NUMBER: (PHASE,)}
-        n, used = len(layout.coordinates), len(layout.used)
-        for i, name in enumerate(layout.coordinates):
-            for k, variable in enumerate((name, velocity(name), acceleration(name))):
-                found[variable] = (VARIABLE + k, i, n + i, used + i)  # type: ignore[assignment]
-        for i, name in enumerate(layout.states):
-            for k, variable in enumerate((name, rate(name)), 3):
-                found[variable] = (VARIABLE + k, 2 * n + i, used + n + i)  # type: ignore[assignment]
-        return found | dict.fromkeys(python_values(layout.model), (UNKNOWN,))
+        record, found = self._layout.record, dict[str, tuple[int, ...]](t=(TIME,)) | {REGIME_NUMBER: (PHASE,)}
+        for first, owners, derivatives in (
+            (VARIABLE, self._layout.coordinates, (velocity, acceleration)),
+            (VARIABLE + 3, self._layout.states, (rate,)),
+        ):
+            for owner in owners:
+                names = owner, *(derivative(owner) for derivative in derivatives)
+                places = tuple(map(record.place, names))
+                found |= {name: (first + k, *places) for k, name in enumerate(names)}
+        return found | dict.fromkeys(python_values(self._layout.model), (UNKNOWN,))
 
     def _found(self, lines: Assignments, name: str) -> Operand:
         """Return the operand of a name in an expression."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from xdynamics import schema
 from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
+from xdynamics.kernels.blocks import Blocks
 from xdynamics.methods.scheme import DIFFERENCES, Scheme
 from xdynamics.model import Model, motion
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
@@ -45,48 +46,48 @@ class Layout:
         return self.scheme is not None and self.scheme.method.implicit
 
     @cached_property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Blocks:
         """Names of the coordinates."""
-        return tuple(self.model.coordinates)
+        return Blocks.of("coordinate", self.model.coordinates)
 
     @cached_property
-    def velocities(self) -> tuple[str, ...]:
+    def velocities(self) -> Blocks:
         """Names of the velocities."""
-        return tuple(schema.velocity(name) for name in self.coordinates)
+        return Blocks.of("velocity", map(schema.velocity, self.coordinates))
 
     @cached_property
-    def states(self) -> tuple[str, ...]:
+    def states(self) -> Blocks:
         """Names of the first-order states."""
-        return tuple(self.model.states)
+        return Blocks.of("state", self.model.states)
 
     @cached_property
-    def accelerations(self) -> tuple[str, ...]:
+    def accelerations(self) -> Blocks:
         """Names of the accelerations."""
-        return tuple(schema.acceleration(name) for name in self.coordinates)
+        return Blocks.of("acceleration", map(schema.acceleration, self.coordinates))
 
     @cached_property
-    def rates(self) -> tuple[str, ...]:
+    def rates(self) -> Blocks:
         """Names of the first-order states' rates."""
-        return tuple(schema.rate(name) for name in self.states)
+        return Blocks.of("rate", map(schema.rate, self.states))
 
     @cached_property
-    def forces(self) -> tuple[str, ...]:
+    def forces(self) -> Blocks:
         """Names of the force components, term by term."""
         terms = self.model.force_components
-        return tuple(schema.force(term, name) for term, parts in terms.items() for name in parts)
+        return Blocks.of("force", (schema.force(term, name) for term, parts in terms.items() for name in parts))
 
     @cached_property
-    def reactions(self) -> tuple[str, ...]:
+    def reactions(self) -> Blocks:
         """Names of the forces of contacts and friction elements."""
-        return tuple(reaction.name for reaction in reactions(self.model))
+        return Blocks.of("reaction", (reaction.name for reaction in reactions(self.model)))
 
     @cached_property
-    def drives(self) -> tuple[str, ...]:
+    def drives(self) -> Blocks:
         """Names of the drives."""
-        return tuple(self.model.drives)
+        return Blocks.of("drive", self.model.drives)
 
     @cached_property
-    def used(self) -> tuple[str, ...]:
+    def used(self) -> Blocks:
         """What a force evaluation uses besides time."""
         return self.coordinates + self.velocities + self.states
 
@@ -99,22 +100,23 @@ class Layout:
         return tuple(numbers[kind] for kind in kinds)
 
     @cached_property
-    def state(self) -> tuple[str, ...]:
+    def state(self) -> Blocks:
         """What a row of the log keeps of a state, and the next step starts from."""
         return self.used + self.accelerations + self.rates + self.forces + self.reactions
 
     @cached_property
-    def evaluation(self) -> tuple[str, ...]:
+    def evaluation(self) -> Blocks:
         """What a force evaluation gives."""
         return self.accelerations + self.rates + self.forces + self.reactions + self.drives
 
     @cached_property
-    def carried(self) -> tuple[str, ...]:
+    def carried(self) -> Blocks:
         """Names of rounding errors of coordinates, velocities and states, where they are carried along."""
-        return tuple(f"_carried_{name}" for name in self.used) if self.scheme and self.scheme.compensated else ()
+        carried = self.used if self.scheme and self.scheme.compensated else ()
+        return Blocks.of("carried", (f"_carried_{name}" for name in carried))
 
     @cached_property
-    def record(self) -> tuple[str, ...]:
+    def record(self) -> Blocks:
         """Everything in a state of the march: what a force evaluation used, what it gave, and what is carried along."""
         return self.used + self.evaluation + self.carried
 
@@ -149,7 +151,7 @@ class Layout:
 
         For the points of a table the side is a piece, which takes three flags.
         """
-        return 2 + len(self.reactions) + sum(3 if switch.drive else 1 for switch in self.switches)
+        return 2 + self.reactions.size + sum(3 if switch.drive else 1 for switch in self.switches)
 
     @property
     def smooth(self) -> tuple[Switch, ...]:
@@ -172,19 +174,20 @@ class Layout:
         return {name: self.model.rate_of(node) for name, node in without_accelerations.items()} if self.watched else {}
 
     @cached_property
-    def row(self) -> tuple[str, ...]:
+    def row(self) -> Blocks:
         """The float columns of a logged row."""
-        return ("time", "step_size", *self.state, *self.derived, *self.errors, *self.effort)
+        derived = Blocks.of("derived", self.derived)
+        return Blocks.of("step", ("time", "step_size")) + self.state + derived + self.errors + self.effort
 
     @property
-    def errors(self) -> tuple[str, ...]:
+    def errors(self) -> Blocks:
         """The norm of the local error and the error of everything a force evaluation uses, where it is estimated."""
-        return ("error_norm", *(schema.error(name) for name in self.used)) if self.estimates else ()
+        return Blocks.of("error", ("error_norm", *map(schema.error, self.used)) if self.estimates else ())
 
     @property
-    def effort(self) -> tuple[str, ...]:
+    def effort(self) -> Blocks:
         """Newton iterations, where a step solves equations."""
-        return ("newton_iterations",) if self.implicit else ()
+        return Blocks.of("effort", ("newton_iterations",) if self.implicit else ())
 
     def argument(self, letter: str, owner: str) -> str:
         """Name the component of q, v or x that belongs to a coordinate or state."""
@@ -202,21 +205,22 @@ class Layout:
         Exact ones are the entries of `jacobian`; by differences it is all of them, column by column.
         """
         if self.scheme is not None and self.scheme.jacobian == DIFFERENCES:
-            height = len(self.used) - len(self.coordinates)
-            return tuple((row, column) for column in range(len(self.used)) for row in range(height))
+            height = self.used.size - self.coordinates.size
+            return tuple((row, column) for column in range(self.used.size) for row in range(height))
         rows = {name: i for i, name in enumerate((*self.coordinates, *self.rates))}
         columns = {name: i for i, name in enumerate(self.used)}
         return tuple((rows[name], columns[by]) for name, by in self.jacobian)
 
     @cached_property
-    def sample(self) -> tuple[str, ...]:
+    def sample(self) -> Blocks:
         """The float columns of a logged force sample."""
-        return ("time", "step", "stage", *self.used, *self.forces, *self.reactions, *self.drives)
+        evaluated = self.used + self.forces + self.reactions + self.drives
+        return Blocks.of("step", ("time", "step", "stage")) + evaluated
 
     @property
     def sample_width(self) -> int:
         """Numbers that a step keeps of one evaluation: those of `sample` but for step and stage."""
-        return len(self.sample) - 2
+        return self.sample.size - 2
 
     @property
     def energy_dimension(self) -> Dimension | None:

@@ -22,9 +22,8 @@ PYTHON = "python_"  # prefix of the names of functions passed in
 def forces(layout: Layout) -> Program:
     """Write M a = F: the results of a force evaluation follow the state that it used."""
     lines = _moved(layout, motion(layout.model))
-    first = len(layout.used)
-    for i, name in enumerate(layout.evaluation):
-        lines.store(Place("z", first + i), lines.named(name))
+    for name in layout.evaluation:
+        lines.store(Place("z", layout.record.place(name)), lines.named(name))
     return Program("forces", "Accelerations, rates, force components and drives of a state.", tuple(lines.lines))
 
 
@@ -32,9 +31,8 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
     """Write the forces with their exact derivatives, which go to `e`, or to another array from `first` on."""
     model = layout.model
     lines = _moved(layout, (*motion(model), *slopes(model)))
-    used = len(layout.used)
-    for i, name in enumerate(layout.evaluation):
-        lines.store(Place("z", used + i), lines.named(name))
+    for name in layout.evaluation:
+        lines.store(Place("z", layout.record.place(name)), lines.named(name))
     for i, name in enumerate(jacobian(model).values()):
         lines.store(Place(array, first + i), lines.named(name))
     return Program("linearised", "What `forces` gives, and its derivatives by the state.", tuple(lines.lines))
@@ -105,8 +103,8 @@ def row(layout: Layout, memory: int) -> Program:
     step = lines.load(Place("at", AT.index("h")))
     lines.store(Place("z", 0), lines.named("t"))
     lines.store(Place("z", 1), step)
-    copied = Each(len(layout.state), (Load("_kept", Place("y")), Store(Place("z", first), "_kept")))
-    first += len(layout.state)
+    copied = Each(layout.state.size, (Load("_kept", Place("y")), Store(Place("z", first), "_kept")))
+    first += layout.state.size
     for i, tree in enumerate(layout.derived.values()):
         lines.store(Place("z", first + i), lines.value(tree))
     sound = (first, len(layout.derived))
@@ -120,8 +118,8 @@ def row(layout: Layout, memory: int) -> Program:
             Compute("_made", "choose", (reached, "_error", 0.0)),
             Store(Place("z", first + 1), "_made"),
         )
-        body.append(Each(len(layout.used), error))
-        first += len(layout.errors)
+        body.append(Each(layout.used.size, error))
+        first += layout.errors.size
     if layout.effort:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
     if layout.smooth:

@@ -57,8 +57,8 @@ def energy_dimension(model: Model) -> Dimension:
 
 def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
     """Return the first events of a block of a log, in SI units."""
-    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), len(layout.coordinates)
-    first = [layout.row.index(velocity(name)) for name in layout.coordinates]
+    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), layout.coordinates.size
+    first = [layout.row.place(velocity(name)) for name in layout.coordinates]
     rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
     speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
     work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0

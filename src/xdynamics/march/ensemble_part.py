@@ -36,7 +36,7 @@ class Part:
     @classmethod
     def of(cls, runs: int, law: Law, parameters: Floats) -> Part:
         """Return room for a number of runs."""
-        used, row, smooth = len(law.layout.used), len(law.layout.row), len(law.layout.smooth)
+        used, row, smooth = law.layout.used.size, law.layout.row.size, len(law.layout.smooth)
         lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
         return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
 
@@ -47,14 +47,14 @@ def inputs_of(
     """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
     n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
     plans = np.repeat(run.plan, n)
-    starts = np.tile(run.y[: len(layout.used)], (n, 1))
+    starts = np.tile(run.y[: layout.used.size], (n, 1))
     parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
     places = {name: i for i, name in enumerate(constants(model))}
     for (kind, name), values in arrays.items():
         if kind == "parameter":
             parameters[:, places[name]] = values / scales.of(model.dimensions[name])
         elif kind == "initial value":
-            starts[:, layout.used.index(name)] = values / scales.of(model.dimensions[name])
+            starts[:, layout.used.place(name)] = values / scales.of(model.dimensions[name])
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
         elif settings.tolerances is not None:

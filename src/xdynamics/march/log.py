@@ -219,9 +219,9 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) ->
     event_rows = (min(rows, 4_000) if events else 0) + events
     return Log(
         np.zeros(1, BASE),
-        _pages((len(layout.row), rows), np.float64),
+        _pages((layout.row.size, rows), np.float64),
         _pages((layout.flags, rows), np.int8),
-        _pages((len(layout.sample), samples), np.float64),
+        _pages((layout.sample.size, samples), np.float64),
         np.empty(trials, TRIAL_ROW),
         np.empty(event_rows, EVENT_ROW),
         np.empty((len(layout.followed), event_rows)),
@@ -238,13 +238,13 @@ def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[n
 
 def _acting(layout: Layout) -> int:
     """Return the number of columns for an event's effect: impulses and energy of contacts, offsets of positions."""
-    n = len(layout.coordinates)
+    n = layout.coordinates.size
     return 2 * n + 1 if layout.reactions else n if layout.resets else 0
 
 
 def most_recycled(layout: Layout) -> int:
     """Return the most rows of a log whose memory the next one reuses; larger logs go back to the system."""
-    return max(1 << 9, _HUGE // (8 * len(layout.row)) - 8)
+    return max(1 << 9, _HUGE // (8 * layout.row.size) - 8)
 
 
 def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:

@@ -87,7 +87,7 @@ class March:
         self.misplaced = np.zeros(
             len(self.layout.watched), bool
         )  # detectors with an event outside its position tolerance
-        self.witnesses: NDArray[np.float64] = np.empty((3 + len(self.layout.used), 0))  # row number, time, step, state
+        self.witnesses: NDArray[np.float64] = np.empty((3 + self.layout.used.size, 0))  # row number, time, step, state
         self.errors: NDArray[np.float64] = np.empty((len(self.estimated), 0))  # of the steps that led to them
 
     @cached_property
@@ -114,7 +114,7 @@ class March:
         tolerances, used = self.settings.tolerances, self.layout.used
         if not self.settings.adaptive or tolerances is None or not any(tolerances.of(name) for name in used):
             return []
-        return [self.layout.row.index(error(name)) for name in used]
+        return [self.layout.row.place(error(name)) for name in used]
 
     @property
     def expected_rows(self) -> int | None:
@@ -245,7 +245,7 @@ class March:
 
     def _remember(self, block: Block) -> None:
         """Keep some rows of the whole run, independent of its blocks: those whose number a power of two divides."""
-        rows, n = _counts(self.run)[0], 2 + len(self.layout.used)
+        rows, n = _counts(self.run)[0], 2 + self.layout.used.size
         first = rows - block.rows
         stride = self.stride(rows)
         new = range(-(-first // stride) * stride, rows, stride)
@@ -288,7 +288,7 @@ class March:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
         # in most runs no event gains energy
-        if self.layout.reactions and log.impulses[len(self.layout.coordinates), :count].min() < 0.0:
+        if self.layout.reactions and log.impulses[self.layout.coordinates.size, :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 

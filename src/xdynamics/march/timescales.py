@@ -62,7 +62,7 @@ class TimeScales:
 
 def time_scales(march: March) -> TimeScales | None:
     """Return the time scales of the motion; None where forces cannot be evaluated at the start."""
-    witnesses, run, n = march.witnesses, march.run, len(march.layout.used)
+    witnesses, run, n = march.witnesses, march.run, march.layout.used.size
     if not witnesses.shape[1]:
         return None
     plan = run.plan.tolist()[0]
@@ -87,7 +87,7 @@ def jacobian_at(march: March, row: int) -> Floats:
 
     The matrix has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, for the first regime.
     """
-    n = len(march.layout.used)
+    n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
     with put_aside(march):
         engine().fastest_rates(march.run, states_of(march.witnesses, [row]), derivatives)

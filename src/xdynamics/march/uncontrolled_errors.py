@@ -65,7 +65,7 @@ def uncontrolled(
 def effect_of(march: March) -> Effect:
     """Follow errors of given absolute tolerances along a finished run, from its start and its middle."""
     tolerances, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
-    none_loose = np.zeros(len(layout.used), bool)
+    none_loose = np.zeros(layout.used.size, bool)
     if not march.settings.adaptive or tolerances is None or not march.witnesses.shape[1]:
         return Effect("", none_loose)
     factors = np.array([scales.of(march.model.dimensions[name]) for name in layout.used])
@@ -112,7 +112,7 @@ def _estimated(march: March) -> Floats:
     """
     errors = np.abs(march.errors)
     if not errors.shape[1] or np.isnan(errors).any():  # kept by a version that did not have them
-        return np.full(len(march.layout.used), np.nan)
+        return np.full(march.layout.used.size, np.nan)
     largest: Floats = errors.max(axis=1)
     return largest
 
@@ -131,7 +131,7 @@ def _sizes(march: March, atols: Floats) -> Floats:
     Natural is the largest of its kind, for a velocity also that of its coordinates in the fastest time scale. What begins
     as rounding, and grows no more than errors of its tolerance may have made it, counts as rounding throughout.
     """
-    run, used, n, rates = march.run, len(march.layout.used), len(march.layout.coordinates), np.zeros((1, 1))
+    run, used, n, rates = march.run, march.layout.used.size, march.layout.coordinates.size, np.zeros((1, 1))
     engine().fastest_rates(run, states_of(march.witnesses, [0]), rates)
     rate = float(rates[0, 0]) if 0.0 < rates[0, 0] < np.inf else 0.0
     largest, born = run.largest.copy(), np.abs(run.y[:used])
@@ -159,7 +159,7 @@ def _obstacle(march: March, steps: int) -> str:
 
 def _steps(march: March) -> int:
     """Return the number of steps for which an error is followed from each row."""
-    floor = FEWEST if len(march.layout.used) <= SMALL else 0
+    floor = FEWEST if march.layout.used.size <= SMALL else 0
     return min(MOST_FOLLOWED, max(floor, int(march.now.evaluations) // SHARE) // (2 * EVALUATIONS))
 
 

@@ -123,7 +123,7 @@ def _impulse(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
 def _offset(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
     """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
     layout, factor = about.layout, about.units.factor(unit)
-    row = i - len(layout.coordinates)
+    row = i - layout.coordinates.size
     return (
         (lambda block: times(block.log.impulses[row, : block.events], factor))
         if layout.reactions or layout.resets

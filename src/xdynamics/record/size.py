@@ -18,7 +18,7 @@ ROOM = 0.8  # of the free memory, which one log may take
 
 def bytes_of_row(layout: Layout, samples: int) -> int:
     """Return how many bytes a row of the log has, with its force samples."""
-    return 8 * len(layout.row) + layout.flags + samples * 8 * len(layout.sample)
+    return 8 * layout.row.size + layout.flags + samples * 8 * layout.sample.size
 
 
 def bytes_of(march: March, rows: float) -> float:

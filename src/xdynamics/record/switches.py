@@ -25,7 +25,7 @@ Array = NDArray[Any]
 
 def side_columns(about: About) -> list[Column]:
     """Return the side of each located switch for every row; for the points of a table, the piece between them."""
-    collected, places, place = [], {}, 2 + len(about.layout.reactions)
+    collected, places, place = [], {}, 2 + about.layout.reactions.size
     switches = watched_by(about.model)
     for switch in switches:
         places[switch.owner, switch.function] = place
