@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.evidence.stages import REMEMBERED
 from xdynamics.march import March
 
-KNOWN_LATER = {"runs"}  # attributes of the digests of runs, which variables hold too
+KNOWN_LATER = {"runs", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}
 CIRCUMSTANCES = {"date_created", "history"}
 
 

@@ -176,6 +176,18 @@ def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
     }
 
 
+def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any]:
+    """Return as variables what is known of a budget only once it is computed, and is an attribute then too."""
+    words = {
+        "result": ("1", "the number as it is written, with its expanded uncertainty", "result"),
+        "linear_apart": (units, "how far the ends of the linear interval are from those of the draws", ROLE),
+        "draws_needed": ("1", "draws that would tell whether the linear budget is adequate; nan if it is told", ROLE),
+        "extreme_time": (second, "when the extreme was", "time"),
+        "extreme_rule": ("1", "how the extreme was found", "rule"),
+    }
+    return {name: ((), np.array(value), about(*words[name])) for name, value in known.items()}
+
+
 def _level_units(found: Marched) -> str:
     """Return the unit of what is varied; for steps that of the run's, which may be pure numbers like its time."""
     return str(found.run["step_size"].attrs["units"]) if found.levels.varied is STEPS else found.levels.varied.units

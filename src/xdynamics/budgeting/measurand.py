@@ -140,7 +140,7 @@ class Target:
         return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
 
     def in_many(self, model: Model, axes: dict[str, Any], settings: dict[str, Any]) -> xr.Dataset:
-        """Return a sweep that keeps the number of every member."""
+        """Return a sweep that keeps the number of every member; settings may say how many of these a task marches."""
         if self.at is not None:
             return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
         if self.extreme is not None:
@@ -150,6 +150,10 @@ class Target:
 
     def values(self, found: xr.Dataset) -> Floats:
         """Return the numbers of a sweep's members; nan for those that end before."""
+        return np.asarray(self.variable(found).values, float)
+
+    def variable(self, found: xr.Dataset) -> xr.DataArray:
+        """Return the variable of a sweep that holds the number of every member."""
         name = (
             self.quantity
             if not self.event
@@ -158,8 +162,8 @@ class Target:
             else f"{self.side}_{self.event}_{self.quantity}"
         )
         array = found[name]
-        values: Floats = (array.isel({OCCURRENCE: 0}) if OCCURRENCE in array.dims else array).values.astype(float)
-        return values[..., 0] if self.at is not None else values
+        array = array.isel({OCCURRENCE: 0}) if OCCURRENCE in array.dims else array
+        return array[..., 0] if self.at is not None else array
 
     def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
         """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""

@@ -49,6 +49,9 @@ class Drawn:
     ends_reach: float
 
 
+NOTHING_DRAWN = Drawn(nan, nan, (nan, nan), (nan, nan), nan, nan, nan)  # before anything is
+
+
 def drawn(values: Floats, coverage: float) -> Drawn:
     """Return the statistics of draws (JCGM 101:2008, 7.6 and 7.7).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
+from xdynamics.evidence.stages import Task, march_task
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import LEAST_RTOL
@@ -31,6 +32,7 @@ Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION = "truncation", "roundoff", "interpolation", "event_location"
+NAMES = TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION
 LEVELS = 4  # the run's own and three finer ones
 STEP_RATIO, RTOL_RATIO = 2.0, 10.0  # from one level to the next
 LEAST_RATIO = 2.0  # of tolerances; closer levels tell nothing
@@ -56,6 +58,8 @@ class Marched:
         Judgement of the levels together.
     digests : tuple of str
         Content digests of the runs.
+    located : float
+        How far the number may be off by the location of an event.
     """
 
     run: xr.Dataset
@@ -65,6 +69,52 @@ class Marched:
     values: Floats
     told: Judged
     digests: tuple[str, ...]
+    located: float = 0.0
+
+    @classmethod
+    def of(cls, levels: Levels, model: Model, target: Target, *runs: xr.Dataset) -> Marched:
+        """Compare the number in all levels: its terms are truncation and interpolation.
+
+        Raises
+        ------
+        InputError
+            If a run does not have the number.
+        """
+        estimates = [target.in_run(run, model) for run in runs]
+        value, inside, located = estimates[0]
+        values = np.array([estimate[0] for estimate in estimates])
+        uncertainty = max(estimate[1] + estimate[2] for estimate in estimates)
+        noise = 4.0 * EPS * float(np.abs(values).max())
+        judgement = judge(
+            values,
+            levels.values,
+            levels.formal,
+            noise,
+            0.0,
+            uncertainty,
+            smooth=levels.varied.keyword == "steps",
+            accepted=int(runs[-1].attrs["run_accepted_steps"]),
+            order=levels.order,
+        )
+        rule = _inner_rule(target.found_in(runs[0], model))
+        terms = (
+            _truncation(levels, values, noise, judgement),
+            Term.bounded(INTERPOLATION, NUMERICAL, inside, rule),
+        )
+        digests = tuple(digest_of_run(run) for run in runs)
+        return cls(runs[0], value, terms, levels, values, judgement, digests, located)
+
+    @classmethod
+    def blank(cls, levels: Levels, run: xr.Dataset) -> Marched:
+        """Return what is known of the levels before they are marched; `run` has no rows."""
+        terms = tuple(Term(name, NUMERICAL, np.nan, np.nan, "") for name in NAMES)
+        judgement = Judged(0, np.nan, np.nan, "")
+        return cls(run, np.nan, terms, levels, np.full(LEVELS, np.nan), judgement, ("",) * LEVELS)
+
+    def with_terms(self, roundoff: Term, location: Term) -> Marched:
+        """Add the terms of rounding and of the location of events."""
+        truncation, interpolation = self.terms
+        return replace(self, terms=(truncation, roundoff, interpolation, location))
 
 
 def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Marched:
@@ -75,31 +125,10 @@ def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> M
     InputError
         If the run does not have the number, or no finer run can be marched.
     """
-    levels = _levels(model, asked)
-    runs = [own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS))]
-    estimates = [target.in_run(run, model) for run in runs]
-    value, inside, located = estimates[0]
-    values = np.array([estimate[0] for estimate in estimates])
-    uncertainty = max(estimate[1] + estimate[2] for estimate in estimates)
-    noise = 4.0 * EPS * float(np.abs(values).max())
-    judgement = judge(
-        values,
-        levels.values,
-        levels.formal,
-        noise,
-        0.0,
-        uncertainty,
-        smooth=levels.varied.keyword == "steps",
-        accepted=int(runs[-1].attrs["run_accepted_steps"]),
-        order=levels.order,
-    )
-    terms = (
-        _truncation(levels, values, noise, judgement),
-        _roundoff(runs[0], model, target, asked, value, seed),
-        Term.bounded(INTERPOLATION, NUMERICAL, inside, _inner_rule(target.found_in(runs[0], model))),
-        _location(model, target, asked, value, located, runs[0]),
-    )
-    return Marched(runs[0], value, terms, levels, values, judgement, tuple(digest_of_run(run) for run in runs))
+    levels = levels_of(model, asked)
+    compared = Marched.of(levels, model, target, own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS)))
+    roundoff = rounding_term(model, target, asked, seed, compared)
+    return compared.with_terms(roundoff, location_term(model, target, asked, compared))
 
 
 def _inner_rule(top: Extreme | None) -> str:
@@ -121,7 +150,13 @@ def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:
     return march(model, **{"force_samples": "none"} | asked)
 
 
-def _levels(model: Model, asked: dict[str, Any]) -> Levels:
+def level_tasks(model: Model, asked: dict[str, Any], levels: Levels) -> tuple[Task, ...]:
+    """Return the tasks that march the run's own level and the finer ones."""
+    own = march_task(model, **{"force_samples": "none"} | asked)
+    return (own, *(levels.task(k) for k in range(1, LEVELS)))
+
+
+def levels_of(model: Model, asked: dict[str, Any]) -> Levels:
     """Return levels: the run's own step or tolerance, and finer ones."""
     settings = settings_for(model, **asked)
     others = {name: value for name, value in asked.items() if name not in ("step", "rtol")}
@@ -191,12 +226,13 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
     return min(CAUTION, SAFETY * float(power(steps[0] / steps[1], max(spread - CLOSE, 0.0))))
 
 
-def _roundoff(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any], value: float, seed: int) -> Term:
+def rounding_term(model: Model, target: Target, asked: dict[str, Any], seed: int, compared: Marched) -> Term:
     """Return the term of rounding, from copies in which every operation is rounded differently, and by marching back.
 
     Copies are marched in random units, with parameters and starts moved by one spacing of numbers, as reading them may
     have done; so differences within an observable are rounded differently too. Only reversible runs are marched back.
     """
+    run, value = compared.run, compared.value
     rng, deviations = np.random.default_rng(seed), []
     settings = asked | absolute_tolerances(model, asked)
     in_units = not model.python_functions
@@ -234,17 +270,15 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         return model
 
 
-def _location(
-    model: Model, target: Target, asked: dict[str, Any], value: float, located: float, run: xr.Dataset
-) -> Term:
+def location_term(model: Model, target: Target, asked: dict[str, Any], compared: Marched) -> Term:
     """Return the term of locating events: the one that the number is taken at, and those before it."""
-    if not run.sizes.get("event", 0):
+    if not compared.run.sizes.get("event", 0):
         return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
     settings = settings_for(model, **asked)
     finer = _tighter(model, asked | {"time_tolerance": settings.time_tolerance / TIGHTER})
-    moved = abs(value - target.in_run(finer, model)[0]) if finer is not None else 0.0
+    moved = abs(compared.value - target.in_run(finer, model)[0]) if finer is not None else 0.0
     rule = f"its own uncertainty, and events located {TIGHTER:g} times as well"
-    return Term.bounded(LOCATION, NUMERICAL, located + moved, rule)
+    return Term.bounded(LOCATION, NUMERICAL, compared.located + moved, rule)
 
 
 def _tighter(model: Model, asked: dict[str, Any]) -> xr.Dataset | None:

@@ -67,13 +67,22 @@ class Slope:
     rule: str
 
 
-def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> list[Term]:
+def inputs(
+    model: Model,
+    target: Target,
+    asked: dict[str, Any],
+    run: xr.Dataset,
+    rounding: float,
+    numbers: Floats | None = None,
+) -> list[Term]:
     """Return a term for every uncertain parameter and initial value of the model.
 
     Parameters
     ----------
     rounding : float
         Rounding error of the number; inputs that change it by no more have slope zero.
+    numbers : ndarray, optional
+        The number in every member of `copies`, which are marched if it is not given.
 
     Raises
     ------
@@ -83,34 +92,42 @@ def inputs(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset,
     uncertain = model.uncertain
     if not uncertain:
         return []
-    slopes = _slopes(model, target, asked, run, rounding)
-    terms = []
-    for name, parameter in uncertain.items():
-        factor, slope = float(parameter.quantity.unit.factor), slopes[name]
-        assert parameter.spread is not None  # noqa: S101
-        size = parameter.spread.size.si / factor if parameter.spread.bounded else COVERED * parameter.uncertainty
-        terms.append(
-            Term(
-                name,
-                PHYSICAL,
-                abs(slope.value) * parameter.uncertainty,
-                (abs(slope.value) + slope.off) * size,
-                slope.rule,
-                slope.value / factor,
-                parameter.uncertainty * factor,
-                coherent(parameter.quantity.unit),
-                slope.off / factor,
-            )
-        )
-    return terms
+    slopes = _slopes(model, target, asked, run, rounding, numbers)
+    return [_term(name, parameter, slopes[name]) for name, parameter in uncertain.items()]
 
 
-def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float) -> dict[str, Slope]:
+def blank(model: Model) -> list[Term]:
+    """Return the terms of every uncertain parameter and initial value, before anything is marched."""
+    unknown = Slope(np.nan, np.nan, "")
+    return [_term(name, parameter, unknown) for name, parameter in model.uncertain.items()]
+
+
+def _term(name: str, parameter: Parameter, slope: Slope) -> Term:
+    """Return the term of an input by its slope."""
+    factor = float(parameter.quantity.unit.factor)
+    assert parameter.spread is not None  # noqa: S101
+    size = parameter.spread.size.si / factor if parameter.spread.bounded else COVERED * parameter.uncertainty
+    return Term(
+        name,
+        PHYSICAL,
+        abs(slope.value) * parameter.uncertainty,
+        (abs(slope.value) + slope.off) * size,
+        slope.rule,
+        slope.value / factor,
+        parameter.uncertainty * factor,
+        coherent(parameter.quantity.unit),
+        slope.off / factor,
+    )
+
+
+def _slopes(
+    model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float, numbers: Floats | None
+) -> dict[str, Slope]:
     """Return the slope by every input: from variational equations where differences over its uncertainty agree.
 
     Where they disagree, the response is not linear over the uncertainty, and the differences are used.
     """
-    by_differences = _differences(model, target, asked, rounding)
+    by_differences = _differences(model, target, asked, rounding, numbers)
     try:
         by_equations, why = slopes_along(run, model, target), ""
     except NotVariedError as error:
@@ -134,8 +151,24 @@ def _slopes(model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset
     return slopes
 
 
+def copies(model: Model, target: Target, asked: dict[str, Any], **settings: Any) -> xr.Dataset:
+    """Return the sweep whose members have every input changed by its shifts, to both sides."""
+    uncertain = model.uncertain
+    values = {
+        name: np.full((len(uncertain), len(SHIFTS), len(SIDES)), entry.quantity.value)
+        for name, entry in uncertain.items()
+    }
+    for i, (name, entry) in enumerate(uncertain.items()):
+        values[name][i] += np.multiply.outer(np.nan_to_num(_shifts(entry)), SIDES)
+    axes = {
+        "input": {named(model, name): _with_units(entry.ravel(), uncertain[name]) for name, entry in values.items()}
+    }
+    sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
+    return target.in_many(model, axes, sharp | settings)
+
+
 def _differences(
-    model: Model, target: Target, asked: dict[str, Any], rounding: float
+    model: Model, target: Target, asked: dict[str, Any], rounding: float, numbers: Floats | None = None
 ) -> dict[str, tuple[float, float, float, float]]:
     """Return for every input its slope from copies side by side, its error, the relative shift, and its rounding error.
 
@@ -144,17 +177,8 @@ def _differences(
     """
     uncertain = model.uncertain
     sizes = np.array([_shifts(entry) for entry in uncertain.values()])
-    values = {
-        name: np.full((len(uncertain), len(SHIFTS), len(SIDES)), entry.quantity.value)
-        for name, entry in uncertain.items()
-    }
-    for i, name in enumerate(uncertain):
-        values[name][i] += np.multiply.outer(np.nan_to_num(sizes[i]), SIDES)
-    axes = {
-        "input": {named(model, name): _with_units(entry.ravel(), uncertain[name]) for name, entry in values.items()}
-    }
-    sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
-    numbers = target.values(target.in_many(model, axes, sharp)).reshape(len(uncertain), len(SHIFTS), len(SIDES))
+    numbers = target.values(copies(model, target, asked)) if numbers is None else numbers
+    numbers = numbers.reshape(len(uncertain), len(SHIFTS), len(SIDES))
     results, weighed = {}, float(np.sum(np.abs(WEIGHTS))) * rounding
     for i, (name, entry) in enumerate(uncertain.items()):
         slopes = dot(numbers[i], WEIGHTS) / sizes[i]

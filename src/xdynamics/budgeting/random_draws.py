@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, nan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from xdynamics.model import Model
 from xdynamics.model.uncertainty import normal_quantile
 from xdynamics.sweeping.designs import DECLARED, LEAST, Draws
 from xdynamics.units import Unit, parse_quantity
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Floats = NDArray[np.float64]
 
@@ -55,15 +58,34 @@ class Asked:
         InputError
             If nothing is uncertain, or a run does not have the number.
         """
+        members = self.members(draws, seed)
+        return self.added_to(None if members is None else self.target.values(members.compute()), draws, seed)
+
+    def members(self, draws: int, seed: int, **settings: Any) -> xr.Dataset | None:
+        """Return the sweep of runs with drawn inputs; None if no input is uncertain.
+
+        Raises
+        ------
+        InputError
+            If nothing is uncertain.
+        """
         names = [named(self.model, name) for name in self.model.uncertain]
         if not names and not self.added:
             raise InputError(
                 "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
             )
-        values = np.full(draws, self.value)
-        if names:
-            axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
-            values = self.target.values(self.target.in_many(self.model, axes, self.settings).compute())
+        axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
+        return self.target.in_many(self.model, axes, self.settings | settings) if names else None
+
+    def added_to(self, drawn: Floats | None, draws: int, seed: int) -> Floats:
+        """Add what is not an input of the model to the number in each of these runs.
+
+        Raises
+        ------
+        InputError
+            If a run does not have the number.
+        """
+        values = np.full(draws, self.value) if drawn is None else drawn
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
                 f"{self.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,14 +35,17 @@ WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of the sixth-o
 
 def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> list[Term]:
     """Return the terms of every measured table with uncertainties: of its rows, and of all rows together."""
-    terms = []
+    return [term() for _, term in sources(model, target, asked, seed)]
+
+
+def sources(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Iterator[tuple[str, Callable[[], Term]]]:
+    """Yield the name of each of these terms, and what computes it."""
     for name, drive in model.drives.items():
         copies = Copies(model, target, asked, name, drive.table)
         if drive.table.uncertainty is not None and drive.table.uncertainty.any():
-            terms.append(independent(copies, drive.table.uncertainty, seed))
+            yield name, partial(independent, copies, drive.table.uncertainty, seed)
         if drive.table.common is not None and drive.table.common.any():
-            terms.append(common(copies, drive.table.common))
-    return terms
+            yield name + COMMON, partial(common, copies, drive.table.common)
 
 
 @dataclass(frozen=True)

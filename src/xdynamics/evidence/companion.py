@@ -16,7 +16,7 @@ from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Task, lazy, march_task
+from xdynamics.evidence.stages import Stage, Task, lazy, march_task
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
@@ -176,7 +176,7 @@ def companion(
         errors,
         (),
     )
-    return lazy(template, task, () if at is None else (AT_TIME,))
+    return lazy(Stage(template, task, () if at is None else (AT_TIME,)))
 
 
 def _in_task(

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.evidence.stages import Task, inputs_of, lazy
+from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -85,7 +85,7 @@ def modes(
         return _computed(model, state)
     task = Task.of("modes", partial(_computed, model, state), (), model.digest, inputs_of(state))
     template = _dataset(model, state, Spectrum.blank(model))
-    return lazy(template, task, [variable.name for variable, _ in _state(model, state)])
+    return lazy(Stage(template, task, [variable.name for variable, _ in _state(model, state)]))
 
 
 def _computed(model: Model, state: Mapping[str, float]) -> xr.Dataset:

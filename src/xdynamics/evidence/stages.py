@@ -53,11 +53,11 @@ class Task:
 
     name: str
     call: Callable[..., Any]
-    needs: tuple[Task, ...] = ()
+    needs: tuple[Task | Gathered, ...] = ()
     lasting: bool = True
 
     @classmethod
-    def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task, ...], *inputs: Any) -> Task:
+    def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task | Gathered, ...], *inputs: Any) -> Task:
         """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
         words = repr((kind, [task.name for task in needs], inputs))
         return cls(f"{kind}-{sha256(words.encode()).hexdigest()}", call, needs)
@@ -70,6 +70,48 @@ class Task:
         for task in self.needs:
             tasks |= task.graph
         return tasks
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """The values of a lazy variable, for a task that needs all of them: of a sweep, whose blocks are tasks too."""
+
+    variable: xr.DataArray
+
+    @property
+    def name(self) -> str:
+        """A name that follows from the array's."""
+        return f"gathered-{self.variable.data.name}"
+
+    @property
+    def graph(self) -> dict[str, Any]:
+        """The tasks of the array, and one that puts its blocks together."""
+        data = self.variable.data
+        finish, extra = data.__dask_postcompute__()
+        return dict(data.__dask_graph__()) | {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
+
+
+def _gathered(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:
+    return np.array(finish(blocks, *extra))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage before it is computed.
+
+    Attributes
+    ----------
+    template : xarray.Dataset
+        What it gives, with other values: variables, dimensions, sizes, types, attributes.
+    task : Task
+        Gives the Dataset.
+    known : collection of str
+        Variables whose values the template has.
+    """
+
+    template: xr.Dataset
+    task: Task
+    known: Collection[str] = ()
 
 
 def march_task(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> Task:
@@ -86,23 +128,14 @@ def march_task(model: Model, path: Path | None = None, memory: str | float | Non
     return Task(name, partial(march, model, path, memory, **asked), lasting=path is None)
 
 
-def lazy(template: xr.Dataset, task: Task, known: Collection[str] = ()) -> xr.Dataset:
-    """Put dask arrays behind a template.
-
-    Parameters
-    ----------
-    template : xarray.Dataset
-        What the stage gives, with other values: variables, dimensions, sizes, types, attributes.
-    task : Task
-        Gives the Dataset.
-    known : collection of str
-        Variables whose values the template has.
-    """
+def lazy(stage: Stage) -> xr.Dataset:
+    """Put dask arrays behind the template of a stage; attributes that are variables to be computed are left out."""
     load_dask_whole()
     import dask.array
     from dask.highlevelgraph import HighLevelGraph
 
     da: Any = dask.array  # its functions are not typed
+    template, task, known = stage.template, stage.task, stage.known
     layers: dict[str, Any] = {task.name: task.graph}
     dependencies: dict[str, set[str]] = {task.name: set()}
     variables = {}
@@ -115,9 +148,9 @@ def lazy(template: xr.Dataset, task: Task, known: Collection[str] = ()) -> xr.Da
         chunks = tuple((size,) for size in variable.shape)
         dtype = max(variable.dtype, TEXT) if variable.dtype.kind == "U" else variable.dtype
         variables[name] = (variable.dims, da.Array(merged, key, chunks, dtype=dtype), variable.attrs)
-    stage = template.assign(variables)
-    stage.attrs = {name: value for name, value in template.attrs.items() if name != RUNS}
-    return archive.marched(stage) if ORIGIN in template.attrs else stage
+    described = template.assign(variables)
+    described.attrs = {name: value for name, value in template.attrs.items() if name not in (RUNS, *variables)}
+    return archive.marched(described) if ORIGIN in template.attrs else described
 
 
 def _values(name: str, stage: xr.Dataset) -> Any:
@@ -192,8 +225,22 @@ def most_megabytes() -> float:
 
 
 def remembered(task: Task) -> Any:
-    """Return the result of a task, in this process."""
-    return _result(task.name, task.call, *map(remembered, task.needs)) if task.lasting else task.call()
+    """Return the result of a task that needs no other, in this process."""
+    return _result(task.name, task.call)
+
+
+def blank_run(prepared: March) -> xr.Dataset:
+    """Return a run without rows: names, units and words of its variables, before it is marched."""
+    import xarray as xr
+
+    variables = [column.variable for column in record.columns(prepared)]
+    run = xr.Dataset(
+        {
+            variable.name: xr.Variable(variable.dims, np.zeros([0] * len(variable.dims)), variable.attributes)
+            for variable in variables
+        }
+    )
+    return run.assign_attrs(solver_method=prepared.settings.method.name, run_outcome="")
 
 
 def inputs_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -18,7 +18,7 @@ from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import ROLE, Watched, family
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
-from xdynamics.evidence.stages import Task, inputs_of, lazy
+from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
@@ -190,7 +190,7 @@ def lazy_study(subjects: Subjects, *, defects: bool) -> xr.Dataset:
     call = partial(_of_levels, study, defects=defects)
     template = study_dataset(subjects, Findings.blank(subjects, defects=defects), {})
     known = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
-    return lazy(template, Task.of("refinement", call, tasks, *inputs), known)
+    return lazy(Stage(template, Task.of("refinement", call, tasks, *inputs), known))
 
 
 def _of_levels(study: Study, *runs: xr.Dataset, defects: bool) -> xr.Dataset:

@@ -19,7 +19,7 @@ from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over, scale_of
-from xdynamics.evidence.stages import Task, inputs_of, lazy, march_task, remembered
+from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy, march_task, remembered
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
@@ -51,6 +51,7 @@ TENTH = 10  # a band is compared between the first and the last tenth
 BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, the most that a bound may be
 WIDER = 1.5  # times its first part, the most that a band may be in its last one
 ROLE = "validation"
+EXACT_CASES = "validation ledger: exact cases"  # title
 OF_IMPACTS = {"impact": 5}  # lines of the law of impacts of the ledger's own cases
 SCALE_RULE = (
     "largest size of the closed form where it is compared (of an event's time from the start), never its value at one"
@@ -114,10 +115,10 @@ def validate(
         methods, model = None, methods
     names = _names(methods, model, impacts)
     cases = _own(names) if model is None else _of_model(model, names, impacts)
-    title = "validation ledger: exact cases" if model is None else f"validation of {model.name}"
+    title = EXACT_CASES if model is None else f"validation of {model.name}"
     if compute:
         return _dataset([row for case in cases for row in case.rows()], title)
-    return _lazy(cases, title)
+    return lazy(ledger_stage(cases, title))
 
 
 def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
@@ -163,13 +164,16 @@ def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None) 
     return [Case(model, method, impacts=impacts) for method in chosen]
 
 
-def _lazy(cases: Sequence[Case], title: str) -> xr.Dataset:
-    """Return a ledger with dask arrays, one task for each case and method."""
+def ledger_stage(cases: Sequence[Case], title: str) -> Stage:
+    """Return a ledger before it is computed, one task for each case and method."""
     tasks = tuple(case.task() for case in cases)
-    rows = [row for case in cases for row in case.blank()]
-    return lazy(
-        _dataset(rows, title), Task.of("ledger", partial(_of_tasks, title), tasks), ("case_method", "case_stage")
-    )
+    template = _dataset([row for case in cases for row in case.blank()], title)
+    return Stage(template, Task.of("ledger", partial(_of_tasks, title), tasks), ("case_method", "case_stage"))
+
+
+def own_ledger(methods: Sequence[str]) -> Stage:
+    """Return the ledger of exact cases by methods, before it is computed."""
+    return ledger_stage(_own(methods), EXACT_CASES)
 
 
 def _of_tasks(title: str, *rows: Sequence[Row]) -> xr.Dataset:
