@@ -13,6 +13,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS, ROOT, particle
+from cases.stages import marches
 
 PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipeline.py"))
 # of the studies what makes them small
@@ -124,3 +125,39 @@ def test_the_record_gives_back_what_was_put_in() -> None:
         found.parameter_name.values, found.estimate.values, found.standard_uncertainty.values, strict=True
     ):
         assert abs(value - truth[str(name)]) < 3 * doubt
+
+
+def test_a_report_computes_its_stages_in_one_graph(tmp_path: Path) -> None:
+    """Assert that lazy stages are archived as eager ones, that what they share is marched once, and each is drawn."""
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    asked: dict[str, Any] = {"method": "rk4", "until": "10 s"}
+    run = xd.simulate(oscillator, step="20 ms", **asked)
+    stages = {
+        "study": xd.refine(oscillator, steps=["20 ms", "10 ms"], compute=False, **asked),
+        "beside": xd.companion(run, compute=False),
+        "budget": xd.error_budget(oscillator, "x", at="5 s", step="20 ms", compute=False, **asked),
+    }
+    with marches() as begun:
+        page = xd.report(tmp_path / "lazy", run=run, **stages)
+    assert begun.count("Harmonic oscillator rk4 0.01") == 1
+    eager = {
+        "study": xd.refine(oscillator, steps=["20 ms", "10 ms"], **asked),
+        "beside": xd.companion(run),
+        "budget": xd.error_budget(oscillator, "x", at="5 s", step="20 ms", **asked),
+    }
+    assert xd.report(tmp_path / "eager", run=run, **eager) == page
+    assert {one.name for one in (tmp_path / "lazy").iterdir()} == {one.name for one in (tmp_path / "eager").iterdir()}
+
+
+def test_a_stage_that_fails_leaves_the_others_whole(tmp_path: Path) -> None:
+    """Assert that the page names it with its reason, that all others are archived, and that the call ends with it."""
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    asked: dict[str, Any] = {"method": "rk4", "steps": ["20 ms", "10 ms"], "until": "2 s", "compute": False}
+    good, bad = xd.refine(oscillator, **asked), xd.refine(oscillator, at=["3 s"], **asked)
+    with marches() as begun, pytest.raises(xd.InputError, match="'late' failed: at has 3"):
+        xd.report(tmp_path / "results", late=bad, study=good)
+    assert len(begun) == 2
+    page = (tmp_path / "results" / "report.md").read_text()
+    assert "## late\n\nfailed    at has 3.0 s" in page
+    assert f"study.nc, {xd.verify(tmp_path / 'results' / 'study.nc')}" in page
+    assert not (tmp_path / "results" / "late.nc").exists()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.archive.target import taking_name
-from xdynamics.faults import InputError
+from xdynamics.evidence.stages import computed
+from xdynamics.faults import InputError, numbered
 from xdynamics.figures import plot
 from xdynamics.files import made_folder
 from xdynamics.summary import summary
@@ -16,18 +19,23 @@ from xdynamics.summary import summary
 if TYPE_CHECKING:
     import xarray as xr
 
+    Record = xr.Dataset | dict[str, xr.Dataset]
+
 PAGE = "report.md"
 
 
 def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
     """Leave records in a folder: an archive each, a figure each, and one page of words.
 
+    Stages that are not computed yet are computed first, all in one graph, so that what several need is marched once.
+
     Parameters
     ----------
     folder : str or Path
         Made where it is not there.
     **records : xarray.Dataset, or dict of str to xarray.Dataset
-        Runs and evidence by name; several by name are drawn together where they are refinements or diagnoses.
+        Runs and evidence by name, lazy or not; several by name are drawn together where they are refinements or
+        diagnoses.
 
     Returns
     -------
@@ -37,7 +45,8 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
     Raises
     ------
     InputError
-        If a name is none for a file, or a record is neither run nor evidence.
+        If a name is none for a file, or a record is neither run nor evidence. If a stage cannot be computed: it is
+        named with its reason, here and on the page, which has all others.
     """
     if not records:
         raise InputError("report needs at least one record, like report('results', run=run)")
@@ -46,13 +55,58 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
         if not several or not all(hasattr(record, "attrs") for record in several):
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
     target = made_folder(folder)
-    words = "\n".join(line for name, entry in records.items() for line in _told(target, name, entry))
+    whole, faults = _computed(records)
+    words = "\n".join(line for name, entry in whole.items() for line in _page_of(target, name, entry))
+    words += "".join(f"\n## {name}\n\nfailed    {fault}\n" for name, fault in faults.items())
     with taking_name(target / PAGE) as new:
         new.part.write_text(words + "\n")
+    if faults:
+        lines = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
+        raise InputError(f"'{target / PAGE}' has all but {len(faults)} of the stages:{numbered(lines)}", tuple(lines))
     return words
 
 
-def _told(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:
+def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[str, str]]:
+    """Compute lazy stages in one graph; return all that could be computed, and the faults of the others by name."""
+    places = [(name, key) for name, entry in records.items() for key in (entry if isinstance(entry, dict) else [""])]
+    stages = [entry[key] if isinstance(entry := records[name], dict) else entry for name, key in places]
+    faults: dict[str, str] = {}
+    with _progress():
+        try:
+            results: list[xr.Dataset | None] = [*computed(*stages)]
+        except Exception:  # noqa: BLE001 - of any stage: the others are computed by themselves, what was marched is remembered
+            results = []
+            for (name, key), stage in zip(places, stages, strict=True):
+                try:
+                    results += computed(stage)
+                except Exception as error:  # noqa: BLE001 - as above
+                    results.append(None)
+                    faults[" ".join(filter(None, (name, key)))] = str(error) or type(error).__name__
+    whole: dict[str, Record] = {}
+    for (name, key), result in zip(places, results, strict=True):
+        if result is not None and isinstance(records[name], dict):
+            several = whole.setdefault(name, {})
+            assert isinstance(several, dict)  # noqa: S101
+            several[key] = result
+        elif result is not None:
+            whole[name] = result
+    return whole, faults
+
+
+@contextmanager
+def _progress() -> Iterator[None]:
+    """Show how far a graph is on a terminal, if it takes longer than a second."""
+    if "dask" not in sys.modules or not sys.stderr.isatty():
+        yield
+        return
+    from dask.diagnostics import progress
+
+    bar: Any = progress.ProgressBar  # it is not typed
+    with bar(minimum=1.0, out=sys.stderr):
+        yield
+
+
+def _page_of(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:
     """Archive and draw one record, or several by name, and summarise them."""
     datasets = (
         {f"{name}_{key}": dataset for key, dataset in record.items()} if isinstance(record, dict) else {name: record}

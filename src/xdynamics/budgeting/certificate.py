@@ -15,7 +15,6 @@ from xdynamics.budgeting.budget import Request, budget_request, budget_stage, er
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
-from xdynamics.budgeting.term import PHYSICAL
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.stages import Stage, Task, lazy
@@ -24,7 +23,6 @@ from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
-from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVIDENCE, flags
 
 if TYPE_CHECKING:
@@ -106,13 +104,18 @@ def _stage(request: Request) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
     ledger = own_ledger([str(budget.template.attrs["solver_method"])])
-    task = Task.of("certificate", partial(_dataset, request.model), (budget.task, ledger.task))
-    return Stage(_dataset(request.model, budget.template, ledger.template), task, (*budget.known, "gate_name"))
+    template = _dataset(request.model, budget.template, ledger.template)
+    gates = tuple(template["gate_name"].values.tolist())
+    task = Task.of("certificate", partial(_dataset, request.model, expected=gates), (budget.task, ledger.task))
+    return Stage(template, task, (*budget.known, "gate_name"))
 
 
-def _dataset(model: Model, budget: xr.Dataset, ledger: xr.Dataset) -> xr.Dataset:
-    """Put a certificate together."""
+def _dataset(model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected: tuple[str, ...] = ()) -> xr.Dataset:
+    """Put a certificate together; an expected gate that there is nothing to decide by is not checked."""
     gates = _gates(budget, ledger, drawn=bool(model.uncertain))
+    if expected:
+        decided = {gate[0]: gate for gate in gates}
+        gates = [decided.get(name, (name, NOT_CHECKED, "there is no physical uncertainty")) for name in expected]
     variables: dict[str, Any] = {
         str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in budget.variables.items()
     }
@@ -169,7 +172,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
             ),
         ),
     ]
-    if PHYSICAL in words_of(budget["term_kind"]):
+    if not physical <= 0.0:  # unknown where nothing is marched yet
         decisions.append(
             (
                 "numerical_part",

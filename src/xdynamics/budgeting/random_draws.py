@@ -74,8 +74,10 @@ class Asked:
             raise InputError(
                 "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
             )
+        if not names:
+            return None
         axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
-        return self.target.in_many(self.model, axes, self.settings | settings) if names else None
+        return self.target.in_many(self.model, axes, self.settings | settings)
 
     def added_to(self, drawn: Floats | None, draws: int, seed: int) -> Floats:
         """Add what is not an input of the model to the number in each of these runs.

@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LIMIT = "XDYNAMICS_REMEMBERED_LIMIT"  # environment variable
+STAGE = "stage"  # entry of a lazy stage's encoding: how it was made
 TEXT = np.dtype("U256")  # type of texts whose lengths are not known yet
 MOST_MEGABYTES = 256.0  # of results that are remembered, unless it is set
 
@@ -150,7 +152,52 @@ def lazy(stage: Stage) -> xr.Dataset:
         variables[name] = (variable.dims, da.Array(merged, key, chunks, dtype=dtype), variable.attrs)
     described = template.assign(variables)
     described.attrs = {name: value for name, value in template.attrs.items() if name not in (RUNS, *variables)}
-    return archive.marched(described) if ORIGIN in template.attrs else described
+    described = archive.marched(described) if ORIGIN in template.attrs else described
+    described.encoding[STAGE] = _Described(task, frozenset(described.variables), dict(described.attrs))
+    return described
+
+
+@dataclass(frozen=True)
+class _Described:
+    """What a lazy stage was as it was made, to know whether it is that still."""
+
+    task: Task
+    names: frozenset[Any]
+    attributes: dict[str, Any]
+
+    def delayed(self, dataset: xr.Dataset) -> Any:
+        """Return the stage as one delayed Dataset; None if the Dataset was changed since."""
+        delayed: Any = import_module("dask.delayed").Delayed  # `dask.delayed` is a function too
+        sizes = all(data.name == f"{name}-{self.task.name}" for name, data in _lazy_data(dataset))
+        same = sizes and frozenset(dataset.variables) == self.names and dataset.attrs == self.attributes
+        return delayed(self.task.name, self.task.graph) if same else None
+
+
+def _lazy_data(dataset: xr.Dataset) -> Iterator[tuple[Any, Any]]:
+    return ((name, variable.data) for name, variable in dataset.variables.items() if variable.chunks is not None)
+
+
+def _collection(dataset: xr.Dataset) -> Any:
+    """Return a lazy stage as one delayed Dataset; what is no stage, or one no longer, as it is."""
+    described = dataset.encoding.get(STAGE)
+    whole = None if described is None else described.delayed(dataset)
+    return dataset if whole is None else whole
+
+
+def computed(*datasets: xr.Dataset) -> list[xr.Dataset]:
+    """Compute several Datasets in one graph, each stage as it is when it is computed at once, with all its attributes.
+
+    Those without dask arrays are returned as they are.
+    """
+    places = [k for k, dataset in enumerate(datasets) if is_lazy(dataset)]
+    if not places:
+        return [*datasets]
+    import dask.base
+
+    compute: Any = dask.base.compute  # it is not typed
+    collections = [_collection(datasets[k]) for k in places]
+    results = dict(zip(places, compute(*collections), strict=True))
+    return [results.get(k, dataset) for k, dataset in enumerate(datasets)]
 
 
 def _values(name: str, stage: xr.Dataset) -> Any:

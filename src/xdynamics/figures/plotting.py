@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
 from xdynamics.figures.sheet import DPI, HEIGHT, check_path, lit, sheet, write
@@ -44,7 +45,7 @@ def plot(
     ----------
     record : xarray.Dataset, or mapping of str to xarray.Dataset
         A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
-        refinements or diagnoses by name, to be drawn together.
+        refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
     only : str or sequence of str, optional
@@ -65,6 +66,7 @@ def plot(
     """
     if path is not None:
         check_path(Path(path))
+    record = _computed(record)
     if hasattr(record, "attrs"):
         kind = str(record.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
@@ -92,6 +94,13 @@ def plot(
         if path is not None:
             write(figure, Path(path), dpi)
     return figure
+
+
+def _computed(record: Any) -> Any:
+    """Compute lazy evidence, once for all panels; a run is read as it is drawn."""
+    if not hasattr(record, "attrs"):
+        return dict(zip(record, computed(*record.values()), strict=True))
+    return computed(record)[0] if record.attrs.get(EVIDENCE) else record
 
 
 def _check(size: Any, dpi: Any) -> None:
