@@ -35,7 +35,7 @@ from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.record.provenance import xdynamics_version
+from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.schema import STEPS, flags
 from xdynamics.sweeping.sweep import plain
 from xdynamics.units import NUMBERS, Unit
