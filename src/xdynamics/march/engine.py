@@ -295,7 +295,7 @@ def _key() -> str:
     from llvmlite import binding
 
     package = Path(__file__).parents[1]
-    rooms = [*(package / "kernels").rglob("*.py"), *(package / "march").rglob("*.py")]
+    rooms = [path for room in ("elementary", "kernels", "march") for path in (package / room).rglob("*.py")]
     constants = [
         package / "methods" / "radau.py",
         *(package / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
