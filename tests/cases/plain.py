@@ -148,7 +148,7 @@ def law_of(*functions: Callable[..., None]) -> Any:
 
     first = max(PLAIN, default=0) + 1
     PLAIN.update({first + i: one for i, one in enumerate([*(FUNCTIONS[name] for name in CONTROL), *functions])})
-    return np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64)
+    return np.append(np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64), 0)
 
 
 def rules_in_python() -> Any:

@@ -25,7 +25,7 @@ from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import COMPENSATED, updates
 from xdynamics.methods.summation import PLAIN as PLAIN_SUMS
 
-EXPLICIT = [one for one in xd.METHODS.values() if not one.implicit]
+EXPLICIT = [one for one in xd.METHODS.values() if not one.solves]
 LANES = (2, 4, 8, 16)
 
 

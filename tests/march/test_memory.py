@@ -32,7 +32,7 @@ CASES = [(name, kind) for name in xd.METHODS for kind in KINDS]
 def march_of(method: str, kind: str) -> March:
     """A march with events, drives and nodes where the method takes them."""
     rocket = xd.Model.from_toml(MODELS / "rocket_c6.toml")
-    name = "pendulum" if xd.METHODS[method].implicit or xd.METHODS[method].refusals(rocket) else "rocket_c6"
+    name = "pendulum" if xd.METHODS[method].solves or xd.METHODS[method].refusals(rocket) else "rocket_c6"
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     return March(model, settings_for(model, method=method, until=2.2, **KINDS[kind]))
 

@@ -88,7 +88,7 @@ def test_a_step_ends_with_the_forces_of_its_end(method: Method) -> None:
     """Assert what the amplification needs: a1 and r1 at the end, or no forces that would tell."""
     last = [one for one in method.statements if isinstance(one, Evaluation) and one.acceleration == "a1"]
     whole = any((one.position, one.velocity, one.state) == ("q1", "v1", "x1") for one in last)
-    assert method.implicit or whole or {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES} <= set(method.refuses)
+    assert method.solves or whole or {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES} <= set(method.refuses)
 
 
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")

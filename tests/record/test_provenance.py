@@ -13,7 +13,8 @@ from cases.driven_swing import swing
 from cases.problems import oscillator
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
-from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SHARE
+from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED
+from xdynamics.methods.radau import SHARE
 from xdynamics.record.arguments import asked_of, scales_of
 from xdynamics.record.circumstances import _machine, xdynamics_version
 

@@ -135,7 +135,7 @@ def _table(listed: Iterable[Method]) -> Iterable[str]:
     """Yield a line for each method, under a header."""
     yield f"{'method':26}order  kind                       evaluations  estimate   refuses"
     for method in listed:
-        work = f"{method.evaluations} {'an iteration' if method.implicit else 'a step'}"
+        work = f"{method.evaluations} {'an iteration' if method.solves else 'a step'}"
         estimate = f"order {method.estimate_order}" if method.estimate else "doubling"
         refused = ", ".join(method.refuses) or "nothing"
         yield f"{method.name:26}{method.order:5}  {_kind(method):25}  {work:>11}  {estimate:9}  {refused}"
@@ -146,7 +146,7 @@ def _table(listed: Iterable[Method]) -> Iterable[str]:
 
 def _page(method: Method) -> Iterable[str]:
     """Yield all that is known of a method."""
-    work = "an iteration" if method.implicit else "a step"
+    work = "an iteration" if method.solves else "a step"
     yield f"{method.name}: order {method.order}, {_kind(method)}, {method.evaluations} force evaluations {work}"
     yield f"    update    {method.equations()}"
     yield f"    in words  {method.words}"
@@ -167,7 +167,11 @@ def _page(method: Method) -> Iterable[str]:
 def _kind(method: Method) -> str:
     return (
         ", ".join(
-            [*["symplectic"] * method.symplectic, *["symmetric"] * method.symmetric, *["implicit"] * method.implicit]
+            [
+                *["symplectic"] * method.symplectic,
+                *["symmetric"] * method.symmetric,
+                *["implicit"] * bool(method.solves),
+            ]
         )
         or "plain"
     )

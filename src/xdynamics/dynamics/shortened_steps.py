@@ -19,7 +19,8 @@ from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.march import Settings
 from xdynamics.march.dense_output import states_within
 from xdynamics.methods import METHODS
-from xdynamics.methods.scheme import EXACT, REINTEGRATE
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
@@ -185,7 +186,7 @@ class Inside:
         states = [state_name(reaction) for reaction in reactions(self.model)]
         wanted = [(["step_size"], following), (["regime", "row_kind", *states], rows), (used, rows)] + [
             (used, following)
-        ] * self.settings.method.simplified
+        ] * self.settings.method.stepper.has_memory
         return [run[name].variable.isel({STEPS: chosen}) for names, chosen in wanted for name in names]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:

@@ -7,6 +7,7 @@ nothing in its lane and is reported; the single march then makes it. So each lin
 
 from __future__ import annotations
 
+from collections import namedtuple
 from dataclasses import replace
 from itertools import pairwise
 
@@ -30,6 +31,7 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.kernels.radau_memory import Memory, width
 from xdynamics.kernels.radau_systems import FACTORISE
+from xdynamics.methods.steppers import Collocation as Collocated
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
@@ -38,37 +40,12 @@ from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 # the last step ended at a node. After them: absolute tolerances, largest values, the error of that step; for each event
 # function the side of zero on which it has to stay (2: either, 0: unknown), and for a gap how large it was; what
 # `collocation` keeps; for each switch declared smooth its side, how often it was passed, and when first.
-LANE = (
-    "t",
-    "h",
-    "norm",
-    "tried",
-    "step",
-    "step_log",
-    "rejected",
-    "grid",
-    "on_grid",
-    "done",
-    "accepted",
-    "most",
-    "lives",
-    "node",
-    "snap",
-    "inner",
-    "landed",
-    "start",
-    "step_size",
-    "rtol",
-    "floor",
-    "rest",
-    "k",
-    "safety",
-    "least",
-    "greatest",
-    "min_step",
-    "max_step",
-    "ordinary",
+Lane = namedtuple(
+    "Lane",
+    "t h norm tried step step_log rejected grid on_grid done accepted most lives node snap inner landed start step_size"
+    " rtol floor rest k safety least greatest min_step max_step ordinary",
 )
+LANE, PLACES = Lane._fields, Lane(*range(len(Lane._fields)))
 STRIDE, DERIVED = "stride", "derived"
 SCALED_NORM = f"{step_control.ALLOWED}\n{step_control.NORM}"  # where tolerances follow their variables
 STRETCH = 1.01  # of a step that would end just before a node
@@ -162,19 +139,26 @@ def of_collocation(layout: Layout) -> int:
 
 def _of_smooth(layout: Layout) -> int:
     """Return where in a lane's memory the numbers of switches declared smooth begin."""
-    return of_collocation(layout) + (width(layout) if layout.implicit else 0)
+    return of_collocation(layout) + (width(layout) if is_solved(layout) else 0)
 
 
-def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) -> tuple[Program, ...]:
-    """Write the step, after the programs that it calls; one gives the finite numbers of a row besides the state.
+def is_solved(layout: Layout) -> bool:
+    """Whether a step solves equations in lanes, by collocation."""
+    return layout.scheme is not None and isinstance(layout.scheme.method.stepper, Collocated)
+
+
+def stride(
+    layout: Layout, programs: tuple[Program, ...], *, adaptive: bool, followers: tuple[bool, ...] = ()
+) -> tuple[Program, ...]:
+    """Write the step, after the programs that it calls, `programs` of the method's lines among them; one gives the finite numbers of a row besides the state.
 
     `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty.
     """
-    write = _Writing(layout, followers)
+    write, solves = _Writing(layout, followers), is_solved(layout)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
     write.lines(_READY)
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
-    inner = write.solve() if layout.implicit else write.propose()
+    inner = write.solve() if solves else write.propose(programs)
     if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
         write.body.append(Call(DERIVED, "at", "z", "samples"))  # steps in lanes keep no samples, so there is room
@@ -185,12 +169,12 @@ def stride(layout: Layout, *, adaptive: bool, followers: tuple[bool, ...] = ()) 
         write.load("judged", Place("norm", same=True))
     write.watch()
     if adaptive:
-        control = _PREDICT if layout.implicit else _CONTROL
+        control = _PREDICT if solves else _CONTROL
         write.lines(control + step_control.NEXT, norm="judged", cut=write.known["lands"])
     write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.smooth()
     write.move(adaptive=adaptive)
-    updates = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if layout.implicit else "")
+    updates = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if solves else "")
     write.keep(_MOVE + updates)
     local = {"norm": 1}
     if any(followers):
@@ -249,11 +233,11 @@ class _Writing:
         stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
         self.body += [*write.lines, *stores]
 
-    def propose(self) -> tuple[Program, ...]:
+    def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
         """Make the step by the lines of the method."""
         self.body.append(Call("propose", "at", "y", "z"))
         self.load("finite_step", Place("at", UNSOUND))
-        return ()
+        return programs
 
     def solve(self) -> tuple[Program, ...]:
         """Make the step by iterations in all lanes until each has ended; return the programs called for it."""

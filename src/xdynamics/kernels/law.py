@@ -25,11 +25,12 @@ from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.newton_matrix import Equations
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.step_programs import Equations, Steps
-from xdynamics.methods.scheme import EXACT, Scheme
+from xdynamics.kernels.step_programs import Steps
+from xdynamics.methods.scheme import Scheme
 
 # positions among the addresses of a law; the programs of a step come last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
@@ -66,12 +67,7 @@ class Law:
 
     @cached_property
     def steps(self) -> Steps:
-        """The programs of one step; only the derivatives where `march.implicit.radau` makes the step."""
-        if self.scheme.method.simplified:
-            first = 3 * len(self.layout.used)
-            exact = self.scheme.jacobian == EXACT
-            derivatives = (model_programs.linearised(self.layout, "w", first),) if exact else ()
-            return Steps(derivatives, (), first + len(self.layout.couplings))
+        """The programs of one step."""
         return step_programs.step(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
@@ -217,9 +213,8 @@ class Law:
         return {}
 
     def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
-        # a simplified method's step is made of other programs
-        own = () if self.scheme.method.simplified else self.steps.programs
-        programs = (self.entries[0], *own, *stride(self.layout, adaptive=adaptive, followers=followers))
+        step = stride(self.layout, self.steps.programs, adaptive=adaptive, followers=followers)
+        programs = (self.entries[0], *step)
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from xdynamics.kernels import cache, machine
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.step_programs import Equations
+from xdynamics.kernels.newton_matrix import Equations
 
 _ROOMS = (
     "kernels",

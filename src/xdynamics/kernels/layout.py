@@ -10,7 +10,8 @@ from xdynamics import schema
 from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.kernels.blocks import Blocks
-from xdynamics.methods.scheme import DIFFERENCES, Scheme
+from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Model, motion
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.reactions import NORMAL, reactions
@@ -39,11 +40,6 @@ class Layout:
     def estimates(self) -> bool:
         """Whether a step comes with an estimate of its local error."""
         return self.scheme is not None and self.scheme.estimates
-
-    @property
-    def implicit(self) -> bool:
-        """Whether a step solves equations."""
-        return self.scheme is not None and self.scheme.method.implicit
 
     @cached_property
     def coordinates(self) -> Blocks:
@@ -187,7 +183,8 @@ class Layout:
     @property
     def effort(self) -> Blocks:
         """Newton iterations, where a step solves equations."""
-        return Blocks.of("effort", ("newton_iterations",) if self.implicit else ())
+        solves = self.scheme is not None and self.scheme.method.solves
+        return Blocks.of("effort", ("newton_iterations",) if solves else ())
 
     def argument(self, letter: str, owner: str) -> str:
         """Name the component of q, v or x that belongs to a coordinate or state."""

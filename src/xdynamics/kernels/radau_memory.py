@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Mapping
 
 from xdynamics.kernels import radau_lines
@@ -12,21 +13,11 @@ from xdynamics.kernels.program import Operand, Place
 # Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
 # of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
 # derivatives, its factors and its estimate have to be computed.
-LASTING = (
-    "factored",
-    "theta",
-    "eta",
-    "before",
-    "norm_before",
-    "linearised",
-    "fresh",
-    "since",
-    "turns",
-    "iterations",
-    "evaluations",
-    "jacobians",
-    "factorisations",
+Lasting = namedtuple(
+    "Lasting",
+    "factored theta eta before norm_before linearised fresh since turns iterations evaluations jacobians factorisations",
 )
+LASTING, PLACES = Lasting._fields, Lasting(*range(len(Lasting._fields)))
 KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
 
 

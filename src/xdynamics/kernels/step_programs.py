@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from xdynamics.expressions import Name, Node, Number, derivative, expand, parse
+from xdynamics.expressions import Node, parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import linearised
+from xdynamics.kernels.newton_matrix import Coupling, Equations
 from xdynamics.kernels.program import AT, Call, Each, Instruction, Load, Operand, Place, Program, Store
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
 from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.steppers import EXACT, Collocation
 from xdynamics.methods.summation import Update
-from xdynamics.schema import rate
-
-DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by none
-
-
-@dataclass(frozen=True)
-class Equations:
-    """What Newton's method needs of one `solve`, as places in the working memory `w` and in the state `y`.
-
-    Attributes
-    ----------
-    evaluations : int
-        Force evaluations of one iteration.
-    residuals : int
-        Place of the first residual; the others follow.
-    unknowns : tuple of (int, int, int)
-        For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
-    entries : tuple of (int, int, int, int)
-        What is subtracted from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
-    """
-
-    evaluations: int
-    residuals: int
-    unknowns: tuple[tuple[int, int, int], ...]
-    entries: tuple[tuple[int, int, int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -60,8 +38,15 @@ class Steps:
 
 
 def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
-    """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
-    write = _Stepping(layout, sampled=sampled, working=scheme.method.implicit)
+    """Write one step of a method, with the estimate of its error where an embedded formula gives it.
+
+    A step by collocation is made by `march.implicit.radau`, which calls only the derivatives at its stages.
+    """
+    if isinstance(scheme.method.stepper, Collocation):
+        first = 3 * len(layout.used)
+        derivatives = (linearised(layout, "w", first),) if scheme.jacobian == EXACT else ()
+        return Steps(derivatives, (), first + len(layout.couplings))
+    write = _Stepping(layout, sampled=sampled, working=bool(scheme.method.solves))
     write.walk(scheme.method.statements)
     write.end()
     write.walk(scheme.error_lines)
@@ -73,7 +58,7 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
 def inside(layout: Layout, scheme: Scheme) -> Program:
     """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
     write = _Stepping(layout, sampled=False, working=False)
-    if scheme.extension == HERMITE or scheme.method.simplified:
+    if scheme.extension == HERMITE or scheme.method.stepper.has_memory:
         write.ends_given()
         write.stages_given()
     else:
@@ -137,7 +122,7 @@ class _Stepping(Walker):
             target = f"b_{part.target}"
             self._vector(target, self._count(part.target))
             self._each(target, part.expression, taken_from=part.target)
-        coupling = _Coupling(self, line, slopes)
+        coupling = Coupling(self.layout, line, slopes, self.coefficient)
         entries = [
             entry
             for row, target in enumerate(
@@ -338,56 +323,6 @@ class _Stepping(Walker):
         return [self._count(letter) for letter in letters]
 
 
-class _Coupling:
-    """The matrix of Newton's method: direct dependence in the lines, and dependence through the forces."""
-
-    def __init__(self, write: _Stepping, line: Solve, slopes: list[int]) -> None:
-        self._write, self._line, self._slopes = write, line, slopes
-        self._inner: Mapping[str, Node] = {statement.target: statement.expression for statement in line.definitions}
-        self._outer = {statement.target: expand(statement.expression, self._inner) for statement in line.equations}
-        self._jacobian = {pair: i for i, pair in enumerate(write.layout.jacobian)}
-        self._places: dict[tuple[str, ...], int | None] = {}
-
-    def entries(
-        self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
-    ) -> list[tuple[int, int, int, int]]:
-        """Return what is subtracted from one entry of the unit matrix, in the order written."""
-        (name, i), (variable, k) = target, unknown
-        of_state, by_state = name[0] == "x", variable[0] == "x"
-        entries = []
-        if i == k and of_state == by_state and (place := self._direct(name, variable)) is not None:
-            entries.append((row, column, place, DIRECT))
-        layout = self._write.layout
-        dependent = rate(layout.states[i]) if of_state else layout.coordinates[i]
-        for number, evaluation in enumerate(self._line.evaluations):
-            for vector in (evaluation.state,) if by_state else (evaluation.position, evaluation.velocity):
-                owner = layout.states[k] if by_state else layout.coordinates[k]
-                slope = self._jacobian.get((dependent, layout.argument(vector[0], owner)))
-                place = (
-                    None
-                    if slope is None
-                    else self._through(name, evaluation.rate if of_state else evaluation.acceleration, vector, variable)
-                )
-                if slope is not None and place is not None:
-                    entries.append((row, column, place, self._slopes[number] + slope))
-        return entries
-
-    def _direct(self, name: str, unknown: str) -> int | None:
-        return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
-
-    def _through(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
-        weight = derivative(self._outer[name], {slope: Number(1.0)})
-        inside = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
-        return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
-
-    def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
-        """Return the place of a coefficient; None if it is zero."""
-        if key not in self._places:
-            zero = weight == Number(0.0)
-            self._places[key] = None if zero else self._write.coefficient(weight, inside)
-        return self._places[key]
-
-
 def _arrays(line: Instruction) -> set[str]:
     match line:
         case Load() | Store():
@@ -398,6 +333,3 @@ def _arrays(line: Instruction) -> set[str]:
             return {array for inner in line.body for array in _arrays(inner)}
         case _:
             return set()
-
-
-__all__ = ["DIRECT", "Equations", "Steps", "inside", "step"]

@@ -211,7 +211,7 @@ def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
 def advice_on_stiffness(march: March) -> str:
     """Return advice where stability limits the chosen steps of an explicit method for most of a run, else nothing."""
     method, model, rows = march.settings.method, march.model, march.witnesses[1:]
-    if not march.settings.adaptive or method.implicit or model.python_forces or march.now.rows < FEW_ROWS:
+    if not march.settings.adaptive or method.solves or model.python_forces or march.now.rows < FEW_ROWS:
         return ""
     time = march.settings.scales.of(TIME)
 

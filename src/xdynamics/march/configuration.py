@@ -15,7 +15,8 @@ from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, columns_of, number
 from xdynamics.march.settings import EARLIEST_FIRST, TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
-from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, EXACT, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.steppers import DIFFERENCES, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables

@@ -6,20 +6,12 @@ import math
 
 import numpy as np
 
+from xdynamics.kernels import step_control
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
-from xdynamics.kernels.step_control import (
-    ALLOWED,
-    CONSTANTS,
-    EXPONENT,
-    LEAST_LOGARITHM,
-    NEXT,
-    NORM,
-    PREDICTED,
-    PROPORTIONAL,
-)
+from xdynamics.kernels.step_control import CONSTANTS, LEAST_LOGARITHM
 from xdynamics.march.force_evaluation import slope_of
 from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
@@ -28,15 +20,6 @@ from xdynamics.march.tolerance_sizes import tops_of
 
 SPACINGS = 10.0  # of t in the shortest step, as in scipy
 NONFINITE_FACTOR = 0.25
-CONTROLLER = (
-    "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1"
-    " (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
-)
-PREDICTIVE = (
-    "predictive: safety*min(norm**(-1/4)*15/(i + 14), h/h_before*(norm_before/norm**2)**(1/4)), i = Newton iterations;"
-    " a growth of up to 1.2 is left out after at most 2 of them or where they converge by theta < 0.001, for the sake"
-    " of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994, doi:10.1145/198429.198437)"
-)
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
 FIRST_STEP = (
     "Hairer, Norsett, Wanner I, section II.4, with the norm above, in units of T = max(size/slope,"
@@ -44,14 +27,14 @@ FIRST_STEP = (
     " at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
 )
 # the lines as functions of numbers
-_allowed = function_of(ALLOWED, "atol rtol rest floor top slope", "allowed")
-_norm = function_of(NORM, "norm error before after allowed rtol", "norm")
-_exponent = function_of(EXPONENT, "norm logarithm step_log k", "exponent")
+_allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
+_norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
+_exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
 _proportional = function_of(
-    PROPORTIONAL, "norm logarithm power safety least greatest", "factor next_log shrink", CONSTANTS
+    step_control.PROPORTIONAL, "norm logarithm power safety least greatest", "factor next_log shrink", CONSTANTS
 )
-_predicted = function_of(PREDICTED, "growth least greatest", "factor next_log shrink", CONSTANTS)
-_next = function_of(NEXT, "width factor cut rejected step min_step max_step", "next_step")
+_predicted = function_of(step_control.PREDICTED, "growth least greatest", "factor next_log shrink", CONSTANTS)
+_next = function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step")
 
 
 @compiled

@@ -21,9 +21,11 @@ from xdynamics.kernels.compiling import PLAIN, UNCOUNTED
 from xdynamics.march import entries, loop, trial_step
 from xdynamics.march.contacts import dispatch
 from xdynamics.march.events import enclosures, transition
-from xdynamics.march.lanes import gather_rows, march_lanes, parts_of_steps
+from xdynamics.march.lane_rows import gather_rows
+from xdynamics.march.lanes import march_lanes
 from xdynamics.march.numba_cache import Kept
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
+from xdynamics.march.step_parts import parts_of_steps
 
 SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
     10,

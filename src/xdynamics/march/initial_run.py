@@ -17,7 +17,8 @@ from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclos
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.program import AT
 from xdynamics.march.contacts.delassus import NUMBERS
-from xdynamics.march.engine import contacts, solvers, watchers
+from xdynamics.march.engine import contacts, watchers
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
 from xdynamics.march.events.intervals import rules
 from xdynamics.march.log import Log
@@ -25,12 +26,13 @@ from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
     BALANCE,
     DETECTOR,
-    EQUATIONS,
+    HOLD,
     KEPT,
     NOW,
     PIECE,
     PLAN,
     REACTION,
+    STEP_IN_TIME,
     TOUCH,
     TRIAL,
     WATCH,
@@ -38,7 +40,8 @@ from xdynamics.march.run import (
 )
 from xdynamics.march.settings import EPS, Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
-from xdynamics.methods.scheme import DIFFERENCES, EXTRAPOLATED
+from xdynamics.methods.scheme import EXTRAPOLATED
+from xdynamics.methods.steppers import DIFFERENCES, TimeStepping
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
@@ -50,12 +53,6 @@ from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
 
-_NOTHING_TO_SOLVE: dict[str, NDArray[Any]] = {
-    "equations": np.zeros(0, EQUATIONS),
-    "unknowns": np.zeros((0, 3), np.int64),
-    "entries": np.zeros((0, 4), np.int64),
-    "pivots": np.zeros(0, np.int64),
-} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
 DEEPEST = 64  # halvings of a step in search of events
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
@@ -74,7 +71,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     )  # nothing beyond the first node matters
     given_steps = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
-    now = np.zeros(1, NOW)
+    solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
     return Run(
         plan=plan,
@@ -95,8 +92,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         **_watching(model, law, settings),
         w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
-        **_solving(law),
-        law=np.append(addresses, _solver(law)) if law.scheme.method.implicit else addresses,
+        **solver.arrays(law),
+        law=np.append(addresses, solver.address()),
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
 
@@ -105,29 +102,6 @@ def addresses_of(law: Law) -> NDArray[np.int64]:
     """Return the addresses of a march's programs; with the interpolant where an event is located on it."""
     inside = any(detector.event.root_state == "interpolant" for detector in law.layout.watched)
     return law.addresses_inside if inside else law.addresses
-
-
-def _solver(law: Law) -> int:
-    """Return the address of the solver of a step's equations."""
-    return solvers().radau if law.scheme.method.simplified else solvers().newton
-
-
-def _solving(law: Law) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the equation solver; runs of explicit methods share empty ones, which nothing writes to."""
-    layout, method = law.layout, law.scheme.method
-    if not method.implicit:
-        return _NOTHING_TO_SOLVE
-    if not method.simplified:
-        equations, unknowns, entries = _equations(law)
-        largest = max(equation.unknowns for equation in equations)
-        lists = {"equations": equations, "unknowns": unknowns, "entries": entries}
-        return _NOTHING_TO_SOLVE | lists | {"matrix": np.zeros(largest * largest), "right": np.zeros(largest)}
-    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
-    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
-    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
-    arrays: dict[str, NDArray[Any]] = {name: np.zeros(length) for name, length in lengths.items()}
-    arrays |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
-    return _NOTHING_TO_SOLVE | arrays
 
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
@@ -189,11 +163,9 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "most_steps": pacing.max_steps if adaptive else np.inf,
         "divisor": 2.0**scheme.method.order - 1.0,
         "adaptive": adaptive,
-        "implicit": scheme.method.implicit,
-        "simplified": scheme.method.simplified,
         "differences": scheme.jacobian == DIFFERENCES,
         "estimates": scheme.estimates,
-        "halved": scheme.halved,
+        "steps": scheme.steps,
         "extrapolated": scheme.estimator == EXTRAPOLATED,
         "limited": _limits_domain(model),
         "stages": scheme.stages,
@@ -207,7 +179,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "evaluated": len(layout.evaluation),
         "reactions": len(layout.reactions),
         "switches": sum(detector.role in (SWITCH, KINK) for detector in layout.watched),
-        "stepping": scheme.method.stepping,
+        "contacts": STEP_IN_TIME if isinstance(scheme.method.stepper, TimeStepping) else HOLD,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": len(layout.state) - len(layout.reactions),
@@ -366,20 +338,6 @@ def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDAr
         if detector.drive:
             row.drive, row.argument, row.rate, row.turn = _followed_by(layout, detector.drive)
     return rows
-
-
-def _equations(law: Law) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the equations of a step as flat lists for Newton's method."""
-    rows = np.zeros(len(law.equations), EQUATIONS)
-    unknowns: list[tuple[int, int, int]] = []
-    entries: list[tuple[int, int, int, int]] = []
-    for row, equations in zip(rows, law.equations, strict=True):
-        row.evaluations, row.residuals = equations.evaluations, equations.residuals
-        row.first_unknown, row.unknowns = len(unknowns), len(equations.unknowns)
-        row.first_entry, row.entries = len(entries), len(equations.entries)
-        unknowns += equations.unknowns
-        entries += equations.entries
-    return rows, np.array(unknowns, np.int64).reshape(-1, 3), np.array(entries, np.int64).reshape(-1, 4)
 
 
 @lru_cache(maxsize=64)

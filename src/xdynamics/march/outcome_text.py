@@ -9,8 +9,7 @@ from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
 from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined
-from xdynamics.march.implicit.newton import MOST_ITERATIONS
-from xdynamics.march.implicit.radau import MOST_TURNS
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcomes import (
     COMPLETED,
     CONTACT_INCONSISTENT,
@@ -166,7 +165,8 @@ def _cause(march: March) -> str:
             )
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
-            limit = MOST_TURNS if plan.simplified and plan.adaptive else MOST_ITERATIONS
+            settings = march.settings
+            limit = solver_of(settings.method).reported(settings)["solver_newton_most_iterations"]
             return (
                 f"Newton's method, of at most {limit} iterations, does not solve the step's equations, that of"
                 f" {of_newton(march)} least of all; {remedy}"

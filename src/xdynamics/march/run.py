@@ -23,13 +23,14 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
 # largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
-# are located one by one, as in version 0.2; `margin` is added to the rounding by which an interval is widened; `order`
+# are located one by one, as in version 0.2; `steps` are those of a trial, three with step doubling; `contacts` is what
+# they do after one; `margin` is added to the rounding by which an interval is widened; `order`
 # is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
-    "adaptive implicit simplified differences estimates halved extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches stepping apart",
+    "adaptive differences estimates steps extrapolated limited stages samples"
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -289,7 +290,7 @@ class Run:
     defects: Floats  # residuals of the transformed equations, and the resulting corrections
     past: Floats  # differences of the previous step's collocation polynomial
     pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
-    law: Whole  # addresses
+    law: Whole  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
     functions: Whole  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
     base: Bases  # the counts of `now` at the log's first row
     log_flags: Flags  # kind, regime

@@ -13,7 +13,8 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL
 from xdynamics.methods import Method
-from xdynamics.methods.scheme import DIFFERENCES, EMBEDDED, ESTIMATORS, EXACT, JACOBIANS, NO_ESTIMATE, Scheme
+from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
+from xdynamics.methods.steppers import EXACT, JACOBIANS, TimeStepping
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
@@ -282,12 +283,14 @@ class Settings:
             for one in self.nodes
             if not start < one < self.until
         ]
-        if self.method.stepping and any(one.law == ENERGETIC for one in model.contacts.values()):
+        if isinstance(self.method.stepper, TimeStepping) and any(
+            one.law == ENERGETIC for one in model.contacts.values()
+        ):
             faults.append(
                 f"method '{self.method.name}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}'"
                 " is for impacts that are located; take another method or law = 'newton'"
             )
-        if self.method.stepping and self.estimator != NO_ESTIMATE and reactions(model):
+        if isinstance(self.method.stepper, TimeStepping) and self.estimator != NO_ESTIMATE and reactions(model):
             faults.append(
                 f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator ="
                 " 'none'"
@@ -349,7 +352,7 @@ class Settings:
     def _jacobian_faults(self) -> list[str]:
         if self.jacobian not in JACOBIANS:
             return [f"jacobian is {self.jacobian!r}; there are {', '.join(JACOBIANS)}"]
-        if self.jacobian == DIFFERENCES and not self.method.simplified:
+        if self.jacobian not in self.method.stepper.jacobians:
             return [f"jacobian = 'differences' is for radau_iia, and the method is '{self.method.name}'"]
         return []
 

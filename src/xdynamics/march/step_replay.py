@@ -47,7 +47,7 @@ def retraced(march: March) -> Iterator[Values]:
         yield forces(state | {"t": t})
         return
     yield from step(t, h, state).found
-    if march.settings.scheme.halved:
+    if march.settings.scheme.steps > 1:
         half = step(t, h / 2.0, state)
         yield from half.found
         if half.whole:

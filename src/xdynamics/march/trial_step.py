@@ -14,7 +14,7 @@ from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.handle import called, entered_by, run_at, stepped_by
 from xdynamics.march.log import note_trial
-from xdynamics.march.run import HOLD, STEP_IN_TIME, SUBSTEP, TOUCHED, Run
+from xdynamics.march.run import SUBSTEP, TOUCHED, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
@@ -26,12 +26,12 @@ def propose(run: Run, t1: float, h: float) -> None:
     """Make one step from the current state, which stays unchanged."""
     trial = run.trial[0]
     trial.t, trial.h, trial.iterations = t1, h, 0
-    if run.plan[0].halved:
+    if run.plan[0].steps > 1:
         double(run, t1, h)
     else:
         advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
-        entered_by(run.functions[TOUCHED], run, t1, STEP_IN_TIME if run.plan[0].stepping else HOLD)
+        entered_by(run.functions[TOUCHED], run, t1, run.plan[0].contacts)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 
@@ -39,8 +39,9 @@ def propose(run: Run, t1: float, h: float) -> None:
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
     run.at[T], run.at[T1], run.at[H] = t, t1, h
-    if run.plan[0].implicit:
-        stepped_by(run.law[run.law.shape[0] - 1], run, t, t1, h, y, z, sample)
+    solver = run.law[run.law.shape[0] - 1]
+    if solver != 0:
+        stepped_by(solver, run, t, t1, h, y, z, sample)
     else:
         called(run.law[PROPOSE], run, y, z, sample)
         run.now[0].evaluations += run.plan[0].stages

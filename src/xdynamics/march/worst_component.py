@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.runner import March
 
 
@@ -19,17 +20,7 @@ def of_error(march: March) -> str:
 def of_newton(march: March) -> str:
     """Name the component with the largest correction over its size in Newton's last iteration."""
     run, n = march.run, len(march.layout.used)
-    if march.settings.method.simplified:
-        corrections, stages = (
-            np.abs(increments[: 3 * n]).reshape(3, n).max(axis=0) for increments in (run.defects, run.stages)
-        )
-        return _largest(march, corrections, np.abs(run.y[:n]) + stages)
-    last = run.equations[-1]
-    first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
-    places, before = run.unknowns[first : first + unknowns, 0], run.unknowns[first : first + unknowns, 1]
-    corrections, sizes = np.zeros(n), np.zeros(n)
-    corrections[before], sizes[before] = run.right[:unknowns], np.abs(run.w[places]) + np.abs(run.y[before])
-    return _largest(march, corrections, sizes)
+    return _largest(march, *solver_of(march.settings.method).corrections(run, n))
 
 
 def _largest(march: March, errors: np.ndarray, scales: np.ndarray) -> str:

@@ -1,6 +1,7 @@
 """Implicit methods: each step solves its equations by Newton's method."""
 
 from xdynamics.methods.method import Method, spread
+from xdynamics.methods.steppers import Collocation
 from xdynamics.model import Trait
 
 IMPLICIT_VELOCITY_VERLET = Method(
@@ -54,27 +55,21 @@ IMPLICIT_MIDPOINT = Method(
     refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 
-# c = ((4 - sqrt(6))/10, (4 + sqrt(6))/10, 1); the state after the step is the third stage
+_RADAU_IIA = Collocation(
+    a=(
+        ("(88 - 7*sqrt(6))/360", "(296 - 169*sqrt(6))/1800", "(-2 + 3*sqrt(6))/225"),
+        ("(296 + 169*sqrt(6))/1800", "(88 + 7*sqrt(6))/360", "(-2 - 3*sqrt(6))/225"),
+        ("(16 - sqrt(6))/36", "(16 + sqrt(6))/36", "1/9"),
+    ),
+    c=("(4 - sqrt(6))/10", "(4 + sqrt(6))/10", "1"),
+)
 RADAU_IIA = Method(
     name="radau_iia",
     synonyms=("Radau IIA of order 5", "RADAU5", "Ehle's method"),
     order=5,
     symplectic=False,
     evaluations=4,
-    update=spread("""
-        y2 = y + (4 - sqrt(6))/10*h*k
-        y3 = y + (4 + sqrt(6))/10*h*k
-        y4 = y + h*k
-        solve y2, y3, y4:
-            k2 = f(t + (4 - sqrt(6))/10*h, y2)
-            k3 = f(t + (4 + sqrt(6))/10*h, y3)
-            k4 = f(t1, y4)
-            y2 = y + h*((88 - 7*sqrt(6))/360*k2 + (296 - 169*sqrt(6))/1800*k3 + (-2 + 3*sqrt(6))/225*k4)
-            y3 = y + h*((296 + 169*sqrt(6))/1800*k2 + (88 + 7*sqrt(6))/360*k3 + (-2 - 3*sqrt(6))/225*k4)
-            y4 = y + h*((16 - sqrt(6))/36*k2 + (16 + sqrt(6))/36*k3 + 1/9*k4)
-        y1 = y4
-        k1 = f(t1, y1)
-    """),
+    update=spread(_RADAU_IIA.template),
     words="three stages at Radau's points, solved for together; the third is the new state, then the force",
     reference="Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.5, Table 5.6, and IV.8, eq. (8.19); L-stable",
     # the linear filter of eq. (8.19), (I - h*g0*J)**-1, as the equation that it solves; g0 = 0.2748888295956774 there
@@ -96,7 +91,7 @@ RADAU_IIA = Method(
         ys = y + s*(ya + (s - (4 - sqrt(6))/10)*(yd + (s - (4 + sqrt(6))/10)*yg))
     """),
     interpolation="the collocation polynomial, cubic, through the start and the three stages, solved for again",
-    simplified=True,
+    stepper=_RADAU_IIA,
     refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),
 )
 

@@ -12,6 +12,7 @@ from textwrap import dedent
 from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
+from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
 
 SCALARS = ("t", "t1", "h", "s")
@@ -154,12 +155,10 @@ class Method:
         The same in words.
     interpolation_order : int
         Order of the local error of the interpolant, minus one.
-    simplified : bool
-        Whether its stages are solved for by the simplified Newton iterations of RADAU5 (`march.implicit.radau`).
+    stepper : Stepper
+        How its steps are made.
     symmetric : bool
         Whether a step of size -h undoes one of size h: the method is its own adjoint, impacts aside (Hairer, Lubich, Wanner, section V.1).
-    stepping : bool
-        Whether contacts act by impulses over whole steps (`march.contacts.time_stepping`), and not as events.
     """
 
     name: str
@@ -176,9 +175,8 @@ class Method:
     extension: str = HERMITE
     interpolation: str = HERMITE_WORDS
     interpolation_order: int = 3
-    simplified: bool = False
     symmetric: bool = False
-    stepping: bool = False
+    stepper: Stepper = LINES
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:
@@ -186,9 +184,9 @@ class Method:
         return read_lines(self.update)
 
     @property
-    def implicit(self) -> bool:
-        """Whether a step solves equations."""
-        return any(isinstance(line, Solve) for line in self.statements)
+    def solves(self) -> tuple[Solve, ...]:
+        """The equations that a step solves; those of an implicit method."""
+        return tuple(line for line in self.statements if isinstance(line, Solve))
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
@@ -198,7 +196,7 @@ class Method:
         """List why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}
         refused = [trait for trait in self.refuses if trait in traits]
-        if by_differences and self.simplified:
+        if by_differences and DIFFERENCES in self.stepper.jacobians:
             refused = [trait for trait in refused if trait not in (Trait.PYTHON_FORCES, Trait.CONTACTS)]
         return [f"it is not defined for {trait} ({traits[trait]})" for trait in refused]
 

@@ -2,6 +2,7 @@
 
 from xdynamics.methods.composition import POSITION_VERLET, REFUSES
 from xdynamics.methods.method import Method
+from xdynamics.methods.steppers import TimeStepping
 
 MOREAU_JEAN = Method(
     name="moreau_jean",
@@ -20,7 +21,7 @@ MOREAU_JEAN = Method(
         " Jean 1999, ibid. 235, doi:10.1016/S0045-7825(98)00383-1"
     ),
     refuses=REFUSES,
-    stepping=True,
+    stepper=TimeStepping(),
 )
 
 METHODS = (MOREAU_JEAN,)

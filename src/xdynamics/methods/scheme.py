@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import Decimal
+from fractions import Fraction
 
 from xdynamics.elementary import NAME
 from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
+from xdynamics.methods.steppers import CONTROLLER, EXACT, Collocation
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
@@ -15,13 +17,11 @@ NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "step_doubling",
     "step_doubling_extrapolated",
 )
-EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
 REINTEGRATE, INTERPOLANT = RULES = ("reintegrate", "interpolant")
 REINTEGRATION_WORDS = (
     "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are"
     " located on the same"
 )
-INNER_SHARE, INNER_EXPONENT = 0.1, Decimal("0.8")
 INNER_NORM = (
     "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is"
     " proportional to the tolerances"
@@ -45,7 +45,7 @@ class Scheme:
     estimator : str
         One of `ESTIMATORS`.
     jacobian : str
-        One of `JACOBIANS`: how an implicit method obtains the derivatives of the forces.
+        One of `steppers.JACOBIANS`: how an implicit method obtains the derivatives of the forces.
     summation : str
         One of `SUMMATIONS`: whether the rounding errors of the state are carried along.
     math_functions : str
@@ -64,9 +64,9 @@ class Scheme:
         return self.estimator != NO_ESTIMATE
 
     @property
-    def halved(self) -> bool:
-        """Whether a step is made as a whole and as two halves, of which the halves are continued."""
-        return self.estimator in (STEP_DOUBLING, EXTRAPOLATED)
+    def steps(self) -> int:
+        """Steps made in one trial: with step doubling a whole one and two halves, of which the halves are continued."""
+        return 3 if self.estimator in (STEP_DOUBLING, EXTRAPOLATED) else 1
 
     @property
     def compensated(self) -> dict[str, Update]:
@@ -74,9 +74,9 @@ class Scheme:
         return updates(self.method) if self.summation == COMPENSATED else {}
 
     @property
-    def predictive(self) -> bool:
-        """Whether step sizes are chosen as in RADAU5, and judged by an inner tolerance."""
-        return self.method.simplified and self.estimator == EMBEDDED
+    def controller(self) -> str:
+        """How the next step is chosen, in words."""
+        return self.method.stepper.controller if self.estimator == EMBEDDED else CONTROLLER
 
     def inner(self, rtol: float) -> float:
         """Return the relative tolerance that steps are judged by.
@@ -86,8 +86,9 @@ class Scheme:
         tol**(k/p) in place of tol makes it proportional to tol; likewise for RADAU5, whose estimate is of order h**4.
         Decimal arithmetic gives the power the same digits on every machine.
         """
-        if self.predictive:
-            return INNER_SHARE * float(Decimal(rtol) ** INNER_EXPONENT)
+        if self.estimator == EMBEDDED and self.method.stepper.inner:
+            factor, power = self.method.stepper.inner
+            return factor * float(Decimal(rtol) ** power)
         if self.estimator == STEP_DOUBLING:
             return float(Decimal(rtol) ** (Decimal(self.error_order) / self.method.order))
         return rtol
@@ -95,8 +96,9 @@ class Scheme:
     @property
     def inner_norm(self) -> str:
         """The effect of `inner` in words; empty if it has none."""
-        if self.predictive:
-            return INNER_NORM.format("0.1*rtol**(4/5)")
+        if self.estimator == EMBEDDED and self.method.stepper.inner:
+            factor, power = self.method.stepper.inner
+            return INNER_NORM.format(f"{factor}*rtol**({Fraction(power)})")
         if self.estimator == STEP_DOUBLING:
             return INNER_NORM.format(f"rtol**({self.error_order}/{self.method.order})")
         return ""
@@ -119,30 +121,30 @@ class Scheme:
     @property
     def stages(self) -> int:
         """Force evaluations of one step by the method's lines; for implicit equations, those of one iteration."""
-        lines = () if self.method.simplified else self.error_lines
+        lines = () if isinstance(self.method.stepper, Collocation) else self.error_lines
         return sum(_evaluations(line) for line in (*self.method.statements, *lines))
 
     @property
     def samples(self) -> int:
         """Force evaluations that one trial keeps."""
-        return self.stages * (3 if self.halved else 1) + (self.estimator == EXTRAPOLATED)
+        return self.stages * self.steps + (self.estimator == EXTRAPOLATED)
 
     @property
     def extension(self) -> str:
         """The lines of the interpolant of a step: the method's own, or Hermite's if half steps are continued."""
-        return HERMITE if self.halved else self.method.extension
+        return HERMITE if self.steps > 1 else self.method.extension
 
     def interpolation(self, rule: str = REINTEGRATE) -> str:
         """The interpolation between accepted states, in words."""
         if rule == REINTEGRATE:
             return REINTEGRATION_WORDS
-        return HERMITE_WORDS if self.halved else self.method.interpolation
+        return HERMITE_WORDS if self.steps > 1 else self.method.interpolation
 
     def interpolation_order(self, rule: str = REINTEGRATE) -> int:
         """Order of the local error of the interpolation, minus one."""
         if rule == REINTEGRATE:
             return self.order
-        return 3 if self.halved else self.method.interpolation_order
+        return 3 if self.steps > 1 else self.method.interpolation_order
 
 
 def _evaluations(line: Line) -> int:

@@ -163,8 +163,8 @@ def _steps(about: About) -> list[Column]:
         add(
             schema.error(name), f"estimated local error of {name} in the step to this state", "error", units.known[name]
         )
-    if layout.implicit:
-        index = order["newton_iterations"]
+    if layout.effort:
+        index = order[layout.effort[0]]
         collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return collected
 

@@ -13,16 +13,14 @@ from xdynamics import schema
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL
 from xdynamics.march import March
-from xdynamics.march.control import CONTROLLER, ERROR_NORM, FIRST_STEP, PREDICTIVE, SPACINGS
-from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
-from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
+from xdynamics.march.control import ERROR_NORM, FIRST_STEP, SPACINGS
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.method import HERMITE, printed
-from xdynamics.methods.radau import SHARE
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
@@ -215,7 +213,7 @@ def _steps(march: March) -> dict[str, Any]:
     scale = settings.scales.of(TIME)
     return {
         "solver_step_control": "adaptive",
-        "solver_controller": PREDICTIVE if settings.scheme.predictive else CONTROLLER,
+        "solver_controller": settings.scheme.controller,
         "solver_first_step": settings.step or float(march.now.first_step) * scale,
         "solver_first_step_units": "s",
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
@@ -239,7 +237,7 @@ def _longest(march: March) -> dict[str, Any]:
 
 def _errors(march: March) -> dict[str, Any]:
     """Describe how local errors were estimated and scaled, and how equations were solved."""
-    settings, method = march.settings, march.settings.method
+    settings = march.settings
     reported: dict[str, Any] = {"solver_estimator": settings.estimator}
     if settings.scheme.estimates:
         reported["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
@@ -255,28 +253,12 @@ def _errors(march: March) -> dict[str, Any]:
         }
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
-    if method.simplified:
-        reported |= {
-            "solver_equations_solved_by": SOLVED_BY,
-            "solver_jacobian": settings.jacobian,
-            "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
-            "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
-        }
-    elif method.implicit:
-        reported |= {
-            "solver_equations_solved_by": (
-                "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its"
-                " unknown"
-            ),
-            "solver_newton_tolerance": NEWTON_TOLERANCE,
-            "solver_newton_most_iterations": MOST_ITERATIONS,
-        }
-    return reported
+    return reported | solver_of(settings.method).reported(settings)
 
 
 def _effort(march: March) -> dict[str, int]:
     """Count what an implicit method does besides evaluating forces."""
-    if not march.settings.method.implicit:
+    if not march.settings.method.solves:
         return {}
     return {
         "run_jacobian_evaluations": int(march.now.jacobians),

@@ -125,7 +125,7 @@ class Harvest:
         time, used = self["time"], self.layout.used
         states = [state_name(entry) for entry in reactions(self.model)]
         wanted = [("step_size", following), *((entry, rows) for entry in ("regime", "row_kind", *states, *used))]
-        if self.settings.method.simplified:
+        if self.settings.method.stepper.has_memory:
             wanted += [(entry, following) for entry in used]
         columns = np.stack([self[name][at_rows] for name, at_rows in wanted])
         return states_within(

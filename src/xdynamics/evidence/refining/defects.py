@@ -46,7 +46,7 @@ def step_defects(
         If the method carries memory from one step to the next, so that no step can be repeated alone.
     """
     inside = Inside.of(run, functions, REINTEGRATE)
-    if inside.settings.method.simplified:
+    if inside.settings.method.stepper.has_memory:
         raise InputError(
             f"steps of '{inside.settings.method.name}' depend on those before: none of them is repeated alone"
         )

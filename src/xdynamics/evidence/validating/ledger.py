@@ -25,7 +25,7 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.methods import METHODS
-from xdynamics.methods.scheme import DIFFERENCES
+from xdynamics.methods.steppers import DIFFERENCES, TimeStepping
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
@@ -276,7 +276,7 @@ class Case:
         yield from (row for row, _ in self._forms())
         if self.model.contacts:
             runs = Marched(self.model, self.method, own=self.stage > 0)
-            located = not (runs.refused or runs.method.stepping)
+            located = not (runs.refused or isinstance(runs.method.stepper, TimeStepping))
             yield from self._missing(self.impacts or 0 if located or not self.stage else 1)
 
     def _missing(self, count: int) -> list[Row]:
@@ -299,7 +299,7 @@ def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
     """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
     law, method = next(iter(marched.model.contacts.values())).law, marched.method
     row = Row(f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding")
-    if marched.refused or method.stepping:
+    if marched.refused or isinstance(method.stepper, TimeStepping):
         why = f"the method refuses: {'; '.join(marched.refused)}" if marched.refused else "the method locates no events"
         yield replace(row, note=why)
         return
@@ -348,7 +348,7 @@ class Marched:
             return f"the method refuses: {'; '.join(self.refused)}"
         if case.bound == BAND and not self.method.symplectic:
             return "the method is not symplectic: it claims no band"
-        if case.event and self.method.stepping:
+        if case.event and isinstance(self.method.stepper, TimeStepping):
             return "the method locates no events"
         return ""
 

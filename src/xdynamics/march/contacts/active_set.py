@@ -29,7 +29,7 @@ from xdynamics.march.contacts.delassus import (
 )
 from xdynamics.march.contacts.gaps import size_of_gap, spread, struck
 from xdynamics.march.contacts.projection import choose
-from xdynamics.march.run import Run
+from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
@@ -149,7 +149,7 @@ def inform(run: Run) -> None:
     """Store what contacts do, after the parameters, and wake the detectors of what may come next."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        if run.plan[0].stepping:
+        if run.plan[0].contacts == STEP_IN_TIME:
             run.modes[MODES * k], run.modes[MODES * k + 1] = 0.0, 0.0
         elif run.reactions[k].role == NORMAL:
             run.modes[MODES * k] = 0.0 if touch.state == OPEN else 1.0
@@ -220,4 +220,4 @@ def wake(run: Run, i: int) -> None:
         watch.guard, awake = 1 if state == FORWARD else -1, state in (FORWARD, BACKWARD)
     if watch.asleep and awake:
         watch.greatest = 0.0
-    watch.asleep = 0 if awake and not run.plan[0].stepping else 1
+    watch.asleep = 0 if awake and run.plan[0].contacts == HOLD else 1

@@ -88,7 +88,7 @@ def begin(run: Run, t: float) -> None:
         if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         contact.held = OPEN
-    if run.plan[0].stepping:
+    if run.plan[0].contacts == STEP_IN_TIME:
         inform(run)
         return
     measure(run)

@@ -36,7 +36,20 @@ from xdynamics.march.outcomes import (
     SOUND,
     STOPPED,
 )
-from xdynamics.march.run import BEFORE, BEGUN, BEHIND, GUARD, KEPT_ALL, RESOLVE, SETTLE, SIDES, TOUCHED, WEIGH, Run
+from xdynamics.march.run import (
+    BEFORE,
+    BEGUN,
+    BEHIND,
+    GUARD,
+    HOLD,
+    KEPT_ALL,
+    RESOLVE,
+    SETTLE,
+    SIDES,
+    TOUCHED,
+    WEIGH,
+    Run,
+)
 from xdynamics.march.trial_step import copy, keep, look, substep, take
 from xdynamics.model.detectors import GRIP, KINK, OCCASION, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
@@ -207,7 +220,7 @@ def cross(run: Run, before: int) -> bool:
     if plan.reactions > 0:
         row = -1 if changed or plan.kinetic < 0 else before - run.base[0].rows
         changed = True
-        if plan.stepping == 0 and not touch(run, row):
+        if plan.contacts == HOLD and not touch(run, row):
             break_off(run, before)
             return False
     note_offsets(run, before)

@@ -8,26 +8,12 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.lane_step import LANE
 from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
-from xdynamics.kernels.radau_memory import KEPT, LASTING
-from xdynamics.march.run import BEGUN, Run
+from xdynamics.kernels.radau_memory import KEPT
+from xdynamics.kernels.radau_memory import PLACES as K
+from xdynamics.march.run import BEGUN, MOVED, Run
 
 Floats = NDArray[np.float64]
 
-(
-    K_FACTORED,
-    K_THETA,
-    K_ETA,
-    K_BEFORE,
-    K_NORM_BEFORE,
-    K_LINEARISED,
-    K_FRESH,
-    K_SINCE,
-    K_TURNS,
-    K_ITERATIONS,
-    K_EVALUATIONS,
-    K_JACOBIANS,
-    K_FACTORISATIONS,
-) = range(len(LASTING))
 OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
 
 
@@ -40,22 +26,22 @@ def of_kept(run: Run) -> int:
 @borrowing
 def begin_anew(run: Run, w: Floats, lane: int) -> None:
     """Let the next step use nothing of those before, as after a node."""
-    if run.plan[0].simplified:
-        w[of_kept(run) + K_SINCE, lane] = BEGUN
+    if run.stages.shape[0] > 0:
+        w[of_kept(run) + K.since, lane] = BEGUN
 
 
 @borrowing
 def enter_kept(run: Run, w: Floats, lane: int) -> int:
     """Put what a step keeps for the next one into a lane, ordered as `radau_memory.lengths`; return the place after."""
     first, kept = of_kept(run), run.kept[0]
-    if not run.plan[0].simplified:
+    if run.stages.shape[0] == 0:
         return first
-    w[first + K_FACTORED, lane], w[first + K_THETA, lane], w[first + K_ETA, lane] = kept.factored, kept.theta, kept.eta
-    w[first + K_BEFORE, lane], w[first + K_NORM_BEFORE, lane] = kept.step, kept.norm
-    w[first + K_LINEARISED, lane], w[first + K_FRESH, lane] = float(kept.linearised), float(kept.fresh)
-    w[first + K_SINCE, lane], w[first + K_TURNS, lane] = float(kept.since), float(kept.turns)
-    w[first + K_ITERATIONS, lane] = w[first + K_EVALUATIONS, lane] = 0.0
-    w[first + K_JACOBIANS, lane] = w[first + K_FACTORISATIONS, lane] = 0.0
+    w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane] = kept.factored, kept.theta, kept.eta
+    w[first + K.before, lane], w[first + K.norm_before, lane] = kept.step, kept.norm
+    w[first + K.linearised, lane], w[first + K.fresh, lane] = float(kept.linearised), float(kept.fresh)
+    w[first + K.since, lane], w[first + K.turns, lane] = float(kept.since), float(kept.turns)
+    w[first + K.iterations, lane] = w[first + K.evaluations, lane] = 0.0
+    w[first + K.jacobians, lane] = w[first + K.factorisations, lane] = 0.0
     first += OF_KEPT
     stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
     for k in range(run.entries.shape[0]):
@@ -73,19 +59,22 @@ def enter_kept(run: Run, w: Floats, lane: int) -> int:
 
 
 @borrowing
-def leave_kept(run: Run, w: Floats, lane: int) -> int:
+def leave_kept(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> int:
     """Take what a step keeps out of a lane, with its counts; return the place after it."""
     first, kept, now = of_kept(run), run.kept[0], run.now[0]
-    if not run.plan[0].simplified:
+    if run.stages.shape[0] == 0:
+        now.evaluations += run.plan[0].stages * (accepted + rejected)
+        if accepted > 0:
+            kept.since, run.trial[0].iterations = MOVED, 0
         return first
-    kept.factored, kept.theta, kept.eta = w[first + K_FACTORED, lane], w[first + K_THETA, lane], w[first + K_ETA, lane]
-    kept.step, kept.norm = w[first + K_BEFORE, lane], w[first + K_NORM_BEFORE, lane]
-    kept.linearised, kept.fresh = np.int64(w[first + K_LINEARISED, lane]), np.int64(w[first + K_FRESH, lane])
-    kept.since, kept.turns = np.int64(w[first + K_SINCE, lane]), np.int64(w[first + K_TURNS, lane])
-    run.trial[0].iterations = np.int64(w[first + K_ITERATIONS, lane])
-    now.evaluations += np.int64(w[first + K_EVALUATIONS, lane])
-    now.jacobians += np.int64(w[first + K_JACOBIANS, lane])
-    now.factorisations += np.int64(w[first + K_FACTORISATIONS, lane])
+    kept.factored, kept.theta, kept.eta = w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane]
+    kept.step, kept.norm = w[first + K.before, lane], w[first + K.norm_before, lane]
+    kept.linearised, kept.fresh = np.int64(w[first + K.linearised, lane]), np.int64(w[first + K.fresh, lane])
+    kept.since, kept.turns = np.int64(w[first + K.since, lane]), np.int64(w[first + K.turns, lane])
+    run.trial[0].iterations = np.int64(w[first + K.iterations, lane])
+    now.evaluations += np.int64(w[first + K.evaluations, lane])
+    now.jacobians += np.int64(w[first + K.jacobians, lane])
+    now.factorisations += np.int64(w[first + K.factorisations, lane])
     first += OF_KEPT
     stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
     for k in range(run.entries.shape[0]):

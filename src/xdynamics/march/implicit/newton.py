@@ -5,8 +5,8 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import PROPOSE
 from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.newton_matrix import DIRECT
 from xdynamics.kernels.program import H
-from xdynamics.kernels.step_programs import DIRECT
 from xdynamics.march.force_evaluation import State
 from xdynamics.march.handle import called
 from xdynamics.march.run import Run

@@ -11,33 +11,15 @@ import math
 import numpy as np
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels import step_control
+from xdynamics.kernels import radau_lines, step_control
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.kernels.radau_lines import CONSTANTS, CONVERGENCE, GUESS, POLYNOMIAL
-from xdynamics.kernels.step_control import PREDICTIVE
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, keep_sample
 from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
-from xdynamics.methods.radau import (
-    ALPHA,
-    BETA,
-    DIVERGING,
-    ERROR,
-    FEW_TURNS,
-    GAMMA,
-    LEAST_NORM,
-    NODES,
-    SAME_STEP,
-    SHARE,
-    SLOW,
-    STALLED,
-    T_INVERSE,
-)
-from xdynamics.methods.radau import MOST_TURNS as MOST
-from xdynamics.methods.radau import T as T_MATRIX
+from xdynamics.methods import radau as constants
 
 SOLVED_BY = (
     "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge; in"
@@ -46,11 +28,11 @@ SOLVED_BY = (
     " Solving ODEs II, section IV.8)"
 )
 # single numbers: numba would build tuples anew at every use
-C1, C2, _ = NODES
-E1, E2, E3 = ERROR
-(T00, T01, T02), (T10, T11, T12), (T20, _, _) = T_MATRIX
-(A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = T_INVERSE
-MOST_TURNS = np.int64(MOST)  # no literal: numba compiles a copy of a function for each that it is given
+C1, C2, _ = constants.NODES
+E1, E2, E3 = constants.ERROR
+(T00, T01, T02), (T10, T11, T12), (T20, _, _) = constants.T
+(A00, A01, A02), (A10, A11, A12), (A20, A21, A22) = constants.T_INVERSE
+MOST_TURNS = np.int64(constants.MOST_TURNS)  # no literal: numba compiles a copy of a function for each that it is given
 MOST_SETTLING = np.int64(25)  # where the step is given
 SETTLED = 1e-15  # a correction relative to the size of its unknown, where the step is given
 ROUNDING = 1e-10  # below which corrections that no longer fall are rounding
@@ -60,15 +42,11 @@ AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in 
 OPEN, DONE, IN_VAIN = range(3)
 
 error_norm_apart = apart(error_norm)
-_polynomial = function_of(POLYNOMIAL, "z0 z1 z2", "first second third", CONSTANTS)
-_guess = function_of(GUESS, "c relative first second third", "guess", CONSTANTS)
-_convergence = function_of(CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now", CONSTANTS)
-_growth = function_of(
-    PREDICTIVE,
-    "norm width before norm_before turn turns theta safety least greatest",
-    "growth",
-    step_control.CONSTANTS,
-)
+_polynomial = function_of(radau_lines.POLYNOMIAL, "z0 z1 z2", "first second third", radau_lines.CONSTANTS)
+_guess = function_of(radau_lines.GUESS, "c relative first second third", "guess", radau_lines.CONSTANTS)
+_convergence = function_of(radau_lines.CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now")
+_GIVEN = "norm width before norm_before turn turns theta safety least greatest"
+_growth = function_of(step_control.PREDICTIVE, _GIVEN, "growth", step_control.CONSTANTS)
 
 
 @compiled
@@ -90,7 +68,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
             run.at[UNSOUND] = np.nan
     if not done:
         run.trial[0].iterations = -1
-    if plan.estimates and not plan.halved:
+    if plan.estimates and plan.steps == 1:
         run.kept[0].growth = UNSOLVED_GROWTH
         if done:
             estimate(run, t, h, y)
@@ -106,9 +84,9 @@ def recall(run: Run) -> None:
         kept.theta, kept.eta, kept.step, kept.norm = 0.0, 1.0, 0.0, 0.0
     elif kept.since == MOVED:
         keep_polynomial(run)
-        kept.step = 0.0 if run.plan[0].halved else run.now[0].h
-        kept.norm, kept.fresh = max(LEAST_NORM, run.now[0].norm), 0
-        if kept.turns > FEW_TURNS and kept.theta > SLOW:
+        kept.step = 0.0 if run.plan[0].steps > 1 else run.now[0].h
+        kept.norm, kept.fresh = max(constants.LEAST_NORM, run.now[0].norm), 0
+        if kept.turns > constants.FEW_TURNS and kept.theta > constants.SLOW:
             kept.linearised = 0
     kept.since = STAYED
 
@@ -148,7 +126,7 @@ def iterate(run: Run, t: float, h: float, y: State, sample: int, following: bool
     kept, verdict, turn = run.kept[0], OPEN, 0
     while verdict == OPEN:
         freshen(run, t, h, y, following)
-        if not abs(h - kept.factored) <= SAME_STEP * h and not factorise_both(run, h):
+        if not abs(h - kept.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
         size, turn = correct(run, t, h, y, sample), turn + 1
@@ -186,14 +164,14 @@ def judged(run: Run, size: float, turn: int) -> int:
     tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
     if run.plan[0].adaptive:
         rounding, most = 10.0 * EPS / rtol, MOST_TURNS
-        tolerance = max(0.05 * rounding, min(SHARE, math.sqrt(rtol)))
+        tolerance = max(0.05 * rounding, min(constants.SHARE, math.sqrt(rtol)))
     if not math.isfinite(size):
         return IN_VAIN
     if turn > 1:
         kept.ratio, kept.theta, eta = _convergence(size, kept.change, kept.ratio, turn)
-        if size <= rounding and kept.ratio >= STALLED:
+        if size <= rounding and kept.ratio >= constants.STALLED:
             return DONE
-        if not kept.theta < DIVERGING:
+        if not kept.theta < constants.DIVERGING:
             return IN_VAIN
         kept.eta = eta
         remaining = kept.eta * size
@@ -214,7 +192,7 @@ def correct(run: Run, t: float, h: float, y: State, sample: int) -> float:
         run.trial[0].iterations += 1
     slopes_at_stages(run, t, h, y, sample)
     defects, turned, n = run.defects, run.turned, run.plan[0].used
-    gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
+    gamma, alpha, beta = constants.GAMMA / h, constants.ALPHA / h, constants.BETA / h
     to_transformed(defects, defects, n)
     for i in range(n):
         w1, w2 = turned[n + i], turned[2 * n + i]

@@ -1,0 +1,95 @@
+"""What Newton's method needs of the equations of a step, and the entries of its matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from xdynamics.expressions import Name, Node, Number, derivative, expand
+from xdynamics.kernels.layout import Layout
+from xdynamics.methods.method import Solve
+from xdynamics.schema import rate
+
+DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by none
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What Newton's method needs of one `solve`, as places in the working memory `w` and in the state `y`.
+
+    Attributes
+    ----------
+    evaluations : int
+        Force evaluations of one iteration.
+    residuals : int
+        Place of the first residual; the others follow.
+    unknowns : tuple of (int, int, int)
+        For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
+    entries : tuple of (int, int, int, int)
+        What is subtracted from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
+    """
+
+    evaluations: int
+    residuals: int
+    unknowns: tuple[tuple[int, int, int], ...]
+    entries: tuple[tuple[int, int, int, int], ...]
+
+
+class Coupling:
+    """The matrix of Newton's method: direct dependence in the lines, and dependence through the forces.
+
+    Parameters
+    ----------
+    layout : Layout
+    line : Solve
+    slopes : list of int
+        Where the derivatives of each force evaluation begin.
+    coefficient : callable
+        Computes a number that all components share; returns its place.
+    """
+
+    def __init__(self, layout: Layout, line: Solve, slopes: list[int], coefficient: Callable[..., int]) -> None:
+        self._layout, self._line, self._slopes, self._coefficient = layout, line, slopes, coefficient
+        self._inner: Mapping[str, Node] = {statement.target: statement.expression for statement in line.definitions}
+        self._outer = {statement.target: expand(statement.expression, self._inner) for statement in line.equations}
+        self._jacobian = {pair: i for i, pair in enumerate(layout.jacobian)}
+        self._places: dict[tuple[str, ...], int | None] = {}
+
+    def entries(
+        self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
+    ) -> list[tuple[int, int, int, int]]:
+        """Return what is subtracted from one entry of the unit matrix, in the order written."""
+        (name, i), (variable, k) = target, unknown
+        of_state, by_state = name[0] == "x", variable[0] == "x"
+        entries = []
+        if i == k and of_state == by_state and (place := self._direct(name, variable)) is not None:
+            entries.append((row, column, place, DIRECT))
+        layout = self._layout
+        dependent = rate(layout.states[i]) if of_state else layout.coordinates[i]
+        for number, evaluation in enumerate(self._line.evaluations):
+            for vector in (evaluation.state,) if by_state else (evaluation.position, evaluation.velocity):
+                owner = layout.states[k] if by_state else layout.coordinates[k]
+                slope = self._jacobian.get((dependent, layout.argument(vector[0], owner)))
+                place = (
+                    None
+                    if slope is None
+                    else self._through(name, evaluation.rate if of_state else evaluation.acceleration, vector, variable)
+                )
+                if slope is not None and place is not None:
+                    entries.append((row, column, place, self._slopes[number] + slope))
+        return entries
+
+    def _direct(self, name: str, unknown: str) -> int | None:
+        return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
+
+    def _through(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
+        weight = derivative(self._outer[name], {slope: Number(1.0)})
+        inside = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
+        return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
+
+    def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
+        """Return the place of a coefficient; None if it is zero."""
+        if key not in self._places:
+            zero = weight == Number(0.0)
+            self._places[key] = None if zero else self._coefficient(weight, inside)
+        return self._places[key]

@@ -1,0 +1,118 @@
+"""What solves the equations of a step: where its code is, the arrays that it works on, what a record says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Law
+from xdynamics.march.engine import solvers
+from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
+from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
+from xdynamics.march.run import EQUATIONS, Run
+from xdynamics.march.settings import Settings
+from xdynamics.methods import Method
+from xdynamics.methods.radau import SHARE
+from xdynamics.methods.steppers import Collocation
+
+Arrays = dict[str, NDArray[Any]]
+Floats = NDArray[np.float64]
+
+# runs of explicit methods share empty arrays, which nothing writes to
+_NOTHING: Arrays = {
+    "equations": np.zeros(0, EQUATIONS),
+    "unknowns": np.zeros((0, 3), np.int64),
+    "entries": np.zeros((0, 4), np.int64),
+    "pivots": np.zeros(0, np.int64),
+} | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
+
+
+class Solver(NamedTuple):
+    """A way to solve the equations of a step."""
+
+    address: Callable[[], int]  # of its compiled code, 0 if there is nothing to solve
+    arrays: Callable[[Law], Arrays]  # of a run
+    reported: Callable[[Settings], dict[str, Any]]  # attributes of a record
+    corrections: Callable[[Run, int], tuple[Floats, Floats]]  # the last of every variable, and its size
+
+
+def solver_of(method: Method) -> Solver:
+    """Return what solves the equations of a method's steps."""
+    if isinstance(method.stepper, Collocation):
+        return SIMPLIFIED
+    return NEWTON if method.solves else NONE
+
+
+def _newton_arrays(law: Law) -> Arrays:
+    """Return the equations of a step as flat lists, and room for one matrix."""
+    rows = np.zeros(len(law.equations), EQUATIONS)
+    unknowns: list[tuple[int, int, int]] = []
+    entries: list[tuple[int, int, int, int]] = []
+    for row, equations in zip(rows, law.equations, strict=True):
+        row.evaluations, row.residuals = equations.evaluations, equations.residuals
+        row.first_unknown, row.unknowns = len(unknowns), len(equations.unknowns)
+        row.first_entry, row.entries = len(entries), len(equations.entries)
+        unknowns += equations.unknowns
+        entries += equations.entries
+    largest = int(max(rows["unknowns"]))
+    return _NOTHING | {
+        "equations": rows,
+        "unknowns": np.array(unknowns, np.int64).reshape(-1, 3),
+        "entries": np.array(entries, np.int64).reshape(-1, 4),
+        "matrix": np.zeros(largest * largest),
+        "right": np.zeros(largest),
+    }
+
+
+def _simplified_arrays(law: Law) -> Arrays:
+    layout, used = law.layout, len(law.layout.used)
+    size = used - len(layout.coordinates)
+    lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
+    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
+    arrays: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
+    arrays |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
+    return _NOTHING | arrays
+
+
+def _newton_reported(_settings: Settings) -> dict[str, Any]:
+    return {
+        "solver_equations_solved_by": (
+            "Newton's method with exact Jacobians, until a correction is below the tolerance times the size of its"
+            " unknown"
+        ),
+        "solver_newton_tolerance": NEWTON_TOLERANCE,
+        "solver_newton_most_iterations": MOST_ITERATIONS,
+    }
+
+
+def _simplified_reported(settings: Settings) -> dict[str, Any]:
+    return {
+        "solver_equations_solved_by": SOLVED_BY,
+        "solver_jacobian": settings.jacobian,
+        "solver_newton_tolerance": SHARE if settings.adaptive else SETTLED,
+        "solver_newton_most_iterations": int(MOST_TURNS if settings.adaptive else MOST_SETTLING),
+    }
+
+
+def _newton_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
+    last = run.equations[-1]
+    first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
+    places, before = run.unknowns[first : first + unknowns, 0], run.unknowns[first : first + unknowns, 1]
+    corrections, sizes = np.zeros(n), np.zeros(n)
+    corrections[before], sizes[before] = run.right[:unknowns], np.abs(run.w[places]) + np.abs(run.y[before])
+    return corrections, sizes
+
+
+def _simplified_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
+    corrections, stages = (
+        np.abs(increments[: 3 * n]).reshape(3, n).max(axis=0) for increments in (run.defects, run.stages)
+    )
+    return corrections, np.abs(run.y[:n]) + stages
+
+
+NONE = Solver(lambda: 0, lambda _law: _NOTHING, lambda _settings: {}, lambda _run, n: (np.zeros(n), np.ones(n)))
+NEWTON = Solver(lambda: solvers().newton, _newton_arrays, _newton_reported, _newton_corrections)
+SIMPLIFIED = Solver(lambda: solvers().radau, _simplified_arrays, _simplified_reported, _simplified_corrections)

@@ -1,0 +1,93 @@
+"""Steps of many logs, repeated side by side and shortened to end at times inside them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.program import T1, H, T
+from xdynamics.march.entries import stand
+from xdynamics.march.handle import run_at, strode_by
+from xdynamics.march.lane_memory import lend
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Flags = NDArray[np.int8]
+
+
+def parts_of_steps(
+    address: Any,
+    forces_at: Any,
+    propose_at: Any,
+    table: Whole,
+    at: Floats,
+    y: Floats,
+    p: Floats,
+    pieces: Whole,
+    z: Floats,
+    log: Floats,
+    flags: Flags,
+    parameters: Floats,
+    factors: Floats,
+    jobs: Whole,
+    times: Floats,
+    found: Floats,
+) -> None:
+    """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run` without contacts.
+    forces_at, propose_at : int
+        Addresses of a force evaluation and of a step, in all lanes.
+    table, at, y, p, pieces, z
+        As for `march_lanes`.
+    log, flags : ndarray, shape (…, rows)
+    parameters : ndarray, shape (runs, …)
+    factors : ndarray, shape (1 + n,)
+        From internal units to those of the record: of time, then of the state.
+    jobs : ndarray of int, shape (3, k)
+        Row at the start of each step, row at its end, and the run.
+    times : ndarray, shape (k,)
+        In the unit of the record.
+    found : ndarray, shape (n, k)
+        Filled, in units of the record.
+    """
+    run, lanes, n, scale = run_at(address), y.shape[1], found.shape[0], factors[0]
+    ends, whose = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
+    filled, current = 0, -1
+    for k in range(times.shape[0]):
+        row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]
+        # to units of the record and back, for the same bits
+        t, t1, h = log[0, row] * scale / scale, log[0, led_to] * scale / scale, log[1, led_to] * scale / scale
+        time = times[k] / scale
+        if time > t:
+            if member != current:
+                current = member
+                for i in range(parameters.shape[1]):
+                    run.p[i] = parameters[member, i]
+            run.now[0].regime = flags[1, row]
+            for i in range(run.y.shape[0]):
+                run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if i < n else 0.0
+            stand(run, t)
+            lend(run, at, y, p, pieces, filled)
+            ends[0, filled], ends[1, filled], ends[2, filled] = t, time, (time - t) / (t1 - t) * h
+            whose[filled] = k
+            filled += 1
+        else:
+            for i in range(n):
+                found[i, k] = log[2 + i, row] * factors[1 + i]
+        if filled == lanes or (filled > 0 and k == times.shape[0] - 1):
+            for lane in range(filled):
+                at[T, lane] = ends[0, lane]
+            strode_by(forces_at, table.ctypes.data, y.ctypes.data, y.ctypes.data, z.ctypes.data)
+            for lane in range(filled):
+                at[T, lane], at[T1, lane], at[H, lane] = ends[0, lane], ends[1, lane], ends[2, lane]
+            strode_by(propose_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
+            for lane in range(filled):
+                for i in range(n):
+                    found[i, whose[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
+            filled = 0
