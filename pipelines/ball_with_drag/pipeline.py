@@ -18,12 +18,13 @@ STUDY = tomllib.loads((HERE / "study.toml").read_text())
 def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Refine over given steps, then until the landing is known; march that once more, and without drag."""
     model = xd.Model.from_toml(ROOT / study["model"])
-    refinement = xd.refine(model, method=study["method"], **study["refine"])
+    refinement = xd.refine(model, method=study["method"], **study["refine"], occurrences=1, compute=False)
     landing = xd.refine(model, method=study["method"], **study["landing"])
     ball = xd.simulate(model, method=study["method"], step=float(landing.step_size[-1]))
     diagnosis = xd.diagnose(ball)
     limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12)
-    known = xd.error_budget(model, **study["budget"], method=study["method"], step=float(landing.step_size[-1]))
+    asked = {"method": study["method"], "step": float(landing.step_size[-1]), "compute": False}
+    known = xd.error_budget(model, **study["budget"], **asked)
     return xd.report(
         folder, refinement=refinement, landing=landing, ball=ball, diagnosis=diagnosis, limit=limit, budget=known
     )

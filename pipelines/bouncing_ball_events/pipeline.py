@@ -18,8 +18,10 @@ STUDY = tomllib.loads((HERE / "study.toml").read_text())
 def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Vary one thing after the other, and draw the ball itself."""
     model = xd.Model.from_toml(ROOT / study["model"])
-    common = {key: study[key] for key in ("until", "observables", "at")}
-    step, tolerance, rule = (xd.refine(model, **study[what], **common) for what in ("step", "tolerance", "rule"))
+    common = {key: study[key] for key in ("until", "observables", "at", "occurrences")}
+    step, tolerance, rule = (
+        xd.refine(model, **study[what], **common, compute=False) for what in ("step", "tolerance", "rule")
+    )
     ball = xd.simulate(model, until=study["until"])
     return xd.report(folder, step=step, tolerance=tolerance, rule=rule, ball=ball)
 

@@ -24,7 +24,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     runs = [xd.simulate(one, **asked, step=study["refine"]["steps"][-1]) for one in excited]
     names = study["excitations"]
     modes = {name: xd.diagnose(run, reference=float(T)) for name, run, T in zip(names, runs, periods, strict=True)}
-    superposition = xd.refine(model, **asked, **study["refine"])
+    superposition = xd.refine(model, **asked, **study["refine"], compute=False)
     uncoupled = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-11, until=study["until"])
     return xd.report(folder, modes=modes, superposition=superposition, uncoupled=uncoupled)
 

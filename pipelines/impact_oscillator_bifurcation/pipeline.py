@@ -19,10 +19,10 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Sweep the frequency, keep the sections behind the transient; take one member out, whole, and refine it."""
     model = xd.Model.from_toml(ROOT / study["model"])
     kept = {"keep": study["keep"], "occurrences": tuple(study["occurrences"])}
-    diagram = xd.sweep(model, {"w": study["frequencies"]}, **kept, until=study["until"], check=0.02).compute()
+    diagram = xd.sweep(model, {"w": study["frequencies"]}, **kept, until=study["until"], check=0.02)
     one = model.replace(parameters={"w": study["looked_at"]})
     orbit = xd.simulate(one, until="20 s")
-    refined = xd.refine(one, method="dop853", **study["refine"])
+    refined = xd.refine(one, method="dop853", **study["refine"], compute=False)
     return xd.report(folder, diagram=diagram, orbit=orbit, refined=refined)
 
 

@@ -267,3 +267,14 @@ def test_lazy_modes_have_the_bits_of_eager_ones() -> None:
         stage, eager = xd.modes(subject, compute=False, **asked), xd.modes(subject, **asked)
         assert_described(stage, eager)
         assert_same_bits(stage, eager)
+
+
+# -------------------------------------------------------------------------------------------------- what is never lazy
+
+
+def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
+    """Assert the remedy of a fit, whose runs are as many as its search needs, and of influences of a whole sweep."""
+    with pytest.raises(xd.InputError, match="give the model of its model_toml to stages with compute=False"):
+        xd.fit(OSCILLATOR, "bench.csv", ["k"], compute=False)
+    with no_march(), pytest.raises(xd.InputError, match=r"give influences\(sweep\.compute\(\)\)"):
+        xd.influences(xd.sweep(OSCILLATOR, {"k": "1:2:3 N m-1"}, members_per_task=3), compute=False)

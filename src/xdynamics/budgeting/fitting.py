@@ -46,6 +46,7 @@ def fit(
     gaps: str = "refuse",
     starts: int = STARTS,
     seed: int = 0,
+    compute: bool = True,
     **settings: Any,
 ) -> xr.Dataset:
     """Find parameters and initial values from measured data by weighted least squares.
@@ -69,6 +70,8 @@ def fit(
         noise.
     seed : int
         Seed of the drawn starts.
+    compute : bool
+        A search is computed at once: False is refused, with what to give to lazy stages instead.
     **settings
         Settings of `simulate`.
 
@@ -109,6 +112,11 @@ def fit(
     >>> round(float(found.estimate[0] / model.parameters["m"].quantity.si) ** 0.5, 6)
     1.9
     """
+    if not compute:
+        raise InputError(
+            "a fit is a search, and how many runs it marches is known only once it ends: compute it, and give the model of"
+            " its model_toml to stages with compute=False"
+        )
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
         raise InputError(f"starts is {starts!r}, needs a whole number from 1 on")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:

@@ -123,12 +123,15 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
     return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
 
 
-def influences(sweep: xr.Dataset) -> xr.Dataset:
+def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     """Return how much each axis changes outcomes, counts of events, and every number.
 
     Parameters
     ----------
     sweep : xarray.Dataset
+        A lazy one is marched for every number: compute it first.
+    compute : bool
+        Influences are of values that are there: False is refused.
 
     Returns
     -------
@@ -137,11 +140,18 @@ def influences(sweep: xr.Dataset) -> xr.Dataset:
         ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
         has alone, over members that have the number.
 
+    Raises
+    ------
+    InputError
+        If it is to be lazy, or the Dataset is no sweep.
+
     Notes
     -----
     The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
     index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
     """
+    if not compute:
+        raise InputError("influences are of all members together, and none is lazy: give influences(sweep.compute())")
     check_sweep(sweep)
     axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
     names = numbers(sweep)
