@@ -17,6 +17,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.drives import Table
+from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.uncertainty import normal_quantile
 from xdynamics.units import NUMBERS, coherent
 
@@ -71,9 +72,7 @@ class Copies:
 
     def number(self, change: Floats) -> float:
         """March the model with its table changed by so much, SI; return the number."""
-        import tomllib
-
-        declared = tomllib.loads(self.model.to_toml())["drives"][self.name]
+        declared = SECTIONS["drives"].write(self.model.drives[self.name], self.model.time_unit)
         text = _written(self.table, self.table.value + change)
         kept = {key: value for key, value in declared.items() if key not in ("column", "gaps")}
         changed = self.model.replace(drives={self.name: kept | {"csv": text}})

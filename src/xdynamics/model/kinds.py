@@ -186,6 +186,10 @@ def _text_of(tree: Node, *_: Unit) -> str:
     return text_of(tree)
 
 
+def _as_text(quantity: Quantity, *_: Unit) -> str:
+    return str(quantity)
+
+
 TEXT = Kind("text", description, omitted="")
 NAME = Kind("name", _name)
 NAMES = Kind("list of names", _names, lambda names, _: list(names), ())
@@ -198,7 +202,7 @@ EXPRESSIONS = Kind("table of expressions", _trees, lambda trees, _: {key: text_o
 PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())
 FLAG = Kind("true | false", _flag, omitted=False)
 COUNT = Kind("whole number from 1 on", _count, omitted=1)
-DURATION = Kind("time", _duration, omitted=None)
+DURATION = Kind("time", _duration, _as_text, None)
 INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{behind(unit)}" for time in times], ())
-POSITIVE = Kind("quantity", _positive, omitted=None)
-SIZE = Kind("quantity", _size, omitted=None)
+POSITIVE = Kind("quantity", _positive, _as_text, None)
+SIZE = Kind("quantity", _size, _as_text, None)

@@ -36,12 +36,14 @@ from xdynamics.model.parts import (
     Validation,
 )
 from xdynamics.model.reading import read
+from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
-from xdynamics.model.uncertainty import SIZES, Discrepancy, parted
+from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.schema import acceleration, rate, velocity
-from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit
+from xdynamics.units import Dimension, Quantity, Unit
 
+_OF_TREES = ("form", "force_components", "rates", "units")  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
 
 
@@ -224,21 +226,13 @@ class Model:
         ModelError
             If an entry does not exist or the new model is faulty.
         """
-        statement = tomllib.loads(self.to_toml())
-        initial = sections.get("initial")
-        resting = [name for name in self.statement.at_rest if isinstance(initial, Mapping) and name in initial]
-        statement.get("initial", {}).update({name: str(self.initial[name]) for name in resting})
-        for section, entries in sections.items():
-            if not isinstance(statement.get(section, {}), dict) or not isinstance(entries, Mapping):
-                raise ModelError(f"{section} has no entries to replace")
-            for key, value in entries.items():
-                if section not in statement or key not in statement[section]:
-                    existing = ", ".join(statement.get(section, {})) or "none"
-                    raise ModelError(f"{section} has no entry '{key}'; there are: {existing}")
-                statement[section][key] = _replaced(key, statement[section][key], value)
+        statement = replaced(self.statement, sections, self.functions)
         model = object.__new__(Model)
-        model._fill(statement, Path(), self.functions, Reach(Path(), ANYWHERE))
         model.file = self.file
+        alike = changes_numbers_alone(self.statement, statement)
+        model._hold(statement, self.dimensions if alike else check(statement))
+        if alike:  # trees are those of this model
+            model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
         return model
 
     @property
@@ -387,8 +381,12 @@ class Model:
     def _fill(
         self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]], reach: Reach
     ) -> None:
-        self.statement = read(statement, path, functions, reach)
-        self.__dict__.update(vars(self.statement), dimensions=check(self.statement))
+        whole = read(statement, path, functions, reach)
+        self._hold(whole, check(whole))
+
+    def _hold(self, statement: Statement, dimensions: dict[str, Dimension]) -> None:
+        self.statement = statement
+        self.__dict__.update(vars(statement), dimensions=dimensions)
 
     def _components(self, force: Force) -> dict[str, Node | Function]:
         if force.potential is None:
@@ -396,35 +394,3 @@ class Model:
         rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
         gradient = derivatives(self.expanded(force.potential), rates)
         return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}
-
-
-def _replaced(entry: str, old: Any, value: Any) -> Any:
-    """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
-    text = old.get("value") if isinstance(old, Mapping) else old
-    if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
-        value = value.item()
-    try:
-        pair = parted(value)
-    except InputError as error:
-        raise ModelError(f"{entry} = {value!r}: {error}") from None
-    if pair:
-        kept = (
-            {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
-        )
-        return kept | {"value": pair[0], "uncertainty": pair[1]}
-    if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
-        return value
-    try:
-        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
-    except InputError:
-        return value  # an expression, not a quantity
-    if isinstance(value, str):
-        quantity = parse_quantity(value)
-        if quantity.unit.dimension != unit.dimension:
-            raise ModelError(f"{entry} = {value!r} has units '{quantity.unit.dimension}', needs '{unit.dimension}'")
-    written = value if isinstance(value, str) else f"{value!r} {unit.text}"
-    if not isinstance(old, Mapping):
-        return written
-    kept = {key: item for key, item in old.items() if key != "unit"}
-    kept |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept.get(key), int | float)}
-    return kept | {"value": written}

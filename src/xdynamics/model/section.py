@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
+from xdynamics.cached_properties import cached_property
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.table_keys import keys
 from xdynamics.units import Unit
@@ -46,7 +47,12 @@ class Key:
         """How its value is described in the help."""
         return self.kind.takes
 
-    @property
+    @cached_property
+    def value_of(self) -> Callable[[Any], Any]:
+        """The attribute of a part that it is written from, as a function."""
+        return attrgetter(self.field or self.name)
+
+    @cached_property
     def is_open(self) -> bool:
         """Whether it stands for any name."""
         return self.name.startswith("<")
@@ -99,17 +105,17 @@ class Section:
     written: Callable[[Any], Any] | None = None
     apart: bool = False
 
-    @property
+    @cached_property
     def known(self) -> tuple[str, ...]:
         """The keys with a fixed name."""
         return tuple(key.name for key in self.keys if not key.is_open)
 
-    @property
+    @cached_property
     def needed(self) -> tuple[str, ...]:
         """The keys that are required."""
         return tuple(key.name for key in self.keys if key.default == NEEDED and not key.is_open)
 
-    @property
+    @cached_property
     def values(self) -> Kind | None:
         """The kind of entries that have no keys, but are a value each."""
         return self.keys[0].kind if len(self.keys) == 1 and self.keys[0].is_open else None
@@ -145,7 +151,7 @@ class Section:
             return brief
         body: dict[str, Any] = {}
         for key in self.keys:
-            value = attrgetter(key.field or key.name)(part)
+            value = key.value_of(part)
             if key.is_open:
                 body |= {name: key.kind.write(item, time) for name, item in value.items()}
             elif key.holds(value):

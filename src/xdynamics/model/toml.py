@@ -15,21 +15,30 @@ from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
-from xdynamics.units import Quantity
 
 
 def write(statement: Statement) -> str:
     """Return TOML that reads back as the same model."""
-    lines = [f"name = {_value(statement.name)}"]
-    if statement.description:
-        lines.append(f"description = {_value(statement.description)}")
-    for title, section in SECTIONS.items():
-        body = _WHOLE[title](statement) if title in _WHOLE else _body(section, title, statement)
-        tables = {f"{title}.{name}": table for name, table in body.items()}
-        for heading, table in (tables if section.apart else {title: body}).items():
-            if table:
-                lines += ["", f"[{heading}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+    tables, lines = tables_of(statement), []
+    for title, body in tables.items():
+        if not isinstance(body, dict):
+            lines.append(f"{title} = {_value(body)}")
+            continue
+        apart = {f"{title}.{name}": table for name, table in body.items()} if SECTIONS[title].apart else {title: body}
+        for heading, table in apart.items():
+            lines += ["", f"[{heading}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
+
+
+def tables_of(statement: Statement) -> dict[str, Any]:
+    """Return what the sections of a model file are, as they are read: the head, then every section with entries."""
+    tables: dict[str, Any] = {"name": statement.name}
+    if statement.description:
+        tables["description"] = statement.description
+    for title, section in SECTIONS.items():
+        if body := _WHOLE[title](statement) if title in _WHOLE else _body(section, title, statement):
+            tables[title] = body
+    return tables
 
 
 def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
@@ -77,8 +86,6 @@ def _value(value: Any) -> str:
         if "\n" in value and "'''" not in value and not value.endswith("'") and printable:
             return f"'''\n{value}'''"
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, Quantity):
-        return _value(str(value))
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):

@@ -1,0 +1,120 @@
+"""Other entries in some sections of a model: new numbers of parameters and of the start, new tables, new forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.file_access import ANYWHERE, Reach
+from xdynamics.model.grammar import SECTIONS
+from xdynamics.model.kinds import Source
+from xdynamics.model.parts import Parameter
+from xdynamics.model.python import Functions
+from xdynamics.model.reading import read
+from xdynamics.model.statement import Statement
+from xdynamics.model.toml import tables_of
+from xdynamics.model.uncertainty import SIZES, parted
+from xdynamics.units import parse_quantity, parse_unit
+
+_ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from
+_OUTSIDE = Reach(Path(), ANYWHERE)
+
+
+def replaced(statement: Statement, sections: Mapping[str, Any], functions: Functions) -> Statement:
+    """Return a statement with some entries of some sections replaced, read but not checked.
+
+    Raises
+    ------
+    ModelError
+        If an entry does not exist or cannot be read.
+    """
+    if all(title in _ONE_BY_ONE for title in sections) and "regime" not in sections.get("initial", ()):
+        ledger = Ledger(f"model '{statement.name}'", ModelError)
+        for title, entries in sections.items():
+            statement = _with_parts(statement, title, entries, ledger, Source(functions, _OUTSIDE, statement.time_unit))
+        ledger.settle()
+        return statement
+    tables = tables_of(statement)
+    for title, entries in sections.items():
+        tables[title] = tables.get(title, {}) | _entries(title, tables.get(title, {}), entries)
+    return read(tables, Path(), functions, _OUTSIDE)
+
+
+def changes_numbers_alone(old: Statement, new: Statement) -> bool:
+    """Whether two statements differ in numbers of parameters and of the start alone, and no check depends on these."""
+    starts: dict[str, Any] = {"initial": old.initial, "starts": old.starts, "at_rest": old.at_rest}
+    alike = replace(new, parameters=old.parameters, **starts) == old and _units(new) == _units(old)
+    return alike and not (old.contacts or old.frictions or old.correlations)
+
+
+def _units(statement: Statement) -> tuple[Any, ...]:
+    parameters = {name: (entry.quantity.unit, entry.description) for name, entry in statement.parameters.items()}
+    return parameters, {name: start.unit for name, start in statement.initial.items()}
+
+
+def _with_parts(statement: Statement, title: str, entries: Any, ledger: Ledger, source: Source) -> Statement:
+    section = SECTIONS[title]
+    old: dict[str, Any] = dict(getattr(statement, title))
+    if title == "initial":
+        old = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in old.items()}
+    given = {name: old[name] for name in entries if name in old} if isinstance(entries, Mapping) else {}
+    written = {name: section.write(part, source.time) for name, part in given.items()}
+    parts = {}
+    for name, value in _entries(title, {**dict.fromkeys(old), **written}, entries).items():
+        with ledger.entry(f"{section.entry} '{name}'"):
+            parts[name] = section.read(name, value, source)
+    if title != "initial":
+        changed: dict[str, Any] = {title: old | parts}
+        return replace(statement, **changed)
+    whole = old | parts
+    return replace(
+        statement,
+        initial={name: start.quantity for name, start in whole.items()},
+        starts={name: start for name, start in whole.items() if start.spread or start.description},
+        at_rest=tuple(name for name in statement.at_rest if name not in parts),
+    )
+
+
+def _entries(title: str, old: Any, entries: Any) -> dict[str, Any]:
+    """Return the new entries of a section as they stand in a file."""
+    if not isinstance(old, dict) or not isinstance(entries, Mapping):
+        raise ModelError(f"{title} has no entries to replace")
+    for key in entries:
+        if key not in old:
+            raise ModelError(f"{title} has no entry '{key}'; there are: {', '.join(old) or 'none'}")
+    return {key: _value(key, old[key], value) for key, value in entries.items()}
+
+
+def _value(entry: str, old: Any, value: Any) -> Any:
+    """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
+    text = old.get("value") if isinstance(old, Mapping) else old
+    if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
+        value = value.item()
+    try:
+        pair = parted(value)
+    except InputError as error:
+        raise ModelError(f"{entry} = {value!r}: {error}") from None
+    if pair:
+        kept = (
+            {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
+        )
+        return kept | {"value": pair[0], "uncertainty": pair[1]}
+    if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
+        return value
+    try:
+        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
+    except InputError:
+        return value  # an expression, not a quantity
+    if isinstance(value, str):
+        quantity = parse_quantity(value)
+        if quantity.unit.dimension != unit.dimension:
+            raise ModelError(f"{entry} = {value!r} has units '{quantity.unit.dimension}', needs '{unit.dimension}'")
+    written = value if isinstance(value, str) else f"{value!r} {unit.text}"
+    if not isinstance(old, Mapping):
+        return written
+    kept = {key: item for key, item in old.items() if key != "unit"}
+    kept |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept.get(key), int | float)}
+    return kept | {"value": written}
