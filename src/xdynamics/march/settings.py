@@ -20,7 +20,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
-from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, sided
+from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, behind
 
 EPS = float(np.finfo(float).eps)
@@ -239,7 +239,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return the layout of the march's numbers."""
-        return layout_of(sided(model, self.switches), self.scheme)
+        return layout_of(regime_model(model, self.switches), self.scheme)
 
     def check(self, model: Model) -> None:
         """Refuse settings that a march could not use.

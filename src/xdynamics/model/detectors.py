@@ -13,7 +13,7 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
-from xdynamics.model.switches import SidedEverywhere, side, watched_by, where_it_decides
+from xdynamics.model.switches import LOCATED_EVERYWHERE, RegimeModel, side, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
@@ -116,10 +116,12 @@ def detectors(model: Model) -> tuple[Detector, ...]:
 
 def _switching(model: Model) -> Iterator[Detector]:
     """Yield the switches in forces, each watched where it has an effect."""
-    sides = {(switch.owner, switch.function): side(i) for i, switch in enumerate(watched_by(model))}
-    for switch in watched_by(model):
+    if not isinstance(model, RegimeModel):
+        return
+    sides = {(switch.owner, switch.function): side(i) for i, switch in enumerate(model.switches)}
+    for switch in model.switches:
         role, watched = SWITCH if switch.jumps else KINK, None
-        if switch.nested and not isinstance(model, SidedEverywhere):
+        if switch.nested and model.located != LOCATED_EVERYWHERE:
             own = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
             watched = where_it_decides(switch, own, switch.function, ONE)
         yield Detector(switch.name, switch.function, role, at_zero=switch.at_zero, drive=switch.drive, watched=watched)

@@ -168,20 +168,32 @@ def watched_switches(model: Model) -> tuple[Switch, ...]:
     return hidden if len(hidden) <= MOST_SWITCHES else ()
 
 
-class Sided(Model):
-    """A model whose forces take the side of each switch from the march.
+class RegimeModel(Model):
+    """A model on the sides of its switches: its forces take the side of each switch from the march.
 
     Up to the very end of a step that ends at a switch they are those of the side that the motion came from, and after
     it those of the other side.
+
+    Parameters
+    ----------
+    plain : Model
+    switches : tuple of Switch
+    located : {"located", "located everywhere"}
+        Whether switches are watched where they have an effect, or also elsewhere.
     """
 
-    switches: tuple[Switch, ...]
-    plain: Model
+    def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
+        own = ("digest", "force_components")
+        self.__dict__.update({name: value for name, value in vars(plain).items() if name not in own})
+        self.plain, self.switches, self.located = plain, switches, located
+        self.states = {
+            name: replace(state, rate=self._on_sides(name, state.rate)) for name, state in plain.states.items()
+        }
 
     @cached_property
     def digest(self) -> str:
-        """The digest of the plain model and the name of this class."""
-        return f"{self.plain.digest} {type(self).__name__}"
+        """The digest of the plain model, and where its switches are located."""
+        return f"{self.plain.digest} {self.located}"
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:
@@ -189,40 +201,28 @@ class Sided(Model):
         terms = self.plain.force_components
         return {
             term: {
-                name: component if isinstance(component, Function) else self._told(term, component)
+                name: component if isinstance(component, Function) else self._on_sides(term, component)
                 for name, component in components.items()
             }
             for term, components in terms.items()
         }
 
-    def _told(self, owner: str, tree: Node) -> Node:
+    def _on_sides(self, owner: str, tree: Node) -> Node:
         sides = {
             switch.function: side(i)
             for i, switch in enumerate(self.switches)
             if switch.owner == owner and not switch.drive
         }
-        return _told(self.plain.expanded(tree), sides) if sides else tree
-
-
-class SidedEverywhere(Sided):
-    """A sided model whose switches are located also where they have no effect."""
+        return _on_sides(self.plain.expanded(tree), sides) if sides else tree
 
 
 @lru_cache(maxsize=64)
-def sided(model: Model, asked: str = LOCATED) -> Model:
-    """Return the sided form of a model; the model itself if it has no switches, or they are stepped over."""
+def regime_model(model: Model, located: str = LOCATED) -> Model:
+    """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over."""
     watched = watched_switches(model)
-    if not watched or isinstance(model, Sided) or asked == STEPPED_OVER:
+    if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
         return model
-    sided_model = object.__new__(SidedEverywhere if asked == LOCATED_EVERYWHERE else Sided)
-    sided_model.__dict__.update(
-        {key: value for key, value in vars(model).items() if key not in ("digest", "force_components")}
-    )
-    sided_model.switches, sided_model.plain = watched, model
-    sided_model.states = {
-        name: replace(state, rate=sided_model._told(name, state.rate)) for name, state in model.states.items()
-    }
-    return sided_model
+    return RegimeModel(model, watched, located)
 
 
 def told(model: Model) -> tuple[str, ...]:
@@ -232,8 +232,8 @@ def told(model: Model) -> tuple[str, ...]:
 
 
 def watched_by(model: Model) -> tuple[Switch, ...]:
-    """Return the switches whose sides the forces of a model take from the march: none, unless it is sided."""
-    return model.switches if isinstance(model, Sided) else ()
+    """Return the switches whose sides the forces of a model take from the march: none, unless it is a `RegimeModel`."""
+    return model.switches if isinstance(model, RegimeModel) else ()
 
 
 def borders(drive: str) -> tuple[str, str, str, str]:
@@ -246,21 +246,21 @@ def side(i: int) -> str:
     return f"_side_{i}"
 
 
-def _told(node: Node, sides: Mapping[Node, str]) -> Node:
+def _on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
     """Substitute sides for signs and comparisons."""
     if isinstance(node, Binary):
         first, links = chain(node)
-        tree = _told(first, sides)
+        tree = _on_sides(first, sides)
         for child in links:
-            tree = Binary(child.operator, tree, _told(child.right, sides), child.column)
+            tree = Binary(child.operator, tree, _on_sides(child.right, sides), child.column)
         return tree
     if isinstance(node, Negative):
-        return Negative(_told(node.operand, sides), node.column)
+        return Negative(_on_sides(node.operand, sides), node.column)
     if isinstance(node, Compare):
-        return Compare(node.operator, _told(node.left, sides), _told(node.right, sides), node.column)
+        return Compare(node.operator, _on_sides(node.left, sides), _on_sides(node.right, sides), node.column)
     if not isinstance(node, Call):
         return node
-    inner = tuple(_told(child, sides) for child in node.arguments)
+    inner = tuple(_on_sides(child, sides) for child in node.arguments)
     if node.function in ("abs", "sign") and node.arguments[0] in sides:
         side_name = Name(sides[node.arguments[0]])
         return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
