@@ -371,7 +371,8 @@ def test_a_killed_verb_leaves_the_old_or_the_new(case: int, stages: Stages, tmp_
     for attempt in range(3):
         shutil.rmtree(folder, ignore_errors=True)
         copied(stage.folder, folder)
-        at, delay = dice.randrange(stage.calls), None
+        # the first call of all, by which they were counted, may have written compiled code to the cache too
+        at, delay = dice.randrange(stage.calls) >> 2 * attempt, None
         if attempt == 0 and case % 3 == 1:
             delay = 10.0 ** dice.uniform(-5.0, -2.0)
         elif attempt == 0 and case % 3 == 2:
