@@ -148,7 +148,7 @@ class Inside:
 
     @property
     def _height(self) -> int:
-        return 2 * len(self.layout.used)
+        return 2 * self.layout.used.size
 
     def described(self, times: Floats, rows: NDArray[np.int64], numbers: Any) -> xr.Dataset:
         """Return states and errors at times as a Dataset."""
@@ -168,7 +168,7 @@ class Inside:
             described = {key: recorded[key] for key in ("units", "long_name", "role")}
             variables[name] = xr.Variable((AT,), numbers[i], described | rule)
             error_attributes = {"units": recorded["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
-            variables[error] = xr.Variable((AT,), numbers[len(layout.used) + i], error_attributes)
+            variables[error] = xr.Variable((AT,), numbers[layout.used.size + i], error_attributes)
         time_attributes = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
         variables[AT_TIME] = xr.Variable((AT,), times, time_attributes | schema.AXIS)
         variables["row"] = xr.Variable(

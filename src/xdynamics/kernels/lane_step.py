@@ -134,7 +134,7 @@ def noted_width(layout: Layout) -> int:
 
 def of_collocation(layout: Layout) -> int:
     """Return where in a lane's memory the numbers that a step of Radau IIA keeps begin."""
-    return len(LANE) + 3 * len(layout.used) + 2 * len(layout.watched)
+    return len(LANE) + 3 * layout.used.size + 2 * len(layout.watched)
 
 
 def _of_smooth(layout: Layout) -> int:
@@ -259,7 +259,7 @@ class _Writing:
         self.keep(_AGAIN)
         self.body.append(When(places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
         write = self._next()
-        numbers = [write.load(Place("z", i)) for i in range(len(layout.state))]
+        numbers = [write.load(Place("z", i)) for i in range(layout.state.size)]
         unsound: Operand = 0.0
         for number in numbers:  # a number minus itself is 0 if it is finite, else nan
             unsound = write.compute("add", unsound, write.compute("subtract", number, number))
@@ -281,12 +281,12 @@ class _Writing:
 
     def _slope(self, i: int) -> int:
         """Return where in a state the time derivative of its i-th number is."""
-        n, used = len(self._layout.coordinates), len(self._layout.used)
+        n, used = self._layout.coordinates.size, self._layout.used.size
         return n + i if i < n else used + i - n
 
     def _pieces(self) -> list[tuple[int, int, int, bool]]:
         """Return neighbours of one kind: begin, end, kind, whether their tolerances follow; all as one if none do."""
-        used = len(self._layout.used)
+        used = self._layout.used.size
         if not any(self._followers):
             return [(0, used, 0, False)]
         traits = list(zip(self._layout.kinds, self._followers, strict=True))
@@ -302,7 +302,7 @@ class _Writing:
 
     def _settle(self, first: int) -> None:
         """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
-        used = len(self._layout.used)
+        used = self._layout.used.size
         self._tops(Place("w", first + used))
         for begin, end, kind, follows in self._pieces():
             if follows:
@@ -318,7 +318,7 @@ class _Writing:
         times = ("begin", self.known["reach"])
         lines, enclosures = interval_program.bounds(self._layout, self.known["width"], *times)
         self.body += lines
-        first = len(LANE) + 3 * len(self._layout.used)
+        first = len(LANE) + 3 * self._layout.used.size
         for i, (detector, (under, over)) in enumerate(zip(self._layout.watched, enclosures, strict=True)):
             self.load(f"side{i}", Place("w", first + i))
             self.known |= {"under": under, "over": over, "side": f"side{i}"}
@@ -345,7 +345,7 @@ class _Writing:
 
     def move(self, *, adaptive: bool) -> None:
         """Replace the old state by the new one in lanes that move."""
-        first, used = len(LANE) + len(self._layout.used), len(self._layout.used)
+        first, used = len(LANE) + self._layout.used.size, self._layout.used.size
         if adaptive:
             self._moved(used, "max(old, abs(new))", Place("z"), Place("w", first))
         if any(self._followers):
@@ -358,7 +358,7 @@ class _Writing:
                 write = self._next()
                 value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
                 self.body += [*write.lines, Store(Place("w", first + i), value)]
-        self._moved(len(self._layout.record), "new", Place("z"), Place("y"))
+        self._moved(self._layout.record.size, "new", Place("z"), Place("y"))
 
     def _moved(self, count: int, value: str, new: Place, old: Place) -> None:
         """Replace old numbers by a value of both in lanes that move."""

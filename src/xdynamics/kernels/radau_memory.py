@@ -35,7 +35,7 @@ class Memory:
 
     def __init__(self, layout: Layout, places: dict[str, Place], first: int) -> None:
         self.layout = layout
-        self.used, self.n = len(layout.used), len(layout.coordinates)
+        self.used, self.n = layout.used.size, layout.coordinates.size
         self.size = self.used - self.n
         self.places = places | {name: Place("w", first + i) for i, name in enumerate(KEPT)}
         self._first: dict[str, int] = {}
@@ -71,7 +71,7 @@ class Memory:
 
 def lengths(layout: Layout) -> dict[str, int]:
     """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
-    used, size = len(layout.used), len(layout.used) - len(layout.coordinates)
+    used, size = layout.used.size, layout.used.size - layout.coordinates.size
     matrix = 3 * size * size + 2 * size
     return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
 

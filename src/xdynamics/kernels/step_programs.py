@@ -43,7 +43,7 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     A step by collocation is made by `march.implicit.radau`, which calls only the derivatives at its stages.
     """
     if isinstance(scheme.method.stepper, Collocation):
-        first = 3 * len(layout.used)
+        first = 3 * layout.used.size
         derivatives = (linearised(layout, "w", first),) if scheme.jacobian == EXACT else ()
         return Steps(derivatives, (), first + len(layout.couplings))
     write = _Stepping(layout, sampled=sampled, working=bool(scheme.method.solves))
@@ -52,7 +52,7 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     write.walk(scheme.error_lines)
     if scheme.error_lines:
         write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
-    return write.finished("propose", f"One step by {scheme.method.name}.", (0, len(layout.state)))
+    return write.finished("propose", f"One step by {scheme.method.name}.", (0, layout.state.size))
 
 
 def inside(layout: Layout, scheme: Scheme) -> Program:
@@ -91,7 +91,7 @@ class _Stepping(Walker):
         assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
         self._updates = layout.scheme.compensated
         self._carry: dict[str, str] = {}
-        first = len(layout.used) + len(layout.evaluation)
+        first = layout.used.size + layout.evaluation.size
         for name in "qvx" if self._updates else "":
             self._carry[name] = f"{name}_carried"
             self._views[self._carry[name]] = ("y", first, self._count(name))
@@ -143,8 +143,8 @@ class _Stepping(Walker):
         self.out(
             "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
         )
-        first = len(self.layout.used) + len(self.layout.accelerations) + len(self.layout.rates)
-        last = len(self.layout.used) + len(self.layout.evaluation)
+        first = self.layout.used.size + self.layout.accelerations.size + self.layout.rates.size
+        last = self.layout.used.size + self.layout.evaluation.size
         self._copy(Place("z", first), Place(self._last, first), last - first)
         for name in "qvx" if self._updates else "":
             self._copy(Place("z", last), Place(self._carry[name]), self._count(name))
@@ -160,7 +160,7 @@ class _Stepping(Walker):
         for k, stage in enumerate("23"):
             for name in "qvx":
                 _, first, count = self._views[name]
-                self._views[f"{name}{stage}"] = ("w", k * len(self.layout.used) + first, count)
+                self._views[f"{name}{stage}"] = ("w", k * self.layout.used.size + first, count)
 
     def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
         """Copy vectors, one after another, into a given array."""
@@ -258,7 +258,7 @@ class _Stepping(Walker):
         """Call the forces at a state; return the place of the derivatives by `linearised`."""
         self.stage += 1
         record, at = (
-            self._array(f"f{self.stage}", len(self.layout.record)),
+            self._array(f"f{self.stage}", self.layout.record.size),
             self._array(f"at{self.stage}", len(AT), own=True),
         )
         first = 0
@@ -286,12 +286,12 @@ class _Stepping(Walker):
     def _sample(self, time: Operand, record: str) -> None:
         """Keep time, state, force components and drives of an evaluation."""
         layout = self.layout
-        n, sample, width = len(layout.used), f"sample{self.stage}", layout.sample_width
+        n, sample, width = layout.used.size, f"sample{self.stage}", layout.sample_width
         forces = width - 1 - n
         self._views[sample] = ("samples", (self.stage - 1) * width, width)
         self._bodies[-1].append(Store(Place(sample), time))
         self._copy(Place(sample, 1), Place(record), n)
-        self._copy(Place(sample, 1 + n), Place(record, n + len(layout.evaluation) - forces), forces)
+        self._copy(Place(sample, 1 + n), Place(record, n + layout.evaluation.size - forces), forces)
 
     def _vector(self, name: str, count: int | None = None) -> None:
         if name not in self._views and name not in self._local:
@@ -317,7 +317,7 @@ class _Stepping(Walker):
 
     def _count(self, name: str) -> int:
         letter = name.removeprefix("b_")[0]
-        return len(self.layout.states) if letter in "xr" else len(self.layout.coordinates)
+        return self.layout.states.size if letter in "xr" else self.layout.coordinates.size
 
     def _counts(self, letters: str) -> list[int]:
         return [self._count(letter) for letter in letters]

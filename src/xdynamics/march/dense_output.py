@@ -62,7 +62,7 @@ def states_within(
     ndarray, shape (2*n, k)
         The states, and their distances. At an accepted time the state is the accepted one, to the bit.
     """
-    scale, n, reaction_count = settings.scales.of(TIME), len(law.layout.used), len(reactions(model))
+    scale, n, reaction_count = settings.scales.of(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
     size, regime, after_event = columns[0], columns[1], columns[2] == schema.EVENT_AFTER

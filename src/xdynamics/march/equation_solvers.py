@@ -68,10 +68,10 @@ def _newton_arrays(law: Law) -> Arrays:
 
 
 def _simplified_arrays(law: Law) -> Arrays:
-    layout, used = law.layout, len(law.layout.used)
-    size = used - len(layout.coordinates)
+    layout, used = law.layout, law.layout.used.size
+    size = used - layout.coordinates.size
     lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
-    lengths |= dict.fromkeys(("stage", "shifted"), len(layout.record)) | {"matrix": 3 * size * size, "right": 2 * size}
+    lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {"matrix": 3 * size * size, "right": 2 * size}
     arrays: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
     return _NOTHING | arrays

@@ -108,12 +108,12 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     """Return the initial state, its tolerances, and room for trial states."""
     layout, tolerances = law.layout, settings.tolerances
     sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
-    n, events = len(layout.used), len(layout.watched)
-    lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), len(layout.record))
+    n, events = layout.used.size, len(layout.watched)
+    lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), layout.record.size)
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "entered", "pending"), events)
     lengths["slopes"] = events + len(layout.followed)
-    lengths |= dict.fromkeys(("near", "far", "full"), len(layout.record) if events else 0)
+    lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
@@ -127,7 +127,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
             for name, atol in zip(layout.used, atols, strict=True)
         ]
     )
-    arrays["probe"], arrays["turning"] = np.zeros(len(layout.record)), np.zeros(4 * n)
+    arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(4 * n)
     arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
     return arrays
 
@@ -170,19 +170,19 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "limited": _limits_domain(model),
         "stages": scheme.stages,
         "samples": scheme.samples if law.sampled else 0,
-        "coordinates": len(layout.coordinates),
+        "coordinates": layout.coordinates.size,
         "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
-        "used": len(layout.used),
+        "used": layout.used.size,
         "follows": tolerances is not None and any(tolerances.of(name) is None for name in layout.used),
-        "state": len(layout.state),
+        "state": layout.state.size,
         "regime": first_regime(model),
-        "evaluated": len(layout.evaluation),
-        "reactions": len(layout.reactions),
+        "evaluated": layout.evaluation.size,
+        "reactions": layout.reactions.size,
         "switches": sum(detector.role in (SWITCH, KINK) for detector in layout.watched),
         "contacts": STEP_IN_TIME if isinstance(scheme.method.stepper, TimeStepping) else HOLD,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
-        "pressed": len(layout.state) - len(layout.reactions),
+        "pressed": layout.state.size - layout.reactions.size,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -245,7 +245,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
             "rows": intervals.rows,
             "numbers": intervals.numbers,
             "parts": np.array(intervals.parts, np.int64),
-            "branches": np.zeros((depth, 1 + len(law.layout.record) + events)),
+            "branches": np.zeros((depth, 1 + law.layout.record.size + events)),
             "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
         }
     )

@@ -49,7 +49,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
 def _can_be_solved(layout: Layout) -> bool:
     """Whether chosen steps can be solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
     scheme = layout.scheme
-    small = len(layout.used) - len(layout.coordinates) <= MOST_FACTORISED
+    small = layout.used.size - layout.coordinates.size <= MOST_FACTORISED
     exact = scheme is not None and scheme.estimator == EMBEDDED and scheme.jacobian == EXACT
     return small and exact and is_solved(layout) and not layout.carried
 
@@ -137,14 +137,14 @@ class _Rows(NamedTuple):
 
 def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
     """Return the numbers of columns of the log, and where a lane holds them."""
-    state, errors = layout.row[2 : 2 + len(layout.state)], len(LANE) + 2 * len(layout.used)
+    state, errors = layout.row[2 : 2 + layout.state.size], len(LANE) + 2 * layout.used.size
     places = {"time": (OF_LANE, LANE.index("t")), "step_size": (OF_LANE, LANE.index("h"))}
     places |= {name: (OF_STATE, i) for i, name in enumerate(state)}
     places |= {name: (OF_NOTED, i) for i, name in enumerate(layout.derived)}
     places |= dict(
         zip(
             layout.errors,
-            [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(len(layout.used)))],
+            [(OF_LANE, LANE.index("norm")), *((OF_LANE, errors + i) for i in range(layout.used.size))],
             strict=False,
         )
     )
@@ -159,7 +159,7 @@ def _with_rows(
     """Put the rows of all runs into a log, one run after the other; columns that were not kept are undefined."""
     places, total = np.concatenate([[0], np.cumsum(counts)[:-1]]), int(counts.sum())
     rows, flags = (
-        room.take("log", (len(layout.row), total), np.float64),
+        room.take("log", (layout.row.size, total), np.float64),
         room.take("marks", (layout.flags, total), np.int8),
     )
     merged = log._replace(rows=rows, flags=flags)

@@ -10,7 +10,7 @@ from xdynamics.march.runner import March
 
 def of_error(march: March) -> str:
     """Name the component with the largest estimated error over its scale in the last trial; empty if not estimated."""
-    run, n = march.run, len(march.layout.used)
+    run, n = march.run, march.layout.used.size
     if not march.settings.scheme.estimates:
         return ""
     before, after = np.abs(run.y[:n]), np.abs(run.z[:n])
@@ -19,7 +19,7 @@ def of_error(march: March) -> str:
 
 def of_newton(march: March) -> str:
     """Name the component with the largest correction over its size in Newton's last iteration."""
-    run, n = march.run, len(march.layout.used)
+    run, n = march.run, march.layout.used.size
     return _largest(march, *solver_of(march.settings.method).corrections(run, n))
 
 

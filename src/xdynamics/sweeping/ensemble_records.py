@@ -118,7 +118,7 @@ class Harvest:
         """Repeat steps, shortened to end at the given times: side by side where possible."""
         if self.parts is not None:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
-        return self._again(members, times, rows, following, judged=False)[: len(self.layout.used)]
+        return self._again(members, times, rows, following, judged=False)[: self.layout.used.size]
 
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
