@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import random
 import shutil
 import subprocess
@@ -13,14 +12,12 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cases.problems import MODELS
-from xdynamics.kernels import cache
-from xdynamics.march import engine as engine_room
-from xdynamics.march.engine import engine
-from xdynamics.march.numba_cache import Kept
+from xdynamics.kernels import cache, engine_part
+from xdynamics.kernels.engine_part import NUMBA, EnginePart, sources
+from xdynamics.march.engine import ENGINE, engine
 
 SCRIPT = """
 import sys, logging
@@ -32,7 +29,7 @@ with event.install_recorder("numba:compile") as seen:
 print(xd.content_digest(run), len(seen.buffer))
 """
 KEPLER = str(MODELS / "kepler.toml")
-ENGINE = f"engine-{engine_room._key()}.bin"
+CODE = ENGINE.name_of_code(NUMBA)
 
 
 def told(folder: Path, **more: str) -> tuple[str, int, str]:
@@ -50,7 +47,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A cache that holds the engine and one law, copied from this session's, and the digest of the run."""
     engine()
     folder = tmp_path_factory.mktemp("kept")
-    shutil.copy(cache.folder() / ENGINE, folder / ENGINE)
+    shutil.copy(cache.folder() / CODE, folder / CODE)
     digest, _, _ = told(folder)
     return folder, digest
 
@@ -110,38 +107,26 @@ def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkey
 
 
 def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], tmp_path: Path) -> None:
-    """Assert that a damaged engine costs a compilation, which is told, and is mended for the next process."""
+    """Assert that damaged code costs a compilation, which is told; while the text is whole, LLVM's alone in silence."""
     folder = shutil.copytree(kept[0], tmp_path / "cache")
-    put_in_place(folder / ENGINE, "flipped")
+    put_in_place(folder / CODE, "flipped")
     digest, compiled, said = told(folder)
     assert digest == kept[1]
     assert compiled > 0
     assert "compiling the engine, once per installation" in said
+    put_in_place(folder / CODE, "flipped")
+    assert (folder / ENGINE.name_of_text).exists()
     assert told(folder) == (kept[1], 0, "")
 
 
 def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file that is exchanged after its digest was compared changes nothing: it is not read again."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(kept[0]))
-    content = cache.read(ENGINE)
+    content = cache.read(CODE)
     monkeypatch.setattr(cache, "read", lambda _name: content)
     monkeypatch.setenv("XDYNAMICS_CACHE", "/nowhere")
-    loaded = engine_room._loaded(ENGINE, "the engine", 10, engine_room._entries)
-    assert callable(loaded.march)
-
-
-def test_what_cannot_be_loaded_is_compiled_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Assert that whole files that this build of numba does not understand are replaced."""
-    monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
-
-    def compiled(kept: Kept) -> bool:
-        assert not kept._complete or kept._functions["march"]
-        return kept._complete
-
-    for content in (b"no pickle", pickle.dumps({})):
-        cache.write("engine-x", content)
-        assert engine_room._loaded("engine-x", "the engine", 10, compiled) is False
-        assert cache.read("engine-x") == Kept().content
+    loaded = EnginePart("engine", "the engine", 10, ENGINE.functions)
+    assert len(loaded.entries()) == len(ENGINE.functions)
 
 
 def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) -> None:
@@ -349,7 +334,7 @@ def test_eight_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: P
     """Assert that processes that compile one law at once all end right and leave one whole file of it."""
     folder = tmp_path / "cold"
     folder.mkdir()
-    shutil.copy(kept[0] / ENGINE, folder / ENGINE)
+    shutil.copy(kept[0] / CODE, folder / CODE)
     environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
     started = [
         subprocess.Popen(
@@ -379,8 +364,8 @@ def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tm
 
 def test_the_key_watches_all_that_is_compiled_in() -> None:
     """Assert that a changed flag number of the schema, like any changed line of the engine, asks for another engine."""
-    before = engine_room._key()
-    schema = Path(engine_room.__file__).parents[1] / "schema.py"
+    before = sources()
+    schema = engine_part.PACKAGE / "schema.py"
     original = Path.read_text
 
     def changed(path: Path, *arguments: object, **named: object) -> str:
@@ -389,9 +374,8 @@ def test_the_key_watches_all_that_is_compiled_in() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Path, "read_text", changed)
-        assert engine_room._key() != before
-    assert engine_room._key() == before
-    assert np.isfinite(len(before))
+        assert sources.__wrapped__() != before
+    assert sources.__wrapped__() == before
 
 
 def test_a_long_compilation_is_told(

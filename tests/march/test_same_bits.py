@@ -38,8 +38,8 @@ print(*map(xd.content_digest, runs), hashlib.sha256(abreast.kept.log.rows.tobyte
 """
 ELSEWHERE = {
     "a C library without AVX2 and fma": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"},
-    "any x86-64": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "TARGET": "x86-64"},
-    "AVX2": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "", "TARGET": "haswell"},
+    "any x86-64": {"TARGET": "x86-64"},
+    "AVX2": {"TARGET": "haswell"},
 }
 AT_A_TARGET = """
 import os
@@ -49,11 +49,11 @@ if os.environ.get("TARGET"):
 """
 
 
-def digests(cache: Path | None, **environment: str) -> str:
-    """Digests of the runs, marched in a process of its own; without a cache of its own, by the engine that others use."""
+def digests(**environment: str) -> str:
+    """Digests of the runs, marched in a process of its own; code is kept by its processor."""
     done = subprocess.run(
         [sys.executable, "-c", AT_A_TARGET + PROGRAM], capture_output=True, text=True, check=True, cwd=ROOT,
-        env={**os.environ, **({"XDYNAMICS_CACHE": str(cache)} if cache else {}), **environment},
+        env={**os.environ, **environment},
     )  # fmt: skip
     return done.stdout
 
@@ -61,21 +61,18 @@ def digests(cache: Path | None, **environment: str) -> str:
 @pytest.fixture(scope="module")
 def here() -> str:
     """What this machine gives."""
-    return digests(None)
+    return digests()
 
 
 @pytest.mark.parametrize("where", ELSEWHERE)
-def test_digests_are_the_same(where: str, here: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    """Assert equal digests of models with every function of the language; for AVX2 the engine is compiled with --whole."""
+def test_digests_are_the_same(where: str, here: str) -> None:
+    """Assert equal digests of models with every function of the language."""
     if not llvm.get_process_triple().startswith("x86_64"):
         pytest.skip("another architecture")
     if where == "AVX2" and not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this machine has no AVX2")
-    environment = dict(ELSEWHERE[where])
-    if where == "AVX2" and not request.config.getoption("--whole"):
-        environment = {"TARGET": environment["TARGET"]}  # the laws alone
     assert len(here.split()) == 9
-    assert digests(tmp_path if "NUMBA_CPU_NAME" in environment else None, **environment) == here
+    assert digests(**ELSEWHERE[where]) == here
 
 
 CERTIFIED = """

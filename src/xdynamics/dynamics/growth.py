@@ -11,9 +11,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.engine_part import EnginePart
+from xdynamics.kernels.entry_points import array
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.handle import strode_by
 
@@ -401,8 +404,26 @@ def grow(law: Law, scheme: Scheme, rows: Rows, tangent: Tangent, grown: Grown) -
     return DONE
 
 
-def kinds_of(*given: Any) -> Any:
-    """Return numba's types of the arguments of `grow`, to compile it before it is called."""
-    from numba import typeof, types
+def _kind_of(of: type, *fields: Any) -> Any:
+    return types.NamedTuple(fields, of)
 
-    return types.int64(*map(typeof, given))
+
+_ROW, _BLOCK, _CUBE = (array("f8", dims) for dims in (1, 2, 3))
+_WHOLE, _LISTS = array("i8", 1), array("i8", 2)
+GROWTH = EnginePart(
+    "growth",
+    "the growth of small changes",
+    4,
+    (
+        (
+            grow,
+            types.int64(
+                _kind_of(Law, *[types.int64] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, types.int64, types.float64),
+                _kind_of(Scheme, _BLOCK, *[_ROW] * 4, types.float64, types.int64),
+                _kind_of(Rows, _ROW, _BLOCK, _ROW, _BLOCK, _LISTS, _WHOLE, _CUBE, _WHOLE, _WHOLE),
+                _kind_of(Tangent, *[_BLOCK] * 3, _CUBE, *[_BLOCK] * 3, _ROW, _WHOLE, _WHOLE),
+                _kind_of(Grown, _BLOCK, _LISTS, _ROW),
+            ),
+        ),
+    ),
+)

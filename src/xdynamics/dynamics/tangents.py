@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from pathlib import Path as File
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
-from llvmlite import binding
 from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.dynamics import growth
-from xdynamics.dynamics.growth import DONE, LOST, STAGES, Grown, Rows, Scheme, Tangent, kinds_of
+from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES, Grown, Rows, Scheme, Tangent
 from xdynamics.dynamics.path import Path
 from xdynamics.dynamics.variational import NotVariedError
-from xdynamics.kernels import cache
-from xdynamics.march import handle
-from xdynamics.march.numba_cache import Kept
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
 from xdynamics.methods.tableau import differences
 
@@ -169,23 +162,5 @@ def _compiled_grow(*given: Any) -> int:
     """Call `growth.grow`, compiled or from the cache."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return growth.grow(*given)
-    signature = kinds_of(*given)
-    return int(_function(str(signature), signature)(*given))
-
-
-@lru_cache(maxsize=4)
-def _function(key: str, signature: Any) -> Any:
-    """Return the compiled function, cached under a digest of its sources and platform."""
-    sources = [File(module.__file__ or "").read_text(encoding="utf-8") for module in (growth, handle)]
-    processor = binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    name = f"growth-{cache.digest(key, *sources, numba.__version__, np.__version__, sys.version, *processor)}.bin"
-    content = cache.read(name)
-    if content is not None:
-        try:
-            return Kept(content).function(growth.grow, signature)
-        except Exception:  # noqa: BLE001, S110 - written by another build of numba: it is compiled again
-            pass
-    kept = Kept()
-    function = kept.function(growth.grow, signature)
-    cache.write(name, kept.content)
-    return function
+    (grow,) = GROWTH.entries()
+    return int(grow(*given))

@@ -119,16 +119,30 @@ _KEPT: dict[Any, Any] = {}
 
 
 def _object(text: str) -> bytes:
-    # a context of its own, with which constants and types are freed: that of the process would grow by 0.1 MB a text
-    context = llvm.create_context()
-    module = llvm.parse_assembly(text, context)
+    module = _parsed(text)
     module.triple = llvm.get_process_triple()
-    module.verify()
     # a machine of its own, as for every engine: an engine frees the one that it was given
     machine = _machine(0 if text.count("\n") > LONG_TEXT else 2)
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-    builder.getModulePassManager().run(module, builder)
+    optimise(module, machine, 2)
     return bytes(machine.emit_object(module))
+
+
+def emitted(text: str) -> bytes:
+    """Return the object file of a text that is optimised already, but for this processor."""
+    return bytes(_machine().emit_object(_parsed(text)))
+
+
+def _parsed(text: str) -> Any:
+    # a context of its own, with which constants and types are freed: that of the process would grow by 0.1 MB a text
+    module = llvm.parse_assembly(text, llvm.create_context())
+    module.verify()
+    return module
+
+
+def optimise(module: Any, machine: Any, level: int) -> None:
+    """Run LLVM's passes over a module; none changes the order of IEEE operations."""
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=level))
+    builder.getModulePassManager().run(module, builder)
 
 
 @lru_cache
@@ -143,6 +157,13 @@ def vector_lanes() -> int:
     """Return how many runs go side by side on this processor: two of its widest vectors."""
     features = llvm.get_host_cpu_features()
     return 16 if features.get("avx512f") else 8 if features.get("avx") else 4
+
+
+def plain_machine() -> Any:
+    """Return a machine that every processor of the platform can do the work of."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(opt=2, jit=True)
 
 
 def _machine(level: int = 2) -> Any:

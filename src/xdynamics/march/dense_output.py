@@ -106,6 +106,7 @@ class PartsAbreast:
         self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
         self._blocks["pieces"] = np.zeros((len(run.places), lanes), np.int64)
         self._blocks["w"] = np.zeros((max(1, law.memory), lanes))
+        self._room = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
         self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
 
     def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
@@ -134,6 +135,7 @@ class PartsAbreast:
             *inputs,
             np.ascontiguousarray(jobs),
             np.ascontiguousarray(times),
+            *self._room,
             result,
         )
         return result

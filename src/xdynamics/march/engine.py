@@ -2,51 +2,24 @@
 
 from __future__ import annotations
 
-import logging
-import sys
-import threading
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import count
+from typing import NamedTuple
 
-import numpy as np
-from llvmlite.binding import ffi
-from numba import config, from_dtype, types
-from numba.core.compiler_lock import global_compiler_lock
+from numba import config, types
 
 from xdynamics.faults import InputError
-from xdynamics.fork_safety import waited_for
-from xdynamics.kernels import cache
-from xdynamics.kernels.compiling import PLAIN, UNCOUNTED
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.engine_part import EnginePart
+from xdynamics.kernels.entry_points import array
 from xdynamics.march import entries, loop, trial_step
 from xdynamics.march.contacts import dispatch
 from xdynamics.march.events import enclosures, transition
 from xdynamics.march.lane_rows import gather_rows
 from xdynamics.march.lanes import march_lanes
-from xdynamics.march.numba_cache import Kept
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 from xdynamics.march.step_parts import parts_of_steps
-
-SECONDS, SOLVERS_SECONDS, WATCHERS_SECONDS, CONTACTS_SECONDS, LANES_SECONDS = (
-    10,
-    8,
-    12,
-    15,
-    3,
-)  # to compile each on a machine of 2026
-NEWTON, RADAU, ENCLOSING, PARTING, HAPPENING, TOUCHING = (
-    -1,
-    -2,
-    -3,
-    -4,
-    -5,
-    -6,
-)  # keys of entries where nothing is compiled
-_LOCK = waited_for(threading.RLock())
-for _of, _name in ((global_compiler_lock, "_lock"), (ffi.lib._lock, "_lock")):  # noqa: SLF001
-    waited_for(getattr(_of, _name))  # numba's and LLVM's own, which a child needs to compile
-_FOUND: dict[str, Any] = {}
-_KEPT: list[Any] = []
 
 
 class Engine(NamedTuple):
@@ -84,231 +57,160 @@ class Watchers(NamedTuple):
     happen: int  # `transition.happen`
 
 
+_KEYS = count(-1, -1)  # of entries where nothing is compiled
+_WHOLE, _LISTS, _FLAGS = array("i8", 1), array("i8", 2), array("i1", 2)
+_ROW, _BLOCK = array("f8", 1), array("f8", 2)
+_ROWS = (array("f8", 3), array("i1", 3), _LISTS)  # with their flags and owners
+_STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
+_ENTERED = types.void(types.int64, types.float64, types.int64)
+_RUNS = (array(PLAN, 1), *[_BLOCK] * 3, array(NOW, 1), *[_BLOCK] * 3)  # from plans and starts to ends
+_OF_LANES = (*[types.int64] * 2, _WHOLE)  # addresses of programs, and the table of their arrays
+_MARCH_LANES = types.boolean(
+    _WHOLE,
+    *_OF_LANES,
+    *[_BLOCK] * 4,
+    _LISTS,
+    *[_BLOCK] * 2,
+    *[_WHOLE] * 2,
+    *_RUNS,
+    array(EVENT_ROW, 1),
+    *[_BLOCK] * 2,
+    _WHOLE,
+    _BLOCK,
+    _LISTS,
+    *_ROWS,
+    _ROW,
+    _FLAGS,
+)
+_GATHER_ROWS = types.void(*_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS)
+_PARTS_OF_STEPS = types.void(
+    types.int64,
+    *_OF_LANES,
+    *[_BLOCK] * 3,
+    _LISTS,
+    *[_BLOCK] * 2,
+    _FLAGS,
+    _BLOCK,
+    _ROW,
+    _LISTS,
+    _ROW,
+    _BLOCK,
+    _WHOLE,
+    _BLOCK,
+)
+
+PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, LANES = (
+    EnginePart(
+        "engine",
+        "the engine",
+        10,
+        (
+            (loop.march, types.void(types.int64, types.int64)),
+            (entries.march_many, types.int64(types.int64, types.int64, *_RUNS, types.int64, types.boolean)),
+            (entries.states_inside, types.void(types.int64, *[_BLOCK] * 5, types.boolean, types.boolean)),
+            (entries.fastest_rates, types.void(types.int64, *[_BLOCK] * 2)),
+            (entries.growths, types.void(types.int64, *[_BLOCK] * 4)),
+            (entries.rows_of_times, types.void(_ROW, *[_WHOLE] * 2, _ROW, types.boolean, _WHOLE)),
+        ),
+    ),
+    EnginePart(
+        "solvers",
+        "the solvers of implicit methods",
+        8,
+        ((entries.step_by_newton, _STEP), (entries.step_by_radau, _STEP)),
+    ),
+    EnginePart(
+        "watchers",
+        "the search for events",
+        12,
+        (
+            (enclosures.enclose_between, types.void(*[types.int64] * 6)),
+            (trial_step.part_of_step, _ENTERED),
+            (transition.happen, _ENTERED),
+        ),
+    ),
+    EnginePart("contacts", "contacts and friction", 15, ((dispatch.touch, _ENTERED),)),
+    EnginePart(
+        "lanes",
+        "marches side by side",
+        3,
+        ((march_lanes, _MARCH_LANES), (gather_rows, _GATHER_ROWS), (parts_of_steps, _PARTS_OF_STEPS)),
+    ),
+)
+
+
+@lru_cache(maxsize=1)
 def engine() -> Engine:
-    """Return the engine, compiled if the cache does not hold it."""
-    compiled: Engine = _part("engine", "the engine", SECONDS, _entries, _plain_entries)
-    return compiled
+    """Return the engine, made or loaded at the first call."""
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return _plain_engine()
+    march, march_many, states_inside, fastest_rates, growths, rows_of_times = ENGINE.entries()
+    call = march.call
+    return Engine(
+        lambda run, rows: call(run.address, rows),
+        lambda run, *arguments: march_many(run.address, march.address, *arguments),
+        lambda run, *arguments: states_inside(run.address, *arguments),
+        lambda run, *arguments: fastest_rates(run.address, *arguments),
+        lambda run, *arguments: growths(run.address, *arguments),
+        rows_of_times,
+        march.address,
+    )
 
 
-def solvers() -> Solvers:
-    """Return the solvers of implicit methods, compiled if the cache does not hold them."""
-    compiled: Solvers = _part("solvers", "the solvers of implicit methods", SOLVERS_SECONDS, _solvers, _plain_solvers)
-    return compiled
-
-
-def watchers() -> Watchers:
-    """Return the search for events, compiled if the cache does not hold it."""
-    compiled: Watchers = _part("watchers", "the search for events", WATCHERS_SECONDS, _watchers, _plain_watchers)
-    return compiled
-
-
-def contacts() -> int:
-    """Return the address of the contact code, compiled if the cache does not hold it."""
-    address: int = _part("contacts", "contacts and friction", CONTACTS_SECONDS, _contacts, _plain_contacts)
-    return address
-
-
-def lanes() -> Lanes:
-    """Return the entries for runs side by side, compiled if the cache does not hold them."""
-    march_at = engine().march_at
-    compiled: Lanes = _part("lanes", "marches side by side", LANES_SECONDS, _lanes, _no_lanes)
-    return compiled._replace(march=lambda runs, *arguments: compiled.march(runs, march_at, *arguments))
-
-
-def _part(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any], plain: Callable[[], Any]) -> Any:
-    with _LOCK:
-        if name not in _FOUND:
-            jit = not config.DISABLE_JIT  # type: ignore[attr-defined]
-            _FOUND[name] = _loaded(f"{name}-{_key()}.bin", words, seconds, compiled) if jit else plain()
-        return _FOUND[name]
-
-
-def _loaded(name: str, words: str, seconds: int, compiled: Callable[[Kept], Any]) -> Any:
-    content = cache.read(name)
-    if content is not None:
-        try:
-            return compiled(Kept(content))
-        except Exception:  # noqa: BLE001, S110 - written by another build of numba: compiled anew
-            pass
-    reason = cache.obstacle()
-    often = "" if reason else ", once per installation"
-    logging.getLogger("xdynamics").warning("xdynamics: compiling %s%s: about %d s", words, often, seconds)
-    if reason:
-        cache.advise(reason)
-    kept = Kept()
-    functions = compiled(kept)
-    if not reason:
-        cache.write(name, kept.content)
-    return functions
-
-
-def _plain_entries() -> Engine:
+def _plain_engine() -> Engine:
     march_many = entries.march_many
     others = (entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
     return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)
 
 
-def _plain_solvers() -> Solvers:
-    PLAIN[NEWTON], PLAIN[RADAU] = entries.step_by_newton, entries.step_by_radau
-    return Solvers(NEWTON, RADAU)
+@lru_cache(maxsize=1)
+def solvers() -> Solvers:
+    """Return the solvers of implicit methods, made or loaded at the first call."""
+    return Solvers(*_addresses(SOLVERS))
 
 
-def _entries(kept: Kept) -> Engine:
-    """Compile the entries, or load them from the cache."""
-    march = kept.callback(loop.march, types.void(types.int64, types.int64))
-    functions = (
-        entries.march_many,
-        entries.states_inside,
-        entries.fastest_rates,
-        entries.growths,
-        entries.rows_of_times,
+@lru_cache(maxsize=1)
+def watchers() -> Watchers:
+    """Return the search for events, made or loaded at the first call."""
+    return Watchers(*_addresses(WATCHERS))
+
+
+@lru_cache(maxsize=1)
+def contacts() -> int:
+    """Return the address of the contact code, made or loaded at the first call."""
+    (address,) = _addresses(CONTACTS)
+    return address
+
+
+@lru_cache(maxsize=1)
+def lanes() -> Lanes:
+    """Return the entries for runs side by side, made or loaded at the first call.
+
+    Raises
+    ------
+    InputError
+        If numba's compiler is switched off.
+    """
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        raise InputError("without a compiler there are no lanes")
+    march_at = engine().march_at
+    march, gather, parts = LANES.entries()
+    return Lanes(
+        lambda runs, *arguments: bool(march(runs, march_at, *arguments)),
+        gather,
+        lambda run, *arguments: parts(run.address, *arguments),
     )
-    march_many, states_inside, fastest_rates, growths, rows_of_times = (
-        kept.function(function, signature) for function, signature in zip(functions, _SIGNATURES, strict=True)
-    )
-    address, call = march.address, march.ctypes
-    _KEPT.append(march)  # keeps the code at the address alive
-    return Engine(
-        lambda run, rows: call(run.address, rows),
-        lambda run, *arguments: march_many(run.address, address, *arguments),
-        lambda run, *arguments: states_inside(run.address, *arguments),
-        lambda run, *arguments: fastest_rates(run.address, *arguments),
-        lambda run, *arguments: growths(run.address, *arguments),
-        rows_of_times,
-        address,
-    )
 
 
-def _solvers(kept: Kept) -> Solvers:
-    """The same for the solvers."""
-    steps: list[Any] = [kept.callback(step, _STEP) for step in (entries.step_by_newton, entries.step_by_radau)]
-    _KEPT.extend(steps)
-    return Solvers(*(step.address for step in steps))
+def origin() -> str:
+    """Return where the engine's code is from: the text of a wheel, or numba; or that it is not compiled."""
+    return "plain Python" if config.DISABLE_JIT else ENGINE.origin()  # type: ignore[attr-defined]
 
 
-def _plain_watchers() -> Watchers:
-    PLAIN[ENCLOSING], PLAIN[PARTING], PLAIN[HAPPENING] = (
-        enclosures.enclose_between,
-        trial_step.part_of_step,
-        transition.happen,
-    )
-    return Watchers(ENCLOSING, PARTING, HAPPENING)
-
-
-def _watchers(kept: Kept) -> Watchers:
-    """The same for the search for events."""
-    functions: list[Any] = [kept.callback(enclosures.enclose_between, types.void(*[types.int64] * 6))]
-    entry = types.void(types.int64, types.float64, types.int64)
-    functions += [kept.callback(function, entry) for function in (trial_step.part_of_step, transition.happen)]
-    _KEPT.extend(functions)
-    return Watchers(*(function.address for function in functions))
-
-
-def _plain_contacts() -> int:
-    PLAIN[TOUCHING] = dispatch.touch
-    return TOUCHING
-
-
-def _contacts(kept: Kept) -> int:
-    """The same for contacts."""
-    callback: Any = kept.callback(dispatch.touch, types.void(types.int64, types.float64, types.int64))
-    _KEPT.append(callback)
-    return int(callback.address)
-
-
-def _lanes(kept: Kept) -> Lanes:
-    """The same for marches side by side."""
-    march = kept.function(march_lanes, _LANES[0], **UNCOUNTED)
-    gather, parts = (
-        kept.function(function, signature)
-        for function, signature in zip((gather_rows, parts_of_steps), _LANES[1:], strict=True)
-    )
-    return Lanes(march, gather, lambda run, *arguments: parts(run.address, *arguments))
-
-
-def _no_lanes() -> Lanes:
-    raise InputError("without a compiler there are no lanes")
-
-
-def _array(dtype: Any, dims: int) -> Any:
-    return types.Array(from_dtype(np.dtype(dtype)), dims, "C")
-
-
-_STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
-_MANY = (_array(PLAN, 1), *[_array("f8", 2)] * 3, _array(NOW, 1), *[_array("f8", 2)] * 3, types.int64, types.boolean)
-_SIGNATURES = (
-    (types.int64, types.int64, *_MANY),
-    (types.int64, *[_array("f8", 2)] * 5, types.boolean, types.boolean),
-    (types.int64, *[_array("f8", 2)] * 2),
-    (types.int64, *[_array("f8", 2)] * 4),
-    (_array("f8", 1), *[_array("i8", 1)] * 2, _array("f8", 1), types.boolean, _array("i8", 1)),
-)
-
-
-_WHOLE, _BLOCK = _array("i8", 1), _array("f8", 2)
-_FLAGS, _LISTS, _ROW = _array("i1", 2), _array("i8", 2), _array("f8", 1)
-_ROWS = (_array("f8", 3), _array("i1", 3), _LISTS)  # with their flags and owners
-_LANES = (
-    types.boolean(
-        _WHOLE,
-        types.int64,
-        types.int64,
-        _WHOLE,
-        *[_BLOCK] * 4,
-        _LISTS,
-        *[_BLOCK] * 2,
-        _WHOLE,
-        _WHOLE,
-        _array(PLAN, 1),
-        *[_BLOCK] * 3,
-        _array(NOW, 1),
-        *[_BLOCK] * 3,
-        _array(EVENT_ROW, 1),
-        *[_BLOCK] * 2,
-        _WHOLE,
-        _BLOCK,
-        _LISTS,
-        *_ROWS,
-        _ROW,
-        _FLAGS,
-    ),
-    types.void(*_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS),
-    types.void(
-        types.int64,
-        types.int64,
-        types.int64,
-        _WHOLE,
-        *[_BLOCK] * 3,
-        _LISTS,
-        *[_BLOCK] * 2,
-        _FLAGS,
-        _BLOCK,
-        _ROW,
-        _LISTS,
-        _ROW,
-        _BLOCK,
-    ),
-)
-
-
-def _key() -> str:
-    """Digest of everything compiled into the engine: sources, the schema's flags, Python, numba, the processor."""
-    import numba
-    from llvmlite import binding
-
-    package = Path(__file__).parents[1]
-    rooms = [path for room in ("elementary", "kernels", "march") for path in (package / room).rglob("*.py")]
-    constants = [
-        package / "methods" / "radau.py",
-        *(package / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
-    ]
-    files = sorted([*rooms, package / "schema.py", *constants])
-    return cache.digest(
-        *(path.read_text(encoding="utf-8") for path in files),
-        numba.__version__,
-        np.__version__,
-        sys.version,
-        binding.get_process_triple(),
-        binding.get_host_cpu_name(),
-        binding.get_host_cpu_features().flatten(),
-    )
+def _addresses(part: EnginePart) -> Sequence[int]:
+    """Return where the functions of a part begin; where nothing is compiled, their keys in `PLAIN`."""
+    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return [entry.address for entry in part.entries()]
+    keys = [next(_KEYS) for _ in part.functions]
+    PLAIN.update(zip(keys, (function for function, _ in part.functions), strict=True))
+    return keys

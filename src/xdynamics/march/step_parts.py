@@ -33,6 +33,8 @@ def parts_of_steps(
     factors: Floats,
     jobs: Whole,
     times: Floats,
+    ends: Floats,
+    whose: Whole,
     found: Floats,
 ) -> None:
     """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
@@ -53,11 +55,12 @@ def parts_of_steps(
         Row at the start of each step, row at its end, and the run.
     times : ndarray, shape (k,)
         In the unit of the record.
+    ends, whose : ndarray, shape (3, W) and ndarray of int, shape (W,)
+        Room for the steps that wait in the lanes: ends and size of each, and which of the times it leads to.
     found : ndarray, shape (n, k)
         Filled, in units of the record.
     """
     run, lanes, n, scale = run_at(address), y.shape[1], found.shape[0], factors[0]
-    ends, whose = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
     filled, current = 0, -1
     for k in range(times.shape[0]):
         row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]

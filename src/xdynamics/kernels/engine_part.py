@@ -1,0 +1,145 @@
+"""A part of the engine: compiled functions, from the text of the wheel, or by numba, once per installation.
+
+A wheel carries the LLVM text of every part (`xdynamics.packaging` writes it), so that a first run makes machine code alone.
+In a checkout, or with other versions of numba or LLVM, numba compiles the text, and it is kept in the user's cache. So
+is the machine code of either.
+"""
+
+from __future__ import annotations
+
+import logging
+import lzma
+import threading
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba
+from llvmlite.binding import ffi
+from numba.core.compiler_lock import global_compiler_lock
+
+from xdynamics.fork_safety import waited_for
+from xdynamics.kernels import cache, machine
+from xdynamics.kernels.entry_points import Entry
+from xdynamics.kernels.numba_text import provide_helpers, text_of
+
+PACKAGE = Path(__file__).parents[1]
+FOLDER = PACKAGE / "kernels" / "text"  # of a wheel's texts
+WHEEL, NUMBA = "of the wheel", "compiled by numba"  # where a text is from
+_LOCK = waited_for(threading.RLock())
+for _of, _name in ((global_compiler_lock, "_lock"), (ffi.lib._lock, "_lock")):  # noqa: SLF001
+    waited_for(getattr(_of, _name))  # numba's and LLVM's own, which a child needs to compile
+
+
+class EnginePart:
+    """Functions that are compiled together, when the first of them is needed.
+
+    Parameters
+    ----------
+    name : str
+        Of its files.
+    words : str
+        What is compiled, for a message.
+    seconds : int
+        That numba takes for it on a machine of 2026.
+    functions : sequence of (function, numba.core.typing.Signature)
+    """
+
+    def __init__(self, name: str, words: str, seconds: int, functions: Sequence[tuple[Any, Any]]) -> None:
+        self.name, self.functions = name, functions
+        self.file_name = f"{name}.ll.xz"  # of a wheel's text
+        self._words, self._seconds = words, seconds
+        self._entries: tuple[Entry, ...] = ()
+
+    def entries(self) -> tuple[Entry, ...]:
+        """Return the functions as machine code, in their order; the first call loads or makes it."""
+        with _LOCK:
+            if not self._entries:
+                self._entries = self._loaded()
+            return self._entries
+
+    def _loaded(self) -> tuple[Entry, ...]:
+        text, reason = self._carried()
+        name = self.name_of_code(_origin(text))
+        content = cache.read(name)
+        if content is None:
+            content = machine.emitted(text or self._kept_text(reason))
+            cache.write(name, content)
+        provide_helpers()
+        code = machine.Code(content, [function.__name__ for function, _ in self.functions])
+        return tuple(Entry(code, function.__name__, signature) for function, signature in self.functions)
+
+    def origin(self) -> str:
+        """Return where the text is from: `WHEEL` or `NUMBA`."""
+        return _origin(self._carried()[0])
+
+    def name_of_code(self, origin: str) -> str:
+        """Return the name of the cache's file of machine code."""
+        return f"{self.name}-{cache.digest(made_by(), sources(), origin, *machine.processor())}.o"
+
+    @property
+    def name_of_text(self) -> str:
+        """The name of the cache's file of a text that numba compiled."""
+        return f"{self.name}-{cache.digest(made_by(), sources())}.ll.xz"
+
+    def packed_text(self) -> bytes:
+        """Return the text as a wheel carries it."""
+        with _LOCK:
+            return lzma.compress(self._kept_text("").encode())
+
+    def _carried(self) -> tuple[str, str]:
+        """Return the wheel's text; if there is none that fits, an empty text and the reason, if there is one to tell."""
+        path = FOLDER / self.file_name
+        if not path.exists():
+            return "", ""
+        try:
+            text = lzma.decompress(path.read_bytes()).decode()
+        except (OSError, EOFError, lzma.LZMAError, UnicodeDecodeError) as error:
+            return "", f": the installed text cannot be read ({error})"
+        made, of, *_ = (line.removeprefix("; ") for line in f"{text}\n\n".split("\n", 2))
+        if made != made_by():
+            return "", f": the installed text is by {made}, and here is {made_by()}"
+        if of != sources():
+            return "", ": the installed text is of other sources"
+        return text, ""
+
+    def _kept_text(self, reason: str) -> str:
+        """Return the text that the cache holds, or compile it."""
+        content = cache.read(self.name_of_text)
+        if content is not None:
+            return lzma.decompress(content).decode()
+        obstacle = cache.obstacle()
+        often = "" if obstacle else ", once per installation"
+        message = "xdynamics: compiling %s%s: about %d s%s"
+        logging.getLogger("xdynamics").warning(message, self._words, often, self._seconds, reason)
+        if obstacle:
+            cache.advise(obstacle)
+        text = f"; {made_by()}\n; {sources()}\n{text_of(self.functions)}"
+        if not obstacle:
+            cache.write(self.name_of_text, lzma.compress(text.encode()))
+        return text
+
+
+def _origin(carried: str) -> str:
+    return WHEEL if carried else NUMBA
+
+
+def made_by() -> str:
+    """Return what a text depends on besides its sources: versions of numba and LLVM, and the platform."""
+    version = ".".join(map(str, llvm.llvm_version_info))
+    return f"numba {numba.__version__}, LLVM {version}, {llvm.get_process_triple()}"
+
+
+@lru_cache(maxsize=1)
+def sources() -> str:
+    """Return a digest of everything that is compiled into a part: modules, constants of methods, the schema's flags."""
+    rooms = [path for room in ("elementary", "kernels", "march") for path in (PACKAGE / room).rglob("*.py")]
+    constants = [
+        PACKAGE / "dynamics" / "growth.py",
+        PACKAGE / "methods" / "radau.py",
+        *(PACKAGE / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
+    ]
+    files = sorted([*rooms, PACKAGE / "schema.py", *constants])
+    return cache.digest(*(path.read_text(encoding="utf-8") for path in files))
