@@ -61,7 +61,7 @@ ENERGIES = {
 COMPRESSION_WORDS = "zlib of level 1, bytes shuffled: without loss"
 COMPRESSION = "archive_compression"  # how an archive is compressed, or a record is to be
 # facts about when and where a run was made: in the archive, out of every digest but the one of their own
-VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version",
+VOLATILE = ("date_created", "history", "python_version", "numpy_version", "numba_version", "llvmlite_version", "engine_origin",
             "xarray_version", "cpu_name", "cpu_features", "wall_time", "xdynamics_version", "archive_seal", COMPRESSION,
             "volatile_digest",
             # by a library's eigenvalues, whose last bits may carry over into the digits that are kept

@@ -17,9 +17,12 @@ def _machine() -> dict[str, str]:
 
     from llvmlite import binding
 
+    from xdynamics.march.engine import origin
+
     features = binding.get_host_cpu_features()
     versions = {f"{name}_version": version(name) for name in ("numpy", "numba", "llvmlite", "xarray", "xdynamics")}
     return versions | {
+        "engine_origin": origin(),
         "python_version": platform.python_version(),
         "cpu_name": binding.get_host_cpu_name(),
         "cpu_features": " ".join(sorted(name for name, enabled in features.items() if enabled)),
