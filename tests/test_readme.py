@@ -16,7 +16,7 @@ from cases.problems import ROOT
 
 README = (ROOT / "README.md").read_text()
 BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh", "toml")}
-RUN = next(line.strip() for line in README.splitlines() if "pip install -q . &&" in line)
+RUN = next(line.strip() for line in README.splitlines() if "pip install -q -e . &&" in line)
 
 
 def commands() -> list[str]:
