@@ -219,21 +219,30 @@ def test_rocket_burns_what_it_has() -> None:
     assert float(found.fuel.min()) > -1e-12
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_archive_reproduces_and_passes_cf(name: str, tmp_path: Path) -> None:
-    """Assert of every model: saved, verified, reproduced bit for bit, clean under the strict CF check, read by ncdump."""
-    path = tmp_path / f"{name}.nc"
-    short = xd.simulate(model(name), until=min(2.0, 60.0))
-    xd.save(short, path)
-    assert xd.reproduce(path).attrs["identical"] == 1
+@pytest.fixture(scope="module", params=NAMES)
+def archived(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A saved run of every model."""
+    path = tmp_path_factory.mktemp("archives") / f"{request.param}.nc"
+    xd.save(xd.simulate(model(request.param), until=min(2.0, 60.0)), path)
+    return path
+
+
+def test_archive_reproduces_and_passes_cf(archived: Path) -> None:
+    """Assert of every model: verified, reproduced bit for bit, clean under the strict CF check."""
+    assert xd.reproduce(archived).attrs["identical"] == 1
     checker = Path(sys.executable).with_name("compliance-checker")
     if checker.exists():
         report = subprocess.run(
-            [checker, "-t", "cf:1.11", "-c", "strict", path], capture_output=True, text=True, check=False
+            [checker, "-t", "cf:1.11", "-c", "strict", archived], capture_output=True, text=True, check=False
         )
         assert "All tests passed!" in report.stdout, report.stdout
-    if shutil.which("ncdump"):
-        assert subprocess.run(["ncdump", "-h", path], capture_output=True, check=True).stdout
+
+
+def test_archive_is_read_by_ncdump(archived: Path) -> None:
+    """Assert of every model that the C library's own program prints its header."""
+    if not shutil.which("ncdump"):
+        pytest.skip("there is no ncdump here (Debian's netcdf-bin)")
+    assert subprocess.run(["ncdump", "-h", archived], capture_output=True, check=True).stdout
 
 
 def met(name: str) -> list[tuple[str, str]]:
