@@ -24,7 +24,7 @@ def run() -> xr.Dataset:
 
 def test_a_quantified_record_is_the_same_again(run: xr.Dataset) -> None:
     """Assert that units go into arrays and come out as they were, flags and texts untouched."""
-    from xdynamics.pint_records import is_quantified, plain
+    from xdynamics.record.pint_records import is_quantified, plain
 
     found = run.dynamics.quantify()
     assert is_quantified(found)
@@ -102,7 +102,7 @@ def test_the_engine_verifies(run: xr.Dataset, tmp_path: Path) -> None:
 def test_the_engine_imports_light() -> None:
     """Assert that xarray's look at its engines loads neither the engine of the march nor pint."""
     script = "import sys, xarray as xr; xr.backends.list_engines(); print(*(one for one in ('numba', 'pint', 'scipy', 'matplotlib') if one in sys.modules and 'xdynamics' in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", script + "; print('xdynamics.backend' in sys.modules)"], capture_output=True, text=True, check=True)  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", script + "; print('xdynamics.interchange.backend' in sys.modules)"], capture_output=True, text=True, check=True)  # fmt: skip
     assert "True" in done.stdout
     assert "numba" not in done.stdout
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.lazy_imports import entrance
+from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from xdynamics.budgeting.certificate import certify
     from xdynamics.budgeting.fitting import fit
     from xdynamics.budgeting.term import Declared
-    from xdynamics.bundling import bundle, recheck
-    from xdynamics.completion import complete
+    from xdynamics.documenting.bundling import bundle, recheck
     from xdynamics.documenting.document import document
+    from xdynamics.documenting.reporting import report
     from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparing.comparison import compare
     from xdynamics.evidence.diagnosing.diagnosis import diagnose
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from xdynamics.evidence.validating.ledger import validate
     from xdynamics.evidence.validating.limiting import limiting
     from xdynamics.evidence.validating.manufacturing import manufactured
-    from xdynamics.extension import extend
     from xdynamics.faults import (
         AccuracyWarning,
         ArchiveError,
@@ -49,9 +48,10 @@ if TYPE_CHECKING:
     from xdynamics.methods import METHODS
     from xdynamics.model import Model
     from xdynamics.record import check
-    from xdynamics.reporting import report
-    from xdynamics.scipy_interface import solve
-    from xdynamics.simulation import reproduce, simulate
+    from xdynamics.simulation.completion import complete
+    from xdynamics.simulation.extension import extend
+    from xdynamics.simulation.scipy_interface import solve
+    from xdynamics.simulation.single_run import reproduce, simulate
     from xdynamics.sweeping.catalogue import open_sweep, verify
     from xdynamics.sweeping.designs import Draws
     from xdynamics.sweeping.ensemble_analysis import contrast, convergence, influences, precision, sensitivities
@@ -64,8 +64,8 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults", "SignatureWarning": "faults",
     "StabilityWarning": "faults", "animate": "figures.animation",
-    "check": "record", "complete": "completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "bundling", "document": "documenting.document", "recheck": "bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "reporting", "reproduce": "simulation", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation", "solve": "scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.ensemble_analysis", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
+    "check": "record", "complete": "simulation.completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "documenting.bundling", "document": "documenting.document", "recheck": "documenting.bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "simulation.extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
+    "refine": "evidence.refining.refinement", "report": "documenting.reporting", "reproduce": "simulation.single_run", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation.single_run", "solve": "simulation.scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.ensemble_analysis", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
@@ -78,7 +78,9 @@ __all__ = [
 # verbs that take records, with units as attributes or in their arrays
 _OF_RECORDS = ("animate", "check", "companion", "compare", "complete", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
 
-_entered = entrance(__name__, _ROOMS, beside="accessor", through={"pint_records.taking": _OF_RECORDS})
+_entered = entrance(
+    __name__, _ROOMS, beside="interchange.accessor", through={"record.pint_records.taking": _OF_RECORDS}
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -236,7 +236,7 @@ def test_memory_of_a_streamed_run_is_bounded(tmp_path: Path) -> None:
 
 def test_reproduce_names_the_first_difference(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a rerun that departs is told, with variable and row."""
-    from xdynamics import simulation
+    from xdynamics.simulation import single_run as simulation
 
     again = simulation._again
 

@@ -204,7 +204,7 @@ def test_intervals_and_verdicts_of_draws() -> None:
 
 def test_the_same_budget_twice_and_from_a_file(tmp_path: Any) -> None:
     """Assert that a budget is the same each time, and is saved, opened, verified, told and drawn."""
-    from xdynamics.summary import summary
+    from xdynamics.documenting.summary import summary
 
     one, other = (xd.error_budget(BALL, "t", event="ground", method="dormand_prince", rtol=1e-7, draws=400, seed=3) for _ in "ab")  # fmt: skip
     assert all(other[name].variable.equals(one[name].variable) for name in one.variables)
@@ -454,7 +454,7 @@ def test_units_of_inputs_are_spelled_as_they_were_declared(given: str, si: str, 
 
 def test_a_time_without_a_unit_has_no_seconds() -> None:
     """Assert that nothing of a budget of a model without units of time says s: variables, attributes, lines, document, figure."""
-    from xdynamics.summary import summary
+    from xdynamics.documenting.summary import summary
 
     model = xd.Model(
         name="plain", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"}, forces={"spring": {"x": "-k*x"}},

@@ -15,8 +15,8 @@ from cases.problems import MODELS
 from xdynamics.budgeting import residuals
 from xdynamics.budgeting.montecarlo import Drawn, drawn, draws_needed
 from xdynamics.budgeting.rounding import rounded
+from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing.cycles import cycles
-from xdynamics.summary import summary
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.summary import summary
+from xdynamics.documenting.summary import summary
 
 MARCH: dict[str, Any] = {"method": "rk4", "step": "20 ms", "until": "1 s"}
 

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.archive.seals import seal_file
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.archive.writer import Writer
-from xdynamics.attributes import own_attributes
+from xdynamics.record.variable_attributes import own_attributes
 
 
 def changed(source: Path, target: Path, change: Callable[[xr.Dataset], xr.Dataset | None]) -> Path:

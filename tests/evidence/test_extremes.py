@@ -12,9 +12,9 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing.extremes import extreme
 from xdynamics.record.flag_words import words_of
-from xdynamics.summary import summary
 from xdynamics.sweeping.ensemble_analysis import numbers
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.scipy_interface import model_of
+from xdynamics.simulation.scipy_interface import model_of
 
 Function = Callable[[Any, Any], Any]
 Make = Callable[[np.random.Generator], tuple[Function, list[Function]]]

@@ -10,7 +10,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.summary import summary
+from xdynamics.documenting.summary import summary
 
 G, E = 9.81, 0.9
 BALL: dict[str, Any] = {

@@ -17,10 +17,10 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import EPS, MODELS, free, oscillator, particle, pushed
 from xdynamics import record
+from xdynamics.documenting.summary import summary
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
-from xdynamics.summary import summary
 
 MIDPOINT = xd.METHODS["midpoint"]
 

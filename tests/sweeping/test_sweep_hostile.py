@@ -236,7 +236,7 @@ def test_members_that_simulate_refuses_are_rows(tmp_path: Path) -> None:
 
 def test_the_event_that_ended_a_run_is_kept() -> None:
     """Assert names of the events that stopped runs, and that surveys and lines tell them apart."""
-    from xdynamics.summary import summary
+    from xdynamics.documenting.summary import summary
 
     model = xd.Model(
         name="two walls", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},

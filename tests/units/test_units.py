@@ -23,7 +23,6 @@ from xdynamics.units import (
     Quantity,
     Range,
     Scales,
-    behind,
     coherent,
     constant,
     is_range,
@@ -32,6 +31,7 @@ from xdynamics.units import (
     parse_unit,
     spell,
     time_in,
+    unit_suffix,
 )
 
 HOSTILE = [
@@ -254,7 +254,7 @@ def test_rates_in_a_time_without_a_unit_keep_theirs() -> None:
     assert parse_unit("1").per(SECONDS, 2).text == "s-2"
     assert parse_unit("km").per(NUMBERS, 2).text == "km"
     assert parse_unit("km").per_second(2).dimension == parse_unit("m s-2").dimension
-    assert (behind("1"), behind(parse_unit("N")), behind(NUMBERS)) == ("", " N", "")
+    assert (unit_suffix("1"), unit_suffix(parse_unit("N")), unit_suffix(NUMBERS)) == ("", " N", "")
 
 
 def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from xdynamics.lazy_imports import entrance
+from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
     from xdynamics.archive.integrity import check_unchanged, digest_of_run, selected_like

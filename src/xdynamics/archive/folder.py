@@ -14,7 +14,7 @@ from pathlib import Path
 
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.files import asked, kind_of, made_folder, synced
+from xdynamics.runtime.files import asked, kind_of, made_folder, synced
 
 BUILT = ".building"
 

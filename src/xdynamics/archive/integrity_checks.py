@@ -13,8 +13,8 @@ from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.archive.text_encoding import bytes_of, form_of
-from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError, numbered
+from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, SEALED, VOLATILE_DIGEST, coordinates_of
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.archive.seals import Seal, root_digest, stored_slabs
-from xdynamics.cached_properties import cached_property
 from xdynamics.record import own_attributes
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
 if TYPE_CHECKING:

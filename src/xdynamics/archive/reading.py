@@ -20,9 +20,9 @@ from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_o
 from xdynamics.archive.source import check_source
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
-from xdynamics.pint_records import quantified
 from xdynamics.record import faults_of
 from xdynamics.record.kinds import is_evidence, said_of
+from xdynamics.record.pint_records import quantified
 from xdynamics.schema import ROOT_DIGEST, SEALED
 
 if TYPE_CHECKING:

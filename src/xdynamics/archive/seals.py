@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.netcdf_library import alone, read
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.text_encoding import form_of
-from xdynamics.attributes import own_attributes, plain
+from xdynamics.record.variable_attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,
     CIRCUMSTANCE,

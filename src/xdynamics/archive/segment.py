@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.seals import Seal
 from xdynamics.faults import ArchiveError
-from xdynamics.files import synced
+from xdynamics.runtime.files import synced
 
 Array = NDArray[Any]
 Part = tuple[str, Array]

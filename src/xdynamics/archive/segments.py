@@ -22,7 +22,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
 from xdynamics.march import March
 from xdynamics.record import apart, identity
-from xdynamics.units import TIME, behind
+from xdynamics.units import TIME, unit_suffix
 
 EVERY = 10.0  # s between two segments: a run that is over sooner has none
 SHARE = 0.01  # of a run's time, between two segments of one that lasts long
@@ -89,7 +89,7 @@ class Segments:
                 one = self._checked(name)
                 one.check(seals)
             except ArchiveError as error:
-                unit = behind(self.march.model.time_unit)
+                unit = unit_suffix(self.march.model.time_unit)
                 where = f"goes on from t = {self._found[-1].said['t']:.9g}{unit}" if self._found else "starts anew"
                 warn(f"segment '{name}' {error}: the run {where}", ResumeWarning)
                 return

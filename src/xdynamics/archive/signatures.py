@@ -19,7 +19,7 @@ from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.target import taking_name
 from xdynamics.archive.temporary_files import fitting
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
-from xdynamics.files import asked, kind_of, write_new
+from xdynamics.runtime.files import asked, kind_of, write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from xdynamics.faults import InputError
-from xdynamics.files import asked, kind_of
+from xdynamics.runtime.files import asked, kind_of
 
 
 def check_source(path: Path) -> None:

@@ -16,7 +16,7 @@ from xdynamics.archive.shared_handles import is_lent
 from xdynamics.archive.source import check_name
 from xdynamics.archive.temporary_files import Part, sweep
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.files import asked, decoded, kind_of, read_bounded, synced
+from xdynamics.runtime.files import asked, decoded, kind_of, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.model import Model

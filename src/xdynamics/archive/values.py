@@ -12,8 +12,8 @@ from xarray.core import indexing
 from xdynamics.archive.chunk_reading import chosen
 from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.text_encoding import Form, form_of
-from xdynamics.attributes import own_attributes
 from xdynamics.faults import ArchiveError
+from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import DIGEST
 
 

@@ -14,9 +14,9 @@ from xdynamics.archive.bounds import packed
 from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
 from xdynamics.archive.text_encoding import Numbers, numbers_of
-from xdynamics.attributes import own_attributes
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence
+from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import (
     BOUNDS,
     COMPRESSION,

@@ -23,10 +23,10 @@ from xdynamics.archive.target import Batch, check_no_table, check_target, taking
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
-from xdynamics.files import made_folder
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
+from xdynamics.runtime.files import made_folder
 from xdynamics.schema import (
     COMPRESSION,
     DERIVED,

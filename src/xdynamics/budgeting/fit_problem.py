@@ -16,7 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.sweeping.sweep import sweep
-from xdynamics.units import Quantity, Unit, behind
+from xdynamics.units import Quantity, Unit, unit_suffix
 
 if TYPE_CHECKING:
     pass
@@ -111,7 +111,7 @@ class Asked:
             )
             raise InputError(
                 f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t ="
-                f" {float(marched.end_time[k])!r}{behind(self.model.time_unit)}, before all that was measured"
+                f" {float(marched.end_time[k])!r}{unit_suffix(self.model.time_unit)}, before all that was measured"
             )
         return rows
 

@@ -26,7 +26,7 @@ from xdynamics.record.columns import columns_of
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.sweeping.axes import numbers_of
 from xdynamics.sweeping.sweep import plain
-from xdynamics.units import Quantity, behind, parse_unit
+from xdynamics.units import Quantity, parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,7 +176,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
         elif table.uncertainties and name not in table.uncertainties:
             ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
-    begin, end, second = model.initial["t"].si, march_settings.until, behind(model.time_unit)
+    begin, end, second = model.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
     outside = np.flatnonzero((table.times < begin) | (table.times > end))
     if outside.size:
         ledger.note(

@@ -87,7 +87,7 @@ def certify(model_file: str, output: str, changes: tuple[str, ...], **named: Any
 )
 def bundle(certificate: str, output: str) -> None:
     """Put a certificate into a folder with its model, run, ledger, figures and scripts; one line makes it again."""
-    from xdynamics.bundling import bundle as bundled
+    from xdynamics.documenting.bundling import bundle as bundled
 
     say([f"bundle    {bundled(output, certificate)}"])
 
@@ -112,7 +112,7 @@ def report(folder: str, output: str) -> None:
 @click.argument("certificate", metavar="C.nc|FOLDER")
 def recheck(certificate: str) -> None:
     """Make a certificate again from its file or bundle alone and compare every number; exit code 1 if one differs."""
-    from xdynamics.bundling import recheck as made_again
+    from xdynamics.documenting.bundling import recheck as made_again
 
     result = made_again(certificate)
     say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
@@ -134,7 +134,7 @@ def _evidence(
 ) -> Any:
     """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
-    from xdynamics.summary import summary
+    from xdynamics.documenting.summary import summary
 
     model = changed_model(model_file, changes)
     if output:
@@ -196,7 +196,7 @@ def fit(
     from xdynamics import archive
     from xdynamics.archive.target import taking_name
     from xdynamics.budgeting.fitting import fit as fitted_to
-    from xdynamics.summary import summary
+    from xdynamics.documenting.summary import summary
 
     model = changed_model(model_file, changes)
     for path in filter(None, (output, fitted)):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 def show(archive: str, whole: bool, as_json: bool) -> None:
     """Print what an archive holds: outcome, events, parameters; of a sweep's folder its members."""
-    from xdynamics.summary import as_data, details
+    from xdynamics.documenting.summary import as_data, details
 
     run = _opened(archive)
     if as_json:
@@ -103,8 +103,8 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
-    from xdynamics.csv_export import check_target, text_of, write
     from xdynamics.dynamics.shortened_steps import wanted_times
+    from xdynamics.interchange.csv_export import check_target, text_of, write
     from xdynamics.record.flag_words import time_unit
 
     target = check_target(Path(output)) if output else None

@@ -59,12 +59,12 @@ def run(
     model = changed_model(model_file, changes, tables)
     arguments = asked(given)
     check_target(Path(output), model)  # before what marches is imported
-    from xdynamics.simulation import simulate
+    from xdynamics.simulation.single_run import simulate
 
     if times is not None:
-        from xdynamics import csv_export
+        from xdynamics.interchange import csv_export
         from xdynamics.march.configuration import settings_for
-        from xdynamics.simulation import check_sampled, times_within
+        from xdynamics.simulation.single_run import check_sampled, times_within
 
         table = csv_export.check_target(Path(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
@@ -73,7 +73,7 @@ def run(
     with progress() as report:
         finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
-        from xdynamics.csv_export import tabled
+        from xdynamics.interchange.csv_export import tabled
 
         written = tabled(finished, sample_times, table)
         if not as_json:
@@ -98,7 +98,7 @@ def discard(archives: tuple[str, ...]) -> None:
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 def extend(archive: str, until: str, output: str, resume: bool) -> None:
     """Continue a complete run beyond its end, with the bits of one march that also lands there."""
-    from xdynamics.extension import extend as extended
+    from xdynamics.simulation.extension import extend as extended
 
     with progress() as report:
         longer = extended(archive, until=until, path=output, resume=resume, progress=report)
@@ -112,7 +112,7 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     """Add what --log and --keep-every left out of a run, bit for bit: it is marched again and compared."""
-    from xdynamics.completion import complete as completed
+    from xdynamics.simulation.completion import complete as completed
 
     with progress() as report:
         whole = completed(archive, keep_every=keep_every, path=output, progress=report, resume=resume)
@@ -122,8 +122,8 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
 def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
     """Print the summary of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
+    from xdynamics.documenting.summary import as_data, summary
     from xdynamics.march.outcomes import GOOD
-    from xdynamics.summary import as_data, summary
 
     if as_json:
         click.echo(json.dumps(as_data(finished) | {"archive": str(finished.encoding["source"])}))

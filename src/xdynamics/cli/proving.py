@@ -83,7 +83,7 @@ def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> Non
 @click.argument("archive", metavar="RUN.nc")
 def reproduce(archive: str) -> None:
     """March an archive's model again and compare every bit."""
-    from xdynamics.simulation import reproduce as again
+    from xdynamics.simulation.single_run import reproduce as again
 
     table = again(archive)
     if table.attrs["identical"]:

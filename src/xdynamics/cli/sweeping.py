@@ -91,8 +91,8 @@ def sweep(
     **named: Any,
 ) -> None:
     """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
+    from xdynamics.documenting.summary import summary
     from xdynamics.march.outcomes import GOOD
-    from xdynamics.summary import summary
     from xdynamics.sweeping.sweep import sweep as swept
 
     model = changed_model(model_file, changes)

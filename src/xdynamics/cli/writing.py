@@ -26,7 +26,7 @@ def new(path: str) -> None:
     """Write a model to begin with: a driven pendulum, with a word on each section."""
     from xdynamics.documenting.guide import STARTER
     from xdynamics.faults import ArchiveError, InputError
-    from xdynamics.files import write_new
+    from xdynamics.runtime.files import write_new
 
     target = Path(path)
     if target.suffix != ".toml":

@@ -11,15 +11,15 @@ from xdynamics import archive
 from xdynamics.archive.target import check_target, taking_name
 from xdynamics.budgeting.budget_summary import doubt_of, known_to, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
-from xdynamics.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
+from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting.equations import of_model
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -106,7 +106,7 @@ def _result(certificate: xr.Dataset) -> Section:
 def _method(run: xr.Dataset) -> Section:
     attributes = run.attrs
     control = (
-        f"step {float(attributes['solver_step']):g}{behind(time_unit(run))}"
+        f"step {float(attributes['solver_step']):g}{unit_suffix(time_unit(run))}"
         if "solver_step" in attributes
         else (
             f"rtol {float(attributes['solver_rtol']):g}"

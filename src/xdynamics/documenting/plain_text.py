@@ -12,7 +12,7 @@ from xdynamics.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import switches
 from xdynamics.schema import acceleration
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 
 COUNTED = (
     "coordinates",
@@ -96,7 +96,7 @@ def _occasions(model: Model) -> Iterator[str]:
 def _scales(model: Model) -> Iterator[str]:
     """Report time scales and suitable steps at the start, or why they are unknown there."""
     steps: dict[str, float] = {}
-    second = behind(model.time_unit)
+    second = unit_suffix(model.time_unit)
     try:
         spectrum = modes(model)
     except InputError as error:

@@ -11,7 +11,6 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.dynamics.growth import Law, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
@@ -28,6 +27,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, jacobian, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
 from xdynamics.record.flag_words import words_of
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, contact_state, friction_state, rate, velocity
 
 if TYPE_CHECKING:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.dynamics.variational import Along, NotVariedError, varying
 from xdynamics.elementary.arrays import dot, product, solved
 from xdynamics.expressions import Node, derivatives, free_names
@@ -26,6 +25,7 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slo
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, Reaction, reactions
 from xdynamics.model.switches import switches
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
 Floats = NDArray[np.float64]

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.cached_properties import cached_property
 from xdynamics.elementary import kept_set
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
-from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.march import Settings
 from xdynamics.march.dense_output import states_within
 from xdynamics.methods import METHODS
@@ -29,8 +27,10 @@ from xdynamics.record.arguments import scales_of
 from xdynamics.record.columns import state_name
 from xdynamics.record.kinds import RARE, rows_apart, said_of_log
 from xdynamics.record.provenance import interpolation, interpolation_orders
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME, STEPS
-from xdynamics.units import SECONDS, Range, Unit, behind, is_range, time_in
+from xdynamics.units import SECONDS, Range, Unit, is_range, time_in, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -195,7 +195,7 @@ class Inside:
         Rows of `where` are wanted time, start and end; of `columns` step, regime, contacts, the state at its start and
         perhaps at its end.
         """
-        every, unit = rows_apart(self.run.attrs), behind(str(self.run["time"].attrs["units"]))
+        every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run["time"].attrs["units"]))
         _check_whole(where, columns[0], slack(self.run), unit, every)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
@@ -308,7 +308,7 @@ def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArra
     first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
-        unit = behind(str(time.attrs.get("units", SECONDS.text)))
+        unit = unit_suffix(str(time.attrs.get("units", SECONDS.text)))
         raise InputError(
             f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
             f" to {last!r}{unit}; a run is never extrapolated"

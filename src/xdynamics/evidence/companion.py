@@ -27,7 +27,7 @@ from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_whole, said_of
 from xdynamics.schema import AT, AT_TIME, EVENTS
-from xdynamics.units import Quantity, behind
+from xdynamics.units import Quantity, unit_suffix
 from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
@@ -302,12 +302,12 @@ def _tightened(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Describe the errors of a run at its last time and of its events, line by line."""
-    unit = behind(time_unit(found))
+    unit = unit_suffix(time_unit(found))
     yield f"beside a run with {found.attrs['companion']}"
     for name in [str(key) for key in found.data_vars if global_error(str(key)) in found]:
         value, error = float(found[name][-1]), float(found[global_error(name)][-1])
         yield (
-            f"{name} = {value:.{digits(value, uncertainty=error)}g}{behind(str(found[name].attrs['units']))} at t ="
+            f"{name} = {value:.{digits(value, uncertainty=error)}g}{unit_suffix(str(found[name].attrs['units']))} at t ="
             f" {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
         )
     for time, error in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):

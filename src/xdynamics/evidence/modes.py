@@ -20,7 +20,7 @@ from xdynamics.model.linearisation import Linearisation, initial_state, linearis
 from xdynamics.record.kinds import said_of_log
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
-from xdynamics.units import NONE, NUMBERS, Unit, behind, parse_unit, spell
+from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
 
 Floats = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr
     ]
     attributes = {
         "title": f"Modes of {model.name}",
-        "summary": f"Linearisation about the state at t = {state['t']!r}{behind(model.time_unit)}",
+        "summary": f"Linearisation about the state at t = {state['t']!r}{unit_suffix(model.time_unit)}",
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
@@ -205,7 +205,7 @@ def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str,
         np.linalg.cholesky(linearisation.mass)
     except np.linalg.LinAlgError:
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {state['t']!r}{behind(model.time_unit)}: its mass matrix"
+            f"model '{model.name}' cannot be linearised at t = {state['t']!r}{unit_suffix(model.time_unit)}: its mass matrix"
             f" {linearisation.mass.tolist()} is not positive definite there"
         ) from None
 
@@ -215,7 +215,7 @@ def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
     if wrong.size:
         i, j = (int(index) for index in wrong[0])
         raise InputError(
-            f"model '{model.name}' cannot be linearised at t = {t!r}{behind(model.time_unit)}: the rate of"
+            f"model '{model.name}' cannot be linearised at t = {t!r}{unit_suffix(model.time_unit)}: the rate of"
             f" {linearisation.names[i]} has the derivative {linearisation.jacobian[i, j]} by {linearisation.names[j]};"
             " choose another state with at=… or row=…"
         )

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
-from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.record.size import check_room
+from xdynamics.runtime.lazy_imports import load_dask_whole
 
 if TYPE_CHECKING:
     import xarray as xr

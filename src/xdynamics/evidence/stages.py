@@ -22,11 +22,11 @@ import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.evidence.runs import march
-from xdynamics.fork_safety import waited_for
-from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.runtime.fork_safety import waited_for
+from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ORIGIN, RUNS
 
 if TYPE_CHECKING:

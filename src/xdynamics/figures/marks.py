@@ -13,7 +13,7 @@ from xdynamics.faults import escaped
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import contact_force, friction_force
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def timed(time: xr.DataArray, what: str = "time") -> str:
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     """Write a time with its unit."""
-    return f"t = {value:.{digits}g}{behind(str(time.attrs.get('units', 's')))}"
+    return f"t = {value:.{digits}g}{unit_suffix(str(time.attrs.get('units', 's')))}"
 
 
 def words(text: Any) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from xdynamics.cached_properties import cached_property
+from xdynamics.runtime.cached_properties import cached_property
 
 
 class Block(NamedTuple):

@@ -20,10 +20,10 @@ import numba
 from llvmlite.binding import ffi
 from numba.core.compiler_lock import global_compiler_lock
 
-from xdynamics.fork_safety import waited_for
 from xdynamics.kernels import cache, machine
 from xdynamics.kernels.entry_points import Entry
 from xdynamics.kernels.numba_text import provide_helpers, text_of
+from xdynamics.runtime.fork_safety import waited_for
 
 PACKAGE = Path(__file__).parents[1]
 FOLDER = PACKAGE / "kernels" / "text"  # of a wheel's texts

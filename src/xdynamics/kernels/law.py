@@ -14,10 +14,8 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
-from xdynamics.fork_safety import waited_for
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
@@ -31,6 +29,8 @@ from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.step_programs import Steps
 from xdynamics.methods.scheme import Scheme
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.fork_safety import waited_for
 
 # positions among the addresses of a law; the programs of a step come last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from xdynamics import schema
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.kernels.blocks import Blocks
 from xdynamics.methods.scheme import Scheme
@@ -16,6 +15,7 @@ from xdynamics.model import Model, motion
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.switches import Switch, smooth_switches
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import Dimension
 
 

@@ -24,7 +24,7 @@ from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
 from xdynamics.stability import decay_limit, fastest_rate, stiffness
-from xdynamics.units import TIME, behind, parse_unit, spell
+from xdynamics.units import TIME, parse_unit, spell, unit_suffix
 
 MOST_NAMED = 3
 FEW_ROWS = 100  # of a run; with fewer, stiffness is not looked for
@@ -83,7 +83,7 @@ def _of_mass(march: March) -> Iterator[str]:
         digits = max(0.0, -math.log10(conditions[worst] * EPS))
         yield (
             f"the mass matrix is nearly singular, of condition {conditions[worst]:.2g} at t ="
-            f" {states[worst]['t']:.6g}{behind(model.time_unit)}: of the 16 digits of accelerations about {digits:.0f}"
+            f" {states[worst]['t']:.6g}{unit_suffix(model.time_unit)}: of the 16 digits of accelerations about {digits:.0f}"
             " are right; choose other coordinates"
         )
 
@@ -161,7 +161,7 @@ def _of_gains(march: March) -> Iterator[str]:
     law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
     name = march.layout.watched[int(gains.detector)].name
     where = (
-        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{behind(model.time_unit)}, event_energy_lost ="
+        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{unit_suffix(model.time_unit)}, event_energy_lost ="
         f" {-gains.energy:.3g} {unit})"
     )
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"

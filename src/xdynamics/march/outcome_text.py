@@ -44,7 +44,7 @@ from xdynamics.schema import (
     rate,
     velocity,
 )
-from xdynamics.units import TIME, UNSCALED, behind
+from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
 
 FEWEST = 6  # digits of the time at which a run failed
@@ -65,7 +65,7 @@ def ending(march: March) -> Ending:
     if now.status != RUNNING and not march.outcome.good:
         failure = diagnose(march)
     t, h = float(now.t) * scale, float(now.h) * scale
-    second = behind(march.model.time_unit)
+    second = unit_suffix(march.model.time_unit)
     text = failure.outcome.sentence.format(
         t=f"{t:.{_digits(march, t, h)}g}{second}", h=f"{h:.6g}{second}", cause=failure.cause
     )
@@ -211,9 +211,7 @@ def _leaves(march: March, name: str) -> bool:
 def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     """Examine one force evaluation: the state it used, the drives, the force terms, the rates."""
     layout, model = march.layout, march.model
-    when = (
-        f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{behind(march.model.time_unit)}"
-    )
+    when = f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{unit_suffix(march.model.time_unit)}"
     for name in layout.used:
         if not isfinite(values[name]):
             return Failure(NONFINITE, f"{name} is {values[name]} {when}")

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.energy_gains import Gains, impacts_of, with_more
@@ -28,6 +27,7 @@ from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
 from xdynamics.model import Model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import EVENT_AFTER, error
 from xdynamics.units import TIME
 

@@ -21,7 +21,7 @@ from xdynamics.model.motion import variables
 from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
-from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, behind
+from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
 EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
@@ -249,7 +249,7 @@ class Settings:
         InputError
             If settings are invalid; with every fault, its value and what is needed.
         """
-        start, second = model.initial["t"].si, behind(model.time_unit)
+        start, second = model.initial["t"].si, unit_suffix(model.time_unit)
         faults = [
             *self._grid_faults(start, second),
             *self._estimator_faults(),

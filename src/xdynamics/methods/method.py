@@ -9,11 +9,11 @@ from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
 from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
+from xdynamics.runtime.cached_properties import cached_property
 
 SCALARS = ("t", "t1", "h", "s")
 

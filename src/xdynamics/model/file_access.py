@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
-from xdynamics.files import decoded, read_bounded
+from xdynamics.runtime.files import decoded, read_bounded
 
 LARGEST_TABLE = 10_000_000  # bytes
 

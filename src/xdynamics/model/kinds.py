@@ -12,7 +12,7 @@ from xdynamics.model.file_access import Reach
 from xdynamics.model.parts import Function
 from xdynamics.model.python import Functions, function_of
 from xdynamics.model.table_keys import choice
-from xdynamics.units import NONE, SECONDS, TIME, Quantity, Unit, behind, parse_quantity, parse_unit, time_in
+from xdynamics.units import NONE, SECONDS, TIME, Quantity, Unit, parse_quantity, parse_unit, time_in, unit_suffix
 
 NEVER = object()  # equal to no value: a key that is always written
 MOST_COUNTED = 1 << 31
@@ -203,6 +203,6 @@ PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pai
 FLAG = Kind("true | false", _flag, omitted=False)
 COUNT = Kind("whole number from 1 on", _count, omitted=1)
 DURATION = Kind("time", _duration, _as_text, None)
-INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{behind(unit)}" for time in times], ())
+INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{unit_suffix(unit)}" for time in times], ())
 POSITIVE = Kind("quantity", _positive, _as_text, None)
 SIZE = Kind("quantity", _size, _as_text, None)

@@ -9,11 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, ModelError
-from xdynamics.files import asked, decoded, read_bounded
 from xdynamics.model import toml
 from xdynamics.model.consistency import check
 from xdynamics.model.csv_sheet import normal
@@ -40,6 +38,8 @@ from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
 from xdynamics.model.uncertainty import Discrepancy
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.files import asked, decoded, read_bounded
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension, Quantity, Unit
 

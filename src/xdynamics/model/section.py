@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.table_keys import keys
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import Unit
 
 NEEDED = "needed"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.lagrangian import Lagrangian
@@ -26,6 +25,7 @@ from xdynamics.model.parts import (
     Validation,
 )
 from xdynamics.model.uncertainty import Discrepancy
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import SECONDS, Quantity, Unit
 
 

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import children
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth

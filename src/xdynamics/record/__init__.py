@@ -1,11 +1,11 @@
 """The run record: a march's log as one Dataset that says what every number is and how it came about."""
 
-from xdynamics.attributes import own_attributes, plain
 from xdynamics.record.column import Column
 from xdynamics.record.columns import columns, constants, factors, followed_tolerances
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.dataset import check, check_kind, dataset
 from xdynamics.record.identity import apart, comes_of, identity, input_digest, is_of, same_settings
+from xdynamics.record.variable_attributes import own_attributes, plain
 
 __all__ = [
     "Column",

@@ -9,12 +9,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march import Block, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.reactions import reaction_dimensions
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
 from xdynamics.units import NONE, TIME, Scales, Unit, spell
 

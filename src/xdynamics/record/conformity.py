@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.attributes import plain
 from xdynamics.record.kinds import is_run, is_whole
+from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     ATOL_EFFECT,
     BOUNDS,

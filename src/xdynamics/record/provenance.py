@@ -27,7 +27,7 @@ from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, 
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.columns import left_out_tolerances
-from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, behind
+from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, unit_suffix
 
 if TYPE_CHECKING:
     pass
@@ -276,7 +276,7 @@ def _last_step(march: March) -> str:
     whole = int(steps)
     rest = (float(plan.end) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
     return (
-        f"partial, {rest:.9g}{behind(march.model.time_unit)}: the span is no multiple of the step"
+        f"partial, {rest:.9g}{unit_suffix(march.model.time_unit)}: the span is no multiple of the step"
         if partial
         else "whole"
     )

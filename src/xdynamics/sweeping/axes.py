@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
 from xdynamics.model.uncertainty import deviations, matrix_of
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of

@@ -23,7 +23,7 @@ from xdynamics.archive.seals import tail_of
 from xdynamics.archive.target import taking_name
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
-from xdynamics.files import asked, made_folder
+from xdynamics.runtime.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes

@@ -19,7 +19,7 @@ from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis,
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
-from xdynamics.units import behind, parse_unit
+from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -186,7 +186,7 @@ def settings_said(sweep: xr.Dataset) -> str:
     """Describe the settings that all members of a sweep share."""
     recorded = {
         name: (
-            f"{sweep.attrs[key]:g}{behind(str(sweep.attrs.get(f'{key}_units', '1')))}"
+            f"{sweep.attrs[key]:g}{unit_suffix(str(sweep.attrs.get(f'{key}_units', '1')))}"
             if name != "method"
             else sweep.attrs[key]
         )

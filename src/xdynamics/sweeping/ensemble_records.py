@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.cached_properties import cached_property
 from xdynamics.evidence.observables import modes_behind, rate_tree
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
@@ -26,6 +25,7 @@ from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.columns import columns_of, state_name
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import parse_unit
 
 Floats = NDArray[np.float64]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.settings import EARLIEST_FIRST
 from xdynamics.model import Model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
 
 Places = NDArray[np.int64]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.cached_properties import cached_property
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs, march_many
 from xdynamics.march.log import Room
@@ -21,6 +20,7 @@ from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.march.uncontrolled_errors import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.circumstances import xdynamics_version
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Grid, Group

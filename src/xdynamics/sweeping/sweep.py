@@ -11,8 +11,8 @@ import numpy as np
 
 from xdynamics import record
 from xdynamics.faults import InputError
-from xdynamics.lazy_imports import load_dask_whole
 from xdynamics.model import Model
+from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.axes import axes_of
 from xdynamics.sweeping.collection import collected, plan_of
@@ -20,7 +20,7 @@ from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.kept_quantities import END, keeping_of
 from xdynamics.sweeping.members import Plan, march_of
 from xdynamics.sweeping.tasks import arrays_of, chunks_of
-from xdynamics.units import Quantity, behind
+from xdynamics.units import Quantity, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -160,7 +160,7 @@ def _check_times(plan: Plan) -> None:
     times, grid = plan.keeping.times, plan.grid
     if not times.size or {"t", "until"} & {entry.name for _, entry in grid.columns}:
         return
-    second = behind(grid.model.time_unit)
+    second = unit_suffix(grid.model.time_unit)
     begin, end = grid.model.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
     if outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
         raise InputError(

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from xdynamics.faults import InputError
-from xdynamics.files import decoded, read_bounded
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import doubts_of
+from xdynamics.runtime.files import decoded, read_bounded
 
 LARGEST = 50_000_000  # bytes
 

@@ -10,10 +10,10 @@ from xdynamics.units.ranges import Range, is_range
 from xdynamics.units.reading import constant, parse_quantity, parse_time, parse_unit, time_in
 from xdynamics.units.scales import UNSCALED, Scales
 from xdynamics.units.spelling import coherent, spell
-from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, behind
+from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, unit_suffix
 
 __all__ = [
     "BASE", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
-    "Range", "Scales", "Unit", "behind", "coherent", "constant", "is_range", "parse_quantity", "parse_time", "parse_unit",
-    "spell", "time_in",
+    "Range", "Scales", "Unit", "coherent", "constant", "is_range", "parse_quantity", "parse_time", "parse_unit",
+    "spell", "time_in", "unit_suffix",
 ]  # fmt: skip

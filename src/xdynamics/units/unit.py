@@ -71,12 +71,12 @@ SECONDS = Unit("s", TIME)
 NUMBERS = Unit("1", NONE)  # the unit of a time that has none
 
 
-def behind(unit: Unit | str) -> str:
+def unit_suffix(unit: Unit | str) -> str:
     """Return a unit as it follows a number; empty for a dimensionless one.
 
     Examples
     --------
-    >>> f"3{behind('s')}, 3{behind('1')}"
+    >>> f"3{unit_suffix('s')}, 3{unit_suffix('1')}"
     '3 s, 3'
     """
     text = unit if isinstance(unit, str) else unit.text

@@ -25,7 +25,7 @@ from xdynamics.record import check
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_evidence, rows_apart, said_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
-from xdynamics.units import behind, parse_unit
+from xdynamics.units import parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
@@ -157,7 +157,7 @@ def _check(run: Any) -> None:
 
 def _times(first: xr.Dataset, other: xr.Dataset) -> Floats:
     """Return every accepted time of either run that both reach."""
-    grids, unit = [np.asarray(run["time"]) for run in (first, other)], behind(time_unit(first))
+    grids, unit = [np.asarray(run["time"]) for run in (first, other)], unit_suffix(time_unit(first))
     for which, grid in zip(("first", "second"), grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
             raise InputError(
@@ -329,7 +329,7 @@ def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
             sentence = (
-                f"t = {earliest:.9g}{behind(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an"
+                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an"
                 f" interpolation error of {float(uncertainty[k]):.2g} {units}"
             )
     return sentence
@@ -395,7 +395,7 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
         if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
             worst = int(np.nanargmax(np.abs(variable.values)))
             where = (
-                f"at t = {float(table[AT_TIME][worst]):.9g}{behind(time_unit(table))}"
+                f"at t = {float(table[AT_TIME][worst]):.9g}{unit_suffix(time_unit(table))}"
                 if variable.dims == (AT,)
                 else f"occurrence {worst + 1}"
             )

@@ -23,7 +23,7 @@ from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, Reach
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
-from xdynamics.units import SECONDS, TIME, Unit, behind, parse_unit
+from xdynamics.units import SECONDS, TIME, Unit, parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -120,7 +120,7 @@ def residuals(
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.settle()
-    unit_text = behind(time_unit(run))
+    unit_text = unit_suffix(time_unit(run))
     begin, end = (float(run["time"][k]) for k in (0, -1))
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
     if outside.size:

@@ -29,7 +29,7 @@ from xdynamics.record import check, check_kind
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, STEPS
-from xdynamics.units import Unit, behind, parse_quantity, parse_unit, spell, time_in
+from xdynamics.units import Unit, parse_quantity, parse_unit, spell, time_in, unit_suffix
 from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
@@ -284,7 +284,7 @@ def _reference(
         period = time_in(unit, reference, "reference")
         if not period > 0.0:
             raise InputError(f"reference is {reference!r}, needs a positive period")
-        return np.array([counted.times[0] + period * k for k in range(n)]), f"a period of {period!r}{behind(unit)}"
+        return np.array([counted.times[0] + period * k for k in range(n)]), f"a period of {period!r}{unit_suffix(unit)}"
     if reference is not None:
         check_kind(reference)
         check_whole(reference)
@@ -496,7 +496,7 @@ def cycles_said(found: xr.Dataset) -> str:
     rule = f", {attributes['level_rule']}" if "level_rule" in attributes else ""
     return (
         f"{attributes['coordinate']}, each from one rise through"
-        f" {float(attributes['level']):.6g}{behind(str(attributes['level_units']))}{rule}, to the next"
+        f" {float(attributes['level']):.6g}{unit_suffix(str(attributes['level_units']))}{rule}, to the next"
     )
 
 
@@ -519,7 +519,8 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
             variable = found[name]
             first, last = (
-                f"{float(variable[k]):.{_digits_of(found, name, k)}g}{behind(variable.attrs['units'])}" for k in (0, -1)
+                f"{float(variable[k]):.{_digits_of(found, name, k)}g}{unit_suffix(variable.attrs['units'])}"
+                for k in (0, -1)
             )
             yield f"{name} = {first} in the first cycle, {last} in the last"
 

@@ -14,7 +14,7 @@ from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.refining.study import Study
 from xdynamics.record.size import ROOM, free_memory, said
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 
 Floats = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
             continue
         count = float(np.ceil(float(log(last / tolerance)) / (order * float(log(ratio)))))
         value, needed = float(levels.values[-1]) / float(power(ratio, count)), rows * float(power(growth, count))
-        unit = behind(levels.varied.units or levels.model.time_unit.text)
+        unit = unit_suffix(levels.varied.units or levels.model.time_unit.text)
         sentences.append(
             f"{number.name} would need a {levels.varied.name} of about {value:.2g}{unit}: {_extent(study, needed)}"
         )

@@ -16,13 +16,13 @@ from xdynamics.evidence.refining.levels import FEWEST, Levels
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
 from xdynamics.faults import InputError
-from xdynamics.files import made_folder
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.size import memory_asked
+from xdynamics.runtime.files import made_folder
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
-from xdynamics.units import Quantity, behind, parse_quantity, parse_unit
+from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
@@ -253,7 +253,7 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
             ""
             if not places
             else (
-                f" at t = {float(study[AT_TIME][k]):.9g}{behind(time_unit(study))}"
+                f" at t = {float(study[AT_TIME][k]):.9g}{unit_suffix(time_unit(study))}"
                 if places[0] == AT
                 else f" [{k + 1}]"
             )

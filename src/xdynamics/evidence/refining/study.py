@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.seals import slabs
-from xdynamics.cached_properties import cached_property
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.event_matching import Rows, matched, met
 from xdynamics.evidence.observables import observe
@@ -20,8 +19,9 @@ from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, Subjects
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, FIRST_PASSED, PASSED, acceleration, rate, velocity
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,8 +72,8 @@ class Study:
         for time in times.tolist():
             if not begin <= time <= end:
                 raise InputError(
-                    f"at has {time!r}{behind(unit)}, needs times in every run, from {begin!r}{behind(unit)} to"
-                    f" {end!r}{behind(unit)}"
+                    f"at has {time!r}{unit_suffix(unit)}, needs times in every run, from {begin!r}{unit_suffix(unit)} to"
+                    f" {end!r}{unit_suffix(unit)}"
                 )
         return times
 
@@ -88,8 +88,8 @@ class Study:
         for value, run in zip(self.levels.values.tolist(), self.runs, strict=True):
             if str(run.attrs["run_outcome"]) in GOOD or float(run["time"][-1]) >= float(times.max()):
                 continue
-            unit = behind(self.levels.varied.units or self.levels.model.time_unit.text)
-            second = behind(self.levels.model.time_unit.text)
+            unit = unit_suffix(self.levels.varied.units or self.levels.model.time_unit.text)
+            second = unit_suffix(self.levels.model.time_unit.text)
             raise InputError(
                 f"the level with {self.levels.varied.name} = {value:.6g}{unit} ended before t ="
                 f" {float(times.max()):.9g}{second}, as '{run.attrs['run_outcome']}': {run.attrs['run_outcome_text']};"

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.cached_properties import cached_property
 from xdynamics.evidence.observables import observables_of
 from xdynamics.evidence.refining.family import Subject, Watched
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, OCCURRENCE, Variable
 from xdynamics.units import time_in
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.cached_properties import cached_property
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model
 from xdynamics.model.linearisation import mass_matrices
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, contact_gap, velocity
 from xdynamics.units import parse_unit, spell
 

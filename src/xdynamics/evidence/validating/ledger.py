@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.cached_properties import cached_property
 from xdynamics.evidence.event_matching import met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
@@ -32,8 +31,9 @@ from xdynamics.model.motion import constants, evaluated_many
 from xdynamics.model.parts import Validation
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, STEPS, flags, velocity
-from xdynamics.units import Quantity, behind, parse_unit, time_in
+from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -324,7 +324,7 @@ def _of_impacts(marched: Marched, prefix: str, stage: int) -> Iterator[Row]:
 
 def _times_in_words(case: Validation, model: Model) -> str:
     if case.times:
-        return "t = " + ", ".join(f"{time:.9g}" for time in case.times) + behind(model.time_unit)
+        return "t = " + ", ".join(f"{time:.9g}" for time in case.times) + unit_suffix(model.time_unit)
     prefix = "the last tenth of " if case.bound == BAND else ""
     return f"{prefix}accepted states up to {model.run.get('until', 'the end')}"
 
@@ -398,7 +398,7 @@ class Marched:
                 row,
                 where=(
                     f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to"
-                    f" {end:.9g}{behind(time_unit(run))}"
+                    f" {end:.9g}{unit_suffix(time_unit(run))}"
                 ),
             )
         try:

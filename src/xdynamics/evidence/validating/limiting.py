@@ -19,7 +19,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.units import Unit, behind, parse_quantity, time_in
+from xdynamics.units import Unit, parse_quantity, time_in, unit_suffix
 
 Floats = NDArray[np.float64]
 ROLE = "limiting"
@@ -188,5 +188,5 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             word = "approached" if int(found[f"approached_{name}"][k]) else "not approached"
             shown = f"order {order:.3g}, " if np.isfinite(order) else ""
             yield (
-                f"{name} at t = {time:.9g}{behind(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
+                f"{name} at t = {time:.9g}{unit_suffix(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
             )

@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.archive import digest_of_run
+from xdynamics.documenting.summary import summary
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
+from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
-from xdynamics.summary import summary
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -37,7 +37,7 @@ from xdynamics.schema import (
     error,
     velocity,
 )
-from xdynamics.units import TIME, behind, parse_unit, time_in
+from xdynamics.units import TIME, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -121,7 +121,7 @@ def _extended(
     arguments, end = asked_of(kept), float(kept.attrs["solver_until"])
     if not time_in(model.time_unit, until, "until") > end:
         raise InputError(
-            f"until is {until!r}, needs a time after the end of the run at t = {end!r}{behind(model.time_unit)}"
+            f"until is {until!r}, needs a time after the end of the run at t = {end!r}{unit_suffix(model.time_unit)}"
         )
     settings = settings_for(model, **arguments | {"until": until, "nodes": [*arguments.get("nodes", ()), end]})
     march = March(model, settings, progress)

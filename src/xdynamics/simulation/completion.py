@@ -16,7 +16,7 @@ from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import rows_apart, said_of
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
-from xdynamics.simulation import simulate
+from xdynamics.simulation.single_run import simulate
 
 if TYPE_CHECKING:
     import xarray as xr

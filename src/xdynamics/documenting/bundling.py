@@ -17,8 +17,8 @@ from xdynamics.budgeting.numerical import own_run
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
-from xdynamics.files import KINDS, asked, read_bounded
 from xdynamics.model import Model
+from xdynamics.runtime.files import KINDS, asked, read_bounded
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST
 
 if TYPE_CHECKING:

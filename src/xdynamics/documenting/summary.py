@@ -27,7 +27,7 @@ from xdynamics.schema import (
     SWEEP,
     TRIALS,
 )
-from xdynamics.units import behind
+from xdynamics.units import unit_suffix
 from xdynamics.units.digits import digits, known_part
 
 FEW_EVENTS = 4  # of one name, that are listed one by one
@@ -230,7 +230,7 @@ def _value(run: xr.Dataset, name: str, row: int) -> str:
     values = run[name].values
     value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
     shown = digits(value, uncertainty=_uncertain_part(run) * largest)
-    return f"{name} = {value:.{shown}g}{behind(str(run[name].attrs['units']))}"
+    return f"{name} = {value:.{shown}g}{unit_suffix(str(run[name].attrs['units']))}"
 
 
 def _event_time(run: xr.Dataset, i: int) -> str:

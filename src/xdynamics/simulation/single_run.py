@@ -28,7 +28,7 @@ from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.size import check_room
 from xdynamics.schema import STEP_NUMBER
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
-from xdynamics.units import Quantity, Unit, behind
+from xdynamics.units import Quantity, Unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -232,8 +232,8 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[
     outside = wanted[(wanted < start) | (wanted > until)]
     if outside.size:
         raise InputError(
-            f"times have {float(outside[0])!r}{behind(unit)}, and the run goes from {start!r}{behind(unit)} to"
-            f" {until!r}{behind(unit)}"
+            f"times have {float(outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
+            f" {until!r}{unit_suffix(unit)}"
         )
     return wanted
 
@@ -304,10 +304,10 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
             return
         if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit, unit_suffix = _longest_stable_step(model, method), behind(model.time_unit)
+    limit, unit = _longest_stable_step(model, method), unit_suffix(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
-            f"step {step:.6g}{unit_suffix} is beyond the stability limit {limit:.6g}{unit_suffix} of '{method.name}'"
+            f"step {step:.6g}{unit} is beyond the stability limit {limit:.6g}{unit} of '{method.name}'"
             f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
             " xdynamics.modes(model) for the steps that other methods allow",
             StabilityWarning,
@@ -315,8 +315,8 @@ def _warn_of_instability(model: Model, settings: Settings) -> None:
     elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
         warn(
             f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
-            f" 0{unit_suffix}): errors grow from step to step, with {step:.6g}{unit_suffix} more than e times within"
-            f" this run of {span:.6g}{unit_suffix}, up to {longest:.3g}{unit_suffix} less; see xdynamics.modes(model)"
+            f" 0{unit}): errors grow from step to step, with {step:.6g}{unit} more than e times within"
+            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; see xdynamics.modes(model)"
             " for methods that are stable",
             StabilityWarning,
         )

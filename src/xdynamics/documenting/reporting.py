@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
 from xdynamics.archive.target import taking_name
+from xdynamics.documenting.summary import summary
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError, numbered
 from xdynamics.figures import plot
-from xdynamics.files import made_folder
-from xdynamics.summary import summary
+from xdynamics.runtime.files import made_folder
 
 if TYPE_CHECKING:
     import xarray as xr

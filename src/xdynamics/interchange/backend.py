@@ -26,7 +26,7 @@ class ArchiveBackend(BackendEntrypoint):
         InputError, ArchiveError
             As of `open_run`.
         """
-        import xdynamics.accessor  # noqa: F401 - `run.dynamics`
+        import xdynamics.interchange.accessor  # noqa: F401 - `run.dynamics`
         from xdynamics.archive import open_run
 
         run = open_run(filename_or_obj)

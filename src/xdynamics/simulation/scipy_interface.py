@@ -18,7 +18,7 @@ from xdynamics.expressions.tracing import Traced, name, node_of, traced
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.simulation import simulate
+from xdynamics.simulation.single_run import simulate
 from xdynamics.units import parse_quantity, parse_time, parse_unit
 
 if TYPE_CHECKING:

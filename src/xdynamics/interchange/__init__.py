@@ -1,0 +1,1 @@
+"""Records for others: xarray's accessor and backend, CSV."""

@@ -1,0 +1,1 @@
+"""What Python, its processes and the file system need: late imports, forks, files."""
