@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.kernels.operations import greatest, least
 from xdynamics.march import tolerance_sizes
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
@@ -286,7 +287,10 @@ RTOL = 1e-4
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Phases as Python has them, and forces that are a matrix: what is compiled has no way in from Python."""
-    for name in ("tops_of", "natural_sizes", "time_at", "fastest_rate", "recurred", "slope_of"):
+    printed = getattr(tolerance_sizes._tolerance, "py_func", tolerance_sizes._tolerance)
+    for name, function in (("_greatest", greatest), ("_least", least)):
+        monkeypatch.setitem(printed.__globals__, name, function)
+    for name in ("_tolerance", "tops_of", "natural_sizes", "time_at", "fastest_rate", "recurred", "slope_of"):
         function = getattr(tolerance_sizes, name)
         monkeypatch.setattr(tolerance_sizes, name, getattr(function, "py_func", function))
 

@@ -172,35 +172,14 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     omitted += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
     for k, indices in enumerate(choices):
         part = sweep.isel(dict(zip(others, indices, strict=True)))
-        one, label = part[name], _said(part, [dim]).removeprefix(", ")
+        number, label = part[name], _said(part, [dim]).removeprefix(", ")
         colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
-        if OCCURRENCE in one.dims:
-            values = one.transpose(dim, OCCURRENCE).values
-            size = 0.9 if values.size > LARGE else 2.0
-            axes.plot(
-                np.repeat(x, values.shape[1]),
-                values.ravel(),
-                ".",
-                color=colour,
-                markersize=size,
-                markeredgewidth=0,
-                alpha=0.8,
-                label=label,
-                rasterized=True,
-            )
-        elif AT in one.dims:
-            chosen = np.unique(np.linspace(0, one.sizes[AT] - 1, min(MOST_LINES, one.sizes[AT])).astype(int))
-            for j, i in enumerate(chosen.tolist()):
-                axes.plot(
-                    x,
-                    one.isel({AT: i}).values,
-                    color=COLOURS[j % len(COLOURS)],
-                    linestyle=dashes,
-                    linewidth=1.1,
-                    label=f"{at_time(sweep[AT_TIME], float(sweep[AT_TIME][i]), 4)} {label}".strip(),
-                )
+        if OCCURRENCE in number.dims:
+            _occurrences(axes, x, number.transpose(dim, OCCURRENCE).values, colour, label)
+        elif AT in number.dims:
+            _times(axes, x, number, sweep[AT_TIME], dashes, label)
         else:
-            values = one.values.astype(float)
+            values = number.values.astype(float)
             rows = thinned(values)
             axes.plot(
                 x[rows],
@@ -217,6 +196,35 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     axes.set_title(words(f"{name}{omitted}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
+
+
+def _occurrences(axes: Axes, x: Values, values: Values, colour: str, label: str) -> None:
+    """Draw every occurrence of an event as a point, those of a member one above the other."""
+    axes.plot(
+        np.repeat(x, values.shape[1]),
+        values.ravel(),
+        ".",
+        color=colour,
+        markersize=0.9 if values.size > LARGE else 2.0,
+        markeredgewidth=0,
+        alpha=0.8,
+        label=label,
+        rasterized=True,
+    )
+
+
+def _times(axes: Axes, x: Values, number: xr.DataArray, times: xr.DataArray, dashes: Any, label: str) -> None:
+    """Draw a number at several times, a line for each."""
+    chosen = np.unique(np.linspace(0, number.sizes[AT] - 1, min(MOST_LINES, number.sizes[AT])).astype(int))
+    for j, i in enumerate(chosen.tolist()):
+        axes.plot(
+            x,
+            number.isel({AT: i}).values,
+            color=COLOURS[j % len(COLOURS)],
+            linestyle=dashes,
+            linewidth=1.1,
+            label=f"{at_time(times, float(times[i]), 4)} {label}".strip(),
+        )
 
 
 def _mark_bad(axes: Axes, part: xr.Dataset, name: str, x: Values) -> None:

@@ -73,14 +73,7 @@ def sobol_indices(
     are percentiles of the indices of resampled draws (Efron and Tibshirani, An Introduction to the Bootstrap, 1993,
     section 13.3).
     """
-    for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
-    if not ranges or isinstance(ranges, str):
-        raise InputError(
-            f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or"
-            " names of what is uncertain in the model"
-        )
+    _check(ranges, draws, resamples)
     spans: dict[str, Column | Parameter]
     if isinstance(ranges, Mapping):
         spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
@@ -90,26 +83,7 @@ def sobol_indices(
     indices = _shares(f)
     resampled = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
     low, high = np.quantile([_shares(f[:, entry]) for entry in resampled], [0.025, 0.975], axis=0)
-    ends = [_ends(entry) for entry in spans.values()]
-    range_text = "where its range" if isinstance(ranges, Mapping) else "where one standard uncertainty beside its value"
-    variables: dict[str, Any] = {
-        "parameter_name": (("parameter",), np.array([*spans]), about("1", "what was varied", "name")),
-        "parameter_units": (
-            ("parameter",),
-            np.array([units for units, _, _ in ends]),
-            about("1", "unit of its range", "name"),
-        ),
-        "lowest": (
-            ("parameter",),
-            np.array([entry for _, entry, _ in ends]),
-            about("1", f"{range_text} begins, in parameter_units", "axis"),
-        ),
-        "highest": (
-            ("parameter",),
-            np.array([entry for _, _, entry in ends]),
-            about("1", f"{range_text} ends, in parameter_units", "axis"),
-        ),
-    }
+    variables = _range_variables(spans, given=isinstance(ranges, Mapping))
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
@@ -120,6 +94,33 @@ def sobol_indices(
         )
     attributes = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, attributes)
+
+
+def _check(ranges: Any, draws: int, resamples: int) -> None:
+    for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
+    if not ranges or isinstance(ranges, str):
+        raise InputError(
+            f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or"
+            " names of what is uncertain in the model"
+        )
+
+
+def _range_variables(spans: Mapping[str, Column | Parameter], *, given: bool) -> dict[str, Any]:
+    """Return the names of what was varied, and where the range of each begins and ends."""
+    ends = [_ends(span) for span in spans.values()]
+    text = "where its range" if given else "where one standard uncertainty beside its value"
+    columns = {
+        "parameter_name": ([*spans], "what was varied", "name"),
+        "parameter_units": ([units for units, _, _ in ends], "unit of its range", "name"),
+        "lowest": ([lowest for _, lowest, _ in ends], f"{text} begins, in parameter_units", "axis"),
+        "highest": ([highest for _, _, highest in ends], f"{text} ends, in parameter_units", "axis"),
+    }
+    return {
+        name: (("parameter",), np.array(values), about("1", description, role))
+        for name, (values, description, role) in columns.items()
+    }
 
 
 def _marched(

@@ -112,75 +112,20 @@ class Plan:
     @property
     def _judged(self) -> list[Kept]:
         """The variables that judge every member as a run: doubts, outcome, digest, file."""
-        description = (
-            "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their"
-            " largest value or more; steps that a stricter tolerance of another variable holds err by less, and what"
-            " errors do to others is not in it: a member that is marched by itself is judged by both"
-        )
         whole = self.keeping.whole
         stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
-        files = [
-            Kept(
-                FILE,
-                (),
-                (),
-                "1",
-                "archive of the run, named by a digest of all that it is marched from",
-                "file",
-                _none,
-                dtype="U72",
-            ),
-            Kept(
-                SEAL, (), (), "1", "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, dtype="U64"
-            ),
-        ]
-        return [
-            *(files if whole else []),
-            Kept(UNCONTROLLED, (), (), "1", description, DIAGNOSTIC, lambda runs: np.zeros(runs.size), dtype="i4"),
-            *(
-                [
-                    Kept(
-                        PASSED.name,
-                        (),
-                        (),
-                        "1",
-                        "how often switches that are declared smooth were passed by a step, and not located",
-                        DIAGNOSTIC,
-                        _passed,
-                        dtype="i8",
-                    )
-                ]
-                if smooth_switches(self.grid.model)
-                else []
-            ),
-            Kept(OUTCOME, (), (), "1", "how the run ended", "outcome", _outcomes, dtype=f"U{LONGEST_WORD}"),
-            *(
-                [
-                    Kept(
-                        STOPPED_BY,
-                        (),
-                        (),
-                        "1",
-                        "event that ended the run, where one did",
-                        "outcome",
-                        _stopped_by,
-                        dtype=f"U{max(map(len, stops))}",
-                    )
-                ]
-                if stops
-                else []
-            ),
-            Kept(
-                DIGEST,
-                (),
-                (),
-                "1",
-                CONTENT_DIGEST if whole else DIGEST_OF,
-                "digest",
-                _digests,
-                dtype="U64" if whole else f"U{DIGITS}",
-            ),
-        ]
+        judged = _FILES if whole else []
+        judged = [*judged, _judging(UNCONTROLLED, _OF_UNCONTROLLED, DIAGNOSTIC, _no_errors, "i4")]
+        if smooth_switches(self.grid.model):
+            judged.append(_judging(PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed, "i8"))
+        judged.append(_judging(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}"))
+        if stops:
+            longest = max(map(len, stops))
+            judged.append(
+                _judging(STOPPED_BY, "event that ended the run, where one did", "outcome", _stopped_by, f"U{longest}")
+            )
+        content, dtype = (CONTENT_DIGEST, "U64") if whole else (DIGEST_OF, f"U{DIGITS}")
+        return [*judged, _judging(DIGEST, content, "digest", _digests, dtype)]
 
 
 def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Values]:
@@ -361,3 +306,24 @@ def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
         raise InputError(
             f"member {grid.said(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
         )
+
+
+def _judging(name: str, description: str, role: str, take: Callable[[Any], Any], dtype: str) -> Kept:
+    """Return a variable without a unit that has one value for each member."""
+    return Kept(name, (), (), "1", description, role, take, dtype=dtype)
+
+
+def _no_errors(runs: Any) -> NDArray[np.float64]:
+    return np.zeros(runs.size)
+
+
+_OF_UNCONTROLLED = (
+    "of how many variables errors as large as their given absolute tolerance, one a step, come to 3 % of their"
+    " largest value or more; steps that a stricter tolerance of another variable holds err by less, and what"
+    " errors do to others is not in it: a member that is marched by itself is judged by both"
+)
+_OF_PASSED = "how often switches that are declared smooth were passed by a step, and not located"
+_FILES = [
+    _judging(FILE, "archive of the run, named by a digest of all that it is marched from", "file", _none, "U72"),
+    _judging(SEAL, "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, "U64"),
+]

@@ -191,68 +191,115 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     )
 
 
+@dataclass(frozen=True)
+class _Struck:
+    """The impacts of one contact: its rates before and after, its impulses, and what rounding does to them.
+
+    Attributes
+    ----------
+    name : str
+    parts : list of Reaction
+        Normal, then tangential; n of them.
+    members : ndarray of int, shape (k,)
+        Which impacts these are.
+    rows : ndarray, shape (k, coordinates, n)
+        The directions in which each part acts.
+    impulse : ndarray, shape (k, coordinates)
+    strength : ndarray, shape (k, n)
+        Of each part, by least squares.
+    before, after, noise : ndarray, shape (k, n)
+        Rates of the parts at both sides, and their roundoff.
+    rounding : ndarray, shape (k, 1)
+    """
+
+    name: str
+    parts: list[Reaction]
+    members: NDArray[np.int64]
+    rows: Floats
+    impulse: Floats
+    strength: Floats
+    before: Floats
+    after: Floats
+    noise: Floats
+    rounding: Floats
+
+    @classmethod
+    def of(cls, impacts: Impacts, name: str) -> _Struck:
+        """Collect the impacts of a contact."""
+        members = impacts.of(name)
+        parts = [reaction for reaction in reactions(impacts.model) if reaction.owner == name and reaction.sort != DRY]
+        rows = np.stack([impacts.row_of(reaction)[members] for reaction in parts], axis=2)
+        impulse, rounding = impacts.impulses[members], impacts.rounding[members]
+        strength = np.stack(
+            [np.linalg.lstsq(row, reaction, rcond=None)[0] for row, reaction in zip(rows, impulse, strict=True)]
+        )
+        before, after = (
+            np.stack([impacts.values(reaction.rate, side)[members] for reaction in parts], axis=1) for side in (0, 1)
+        )
+        speeds = np.abs(impacts.speeds[0][members]) + np.abs(impacts.speeds[1][members])
+        size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(before) + np.abs(after)
+        noise = rounding[:, None] * size + _slack(impacts, parts)[members]
+        return cls(name, parts, members, rows, impulse, strength, before, after, noise, rounding)
+
+
 def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
     """Check the impulses of one contact against its directions and friction, its rates and energy against its law."""
-    members, law = impacts.of(name), impacts.model.contacts[name].law
-    parts = [reaction for reaction in reactions(impacts.model) if reaction.owner == name and reaction.sort != DRY]
-    normal = parts[0]
-    rows = np.stack([impacts.row_of(reaction)[members] for reaction in parts], axis=2)
-    impulse, rounding = impacts.impulses[members], impacts.rounding[members]
-    strength = np.stack(
-        [np.linalg.lstsq(row, reaction, rcond=None)[0] for row, reaction in zip(rows, impulse, strict=True)]
-    )
-    before, after = (
-        np.stack([impacts.values(reaction.rate, side)[members] for reaction in parts], axis=1) for side in (0, 1)
-    )
-    speeds = np.abs(impacts.speeds[0][members]) + np.abs(impacts.speeds[1][members])
-    size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(before) + np.abs(after)
-    noise = rounding[:, None] * size + _slack(impacts, parts)[members]
-
-    deviation = np.linalg.norm(impulse - np.einsum("kij,kj->ki", rows, strength), axis=1) / np.linalg.norm(
-        impulse, axis=1
-    )
+    struck = _Struck.of(impacts, name)
+    deviation = np.linalg.norm(
+        struck.impulse - np.einsum("kij,kj->ki", struck.rows, struck.strength), axis=1
+    ) / np.linalg.norm(struck.impulse, axis=1)
     relation = "impulse is along the gradient of the gap, and the slip's"
-    yield _worst(impacts, f"{name}.direction", relation, "event_impulse", "1", deviation, rounding, members)
+    yield _worst(
+        impacts, f"{name}.direction", relation, "event_impulse", "1", deviation, struck.rounding, struck.members
+    )
+    yield _restitution(impacts, struck)
+    if len(struck.parts) > 1:
+        yield _friction(impacts, struck)
+    yield _energy_lost(impacts, struck)
 
+
+def _restitution(impacts: Impacts, struck: _Struck) -> Check:
+    """Check the rate after an impact against the law of restitution."""
+    name, members, normal = struck.name, struck.members, struck.parts[0]
+    law = impacts.model.contacts[name].law
     unit, observable = spell(rate_dimension(impacts.model, normal)).text, f"rates of contact {name}"
     relation = (
         "rate after = -e times rate before; where others are struck too, at least that by newton, else at least 0"
     )
-    if len(parts) > 1 and law not in OF_RATES:
+    if len(struck.parts) > 1 and law not in OF_RATES:
         why = f"law = '{law}' with friction relates impulses, or work, within an impact, and not the rates at its ends"
-        yield Check(f"{name}.restitution", relation, observable, unit, note=why)
-    else:
-        mismatch = after[:, 0] + impacts.values(normal.size, 0)[members] * np.minimum(before[:, 0], 0.0)
-        least = mismatch if law == "newton" else after[:, 0]
-        residual = np.where(_alone(impacts)[members], np.abs(mismatch), np.maximum(0.0, -least))
-        yield _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, noise[:, 0], members)
+        return Check(f"{name}.restitution", relation, observable, unit, note=why)
+    mismatch = struck.after[:, 0] + impacts.values(normal.size, 0)[members] * np.minimum(struck.before[:, 0], 0.0)
+    least = mismatch if law == "newton" else struck.after[:, 0]
+    residual = np.where(_alone(impacts)[members], np.abs(mismatch), np.maximum(0.0, -least))
+    return _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, struck.noise[:, 0], members)
 
-    if len(parts) > 1:
-        friction = impacts.values(parts[1].size, 0)[members]
-        excess = np.maximum(0.0, np.abs(strength[:, 1]) / np.abs(strength[:, 0]) - friction)
-        relation, bound = (
-            "|tangential impulse| <= friction times normal impulse",
-            rounding * (1.0 + friction) * np.linalg.cond(rows),
-        )
-        yield _worst(impacts, f"{name}.friction", relation, "event_impulse", "1", excess, bound, members)
 
-    loss = -np.sum(strength * (before + after), axis=1) / 2.0
-    relation, unit = (
-        "energy lost = -(impulses times (rates before + after)/2)",
-        str(impacts.run["event_energy_lost"].attrs["units"]),
-    )
-    bound, deviation = np.sum(np.abs(strength) * noise, axis=1), np.abs(impacts.lost[members] - loss)
+def _friction(impacts: Impacts, struck: _Struck) -> Check:
+    """Check the tangential impulse against Coulomb's law."""
+    friction = impacts.values(struck.parts[1].size, 0)[struck.members]
+    excess = np.maximum(0.0, np.abs(struck.strength[:, 1]) / np.abs(struck.strength[:, 0]) - friction)
+    relation = "|tangential impulse| <= friction times normal impulse"
+    bound = struck.rounding * (1.0 + friction) * np.linalg.cond(struck.rows)
+    return _worst(impacts, f"{struck.name}.friction", relation, "event_impulse", "1", excess, bound, struck.members)
+
+
+def _energy_lost(impacts: Impacts, struck: _Struck) -> Check:
+    """Check the energy that an impact took against the work of its impulses."""
+    members, law = struck.members, impacts.model.contacts[struck.name].law
+    loss = -np.sum(struck.strength * (struck.before + struck.after), axis=1) / 2.0
+    relation = "energy lost = -(impulses times (rates before + after)/2)"
+    number, unit = f"{struck.name}.energy_lost", str(impacts.run["event_energy_lost"].attrs["units"])
+    bound = np.sum(np.abs(struck.strength) * struck.noise, axis=1)
+    deviation = np.abs(impacts.lost[members] - loss)
     ends = _alone(impacts)[members] | (law != "sequential")  # strikes one contact after the other, at rates in between
     if not ends.any():
         why = (
             "law = 'sequential' takes energy strike by strike, where others are struck too, and not by the rates at the"
             " ends"
         )
-        yield Check(f"{name}.energy_lost", relation, "event_energy_lost", unit, note=why)
-        return
-    yield _worst(
-        impacts, f"{name}.energy_lost", relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends]
-    )
+        return Check(number, relation, "event_energy_lost", unit, note=why)
+    return _worst(impacts, number, relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends])
 
 
 def _alone(impacts: Impacts) -> NDArray[np.bool_]:
