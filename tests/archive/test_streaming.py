@@ -27,7 +27,7 @@ MODEL = oscillator().model
 )
 def test_a_block_is_bounded(columns: int, expected: int, rows: int) -> None:
     """Assert that a block has no more rows than its march, than a chunk, and than 256 MB of numbers."""
-    layout = SimpleNamespace(row=range(columns), watched=())
+    layout = SimpleNamespace(row=SimpleNamespace(size=columns), watched=())
     march: Any = SimpleNamespace(layout=layout, expected_rows=expected)
     assert streaming._rows(march) == rows
 

@@ -325,7 +325,7 @@ def test_an_event_that_was_not_met_has_failed() -> None:
         ('bound = "1 ns"', 'bound = "soon"', "bound is 'soon', needs a quantity like '1 mm', or one of 'rounding'"),
         ('bound = "1 ns"', 'bound = "-1 ns"', "needs a positive one"),
         ('event = "ground"', 'event = "sky"', "event 'sky' is none of the model's; there are ground"),
-        ('event = "ground"', 'event = "ground"\noccurrence = 0', "occurrence is 0, needs 1 or more"),
+        ('event = "ground"', 'event = "ground"\noccurrence = 0', "occurrence is 0, needs a whole number from 1 on"),
         ('event = "ground"', 'event = "ground"\ntimes = ["1 s"]', "event and times are both given"),
         ('"sqrt(2*h/g)"', '"2*h/g"', "has units 's2', needs 's' of 't'"),
         ('"h - g*t**2/2"', '"y"', "reads 'y', which is what is computed"),

@@ -85,7 +85,7 @@ def test_times_are_what_sample_gives(tmp_path: Path) -> None:
         ("1 kg", "has units 'kg', needs 's'"),
         ([np.nan], "nan"),
         (["1 s", "x"], "does not start with a finite number"),
-        ("0s:1s:3 ms", "with units at its ends and behind"),
+        ("0s:1s:3 ms", "with units after its ends and after the count"),
     ],
 )
 def test_wrong_times(times: object, said: str, tmp_path: Path) -> None:

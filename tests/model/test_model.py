@@ -56,7 +56,7 @@ def test_python_statement_equals_file() -> None:
         ('step = "1 ms"', 'stepp = "1 ms"', r"\[run\] has no setting 'stepp'; did you mean 'step'"),
         ('g = {', "time = {", "parameter 'time' and the record both claim the name 'time'"),
         ('g = {', "second = {", "the name 'second' is a word of the expression language"),
-        ('uncertainty = 1,', "uncertainty = -1,", "must be non-negative"),
+        ('uncertainty = 1,', "uncertainty = -1,", "needs to be non-negative"),
     ],
 )  # fmt: skip
 def test_fault_is_named(old: str, new: str, message: str) -> None:

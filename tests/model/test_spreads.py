@@ -93,7 +93,7 @@ def test_what_is_said_is_written_back() -> None:
     ("key", "text", "said"),
     [
         ("m", '{ value = "1 kg", uncertainty = "2 s" }', "uncertainty is in 's', the value in 'kg'"),
-        ("m", '{ value = "1 kg", uncertainty = -1 }', "must be non-negative"),
+        ("m", '{ value = "1 kg", uncertainty = -1 }', "needs to be non-negative"),
         ("m", '{ value = "1 kg", uncertainty = 1, half_width = 2 }', "write one"),
         ("m", '{ value = "1 kg", distribution = "normal" }', "no uncertainty or half_width"),
         ("m", '{ value = "1 kg", half_width = 1, distribution = "normal" }', "has no bounds"),
@@ -103,7 +103,7 @@ def test_what_is_said_is_written_back() -> None:
         ("k", '{ value = "4 N m-1", uncertainty = 1, degrees_of_freedom = 9 }', "has none"),
         ("m", "{ x = 1.5 }", "no number from -1 to 1"),
         ("stretch", '"2 kg"', "standard has units 'kg', needs 'm'"),
-        ("t", '"-1 ms"', "must be non-negative"),
+        ("t", '"-1 ms"', "needs to be non-negative"),
     ],
 )
 def test_contradictions_are_named(key: str, text: str, said: str) -> None:

@@ -269,7 +269,7 @@ def law_of(layout: Layout, *, sampled: bool) -> Law:
     """
     if layout.model.python_functions:
         return Law(layout, sampled)
-    return _law_of_form(_Form((type(layout.model), layout.model.form, layout.scheme, sampled), layout))
+    return _law_of_form(_Form((layout.model.form, layout.scheme, sampled), layout))
 
 
 @dataclass(frozen=True)

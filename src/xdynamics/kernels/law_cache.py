@@ -51,7 +51,7 @@ class Printed:
 def key_of(layout: Layout, *, sampled: bool) -> str:
     """Return a digest of what a law and its machine code follow from: form, method, printers and processor."""
     model = layout.model
-    origin = (type(model).__qualname__, model.form, repr(layout.scheme), str(sampled))
+    origin = (model.form, repr(layout.scheme), str(sampled))
     return cache.digest("printed", *origin, _printers(), *machine.processor())
 
 

@@ -13,20 +13,22 @@ from xdynamics.model.kinds import (
     COEFFICIENT,
     COMPONENT,
     COUNT,
+    CSV,
     DURATION,
     EXPRESSION,
     EXPRESSIONS,
     FLAG,
     FORMULA,
     INSTANTS,
-    NAME,
-    NAMES,
     PLANE,
     POSITIVE,
     SIZE,
     TEXT,
+    TIME_UNIT,
     UNIT,
     given,
+    name_of,
+    names_of,
     words,
 )
 from xdynamics.model.lagrangian import Lagrangian
@@ -71,7 +73,7 @@ OF_EVENTS = (
     Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", words(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
-    Key("to", NAME.of("of a regime"), "that a switch goes on in", "needed by switch", omitted=""),
+    Key("to", name_of("a regime"), "that a switch goes on in", "needed by switch", omitted=""),
     Key("count", COUNT, "the occurrence from which on to act", "1"),
     Key("root_state", words(*ROOT_STATES), "where it is located: on shortened steps, or on the step's interpolant", "reintegrate", omitted="reintegrate"),
     Key("unit", UNIT, "of a function in Python", "1"),
@@ -103,7 +105,7 @@ OF_CONTACTS = (
 SECTIONS: dict[str, Section] = {
     "time": Section(
         "what time is measured in", "",
-        (Key("unit", words("s", "1"), "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s", "text", "s"),),
+        (Key("unit", TIME_UNIT, "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s", "text", "s"),),
         '[time]\nunit = "s"\n',
         make=entries.time_unit, field="time_unit",
     ),
@@ -157,13 +159,13 @@ SECTIONS: dict[str, Section] = {
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", NAME.of("of a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
-            Key("argument", NAME.of("t, a coordinate or a velocity"), "what it is measured over", "t"),
+            Key("table", name_of("a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
+            Key("argument", name_of("t, a coordinate or a velocity"), "what it is measured over", "t"),
             Key("interpolation", words(*INTERPOLATIONS), "between its points", "linear"),
             Key("outside", words(*OUTSIDE), "beyond its ends", "error"),
-            Key("column", NAME.of("or whole header"), "of the values, where a table has several columns of them", "the only one", "table.column", ""),
+            Key("column", name_of("a column, or its whole header"), "of the values, where a table has several columns of them", "the only one", "table.column", ""),
             Key("gaps", words(*GAPS), "lines in which a number is missing", "refuse", "table.gaps", REFUSE),
-            Key("csv", NAME, "the table itself, in the place of the file", "the file", "table.text"),
+            Key("csv", CSV, "the table itself, in the place of the file", "the file", "table.text"),
             DESCRIPTION,
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
@@ -211,7 +213,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "regimes": Section(
         "which forces act together while a regime lasts; events switch between them", "regime",
-        (Key("forces", NAMES, "the terms that act", NEEDED), DESCRIPTION),
+        (Key("forces", names_of("the forces that act in it"), "the terms that act", NEEDED), DESCRIPTION),
         '[regimes.pulled]\nforces = ["gravity", "drag"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
         make=Regime, apart=True,
     ),
@@ -225,10 +227,10 @@ SECTIONS: dict[str, Section] = {
     "validation": Section(
         "closed forms that a run is compared with by `xdynamics validate`", "validation",
         (
-            Key("quantity", NAME, "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
+            Key("quantity", name_of("one"), "a coordinate, velocity, state, energy, observable, contact force; at an event also t", "the table's name"),
             Key("expression", FORMULA.of("of t and parameters"), "what the quantity is to be", NEEDED),
             Key("bound", BOUND, "the most that it may be off, or how that follows", NEEDED),
-            Key("event", NAME, "after which it is compared", "none", omitted=""),
+            Key("event", name_of("an event"), "after which it is compared", "none", omitted=""),
             Key("occurrence", COUNT, "which of these", "1", omitted=0),
             Key("times", INSTANTS, "where it is compared", "at every accepted state"),
             DESCRIPTION,
@@ -252,7 +254,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section(
         "what the numbers of the model were fitted to, as `fit` writes it", "",
         (
-            Key("data", NAME, "name of the measured data", "none"),
+            Key("data", name_of("a CSV file"), "name of the measured data", "none"),
             Key("adequate", FLAG, "whether the residuals bear the fit out: budgets refuse a model of one that they do not, unless they are asked for it", "true", omitted=None),
             DESCRIPTION,
         ),
@@ -264,7 +266,7 @@ SECTIONS: dict[str, Section] = {
         (
             Key("plane", PLANE.of("of one unit, or a list of pairs"), "where bodies are, across and up: of coordinates, t and parameters", "the coordinates"),
             Key("section", EXPRESSION.of("s, of parameters"), "the period of a drive: Poincare's section has a dot in each", "none"),
-            Key("wrap", NAMES.of("angles"), "drawn within half a turn to either side", "none"),
+            Key("wrap", names_of("angles"), "drawn within half a turn to either side", "none"),
         ),
         '[figure]\nplane = [["x", "0*metre"], ["x + l*sin(theta)", "-l*cos(theta)"]]\nsection = "2*pi*sqrt(m/k)"\nwrap = ["theta"]\n',
         "without it two coordinates of one unit are a plane, and three are seen from three sides",

@@ -12,7 +12,18 @@ from xdynamics.model.file_access import Reach
 from xdynamics.model.parts import Function
 from xdynamics.model.python import Functions, function_of
 from xdynamics.model.table_keys import choice
-from xdynamics.units import NONE, SECONDS, TIME, Quantity, Unit, parse_quantity, parse_unit, time_in, unit_suffix
+from xdynamics.units import (
+    NONE,
+    NUMBERS,
+    SECONDS,
+    TIME,
+    Quantity,
+    Unit,
+    parse_quantity,
+    parse_unit,
+    time_in,
+    unit_suffix,
+)
 
 NEVER = object()  # equal to no value: a key that is always written
 MOST_COUNTED = 1 << 31
@@ -78,18 +89,28 @@ def description(value: Any, *_: Any) -> str:
     return text
 
 
-def _name(value: Any, key: str, *_: Source) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{key} is {value!r}, needs the name of one")
-    return value
+def name_of(named: str) -> Kind:
+    """Return the kind of values that are the name of something."""
+
+    def read(value: Any, key: str, *_: Source) -> str:
+        if not isinstance(value, str):
+            raise InputError(f"{key} is {value!r}, needs the name of {named}")
+        return value
+
+    return Kind(f"name, of {named}", read)
 
 
-def _names(value: Any, key: str, *_: Source) -> tuple[str, ...]:
-    if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
-        raise InputError(f"{key} is {value!r}, needs a list of names")
-    if len(set(value)) < len(value):
-        raise InputError(f"{key} lists one of {', '.join(value)} twice")
-    return tuple(value)
+def names_of(named: str) -> Kind:
+    """Return the kind of values that are lists of names, each once."""
+
+    def read(value: Any, key: str, *_: Source) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+            raise InputError(f"{key} is {value!r}, needs a list of {named}")
+        if len(set(value)) < len(value):
+            raise InputError(f"{key} lists one of {', '.join(value)} twice")
+        return tuple(value)
+
+    return Kind(f"list of names, {named}", read, lambda names, _: list(names), ())
 
 
 def _expression(value: Any, key: str, *_: Source) -> Node:
@@ -152,7 +173,7 @@ def _flag(value: Any, key: str, *_: Source) -> bool:
 
 def _count(value: Any, key: str, *_: Source) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < MOST_COUNTED:
-        raise InputError(f"{key} is {value!r}, needs 1 or more, a whole number")
+        raise InputError(f"{key} is {value!r}, needs a whole number from 1 on")
     return value
 
 
@@ -173,7 +194,7 @@ def _positive(value: Any, key: str, *_: Source) -> Quantity:
 def _size(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if quantity.value < 0:
-        raise InputError(f"{key} is '{quantity}', must be non-negative")
+        raise InputError(f"{key} is '{quantity}', needs to be non-negative")
     return quantity
 
 
@@ -190,9 +211,21 @@ def _as_text(quantity: Quantity, *_: Unit) -> str:
     return str(quantity)
 
 
+def _csv(value: Any, key: str, *_: Source) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{key} is {value!r}, needs the text of a table")
+    return value
+
+
+def _time_unit(value: Any, key: str, *_: Source) -> str:
+    if value not in (SECONDS.text, NUMBERS.text):
+        raise InputError(f"{key} is {value!r}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'")
+    return str(value)
+
+
 TEXT = Kind("text", description, omitted="")
-NAME = Kind("name", _name)
-NAMES = Kind("list of names", _names, lambda names, _: list(names), ())
+TIME_UNIT = Kind('"s" | "1"', _time_unit)
+CSV = Kind("text", _csv)
 UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
 EXPRESSION = Kind("expression", _expression, _text_of, None)
 COEFFICIENT = Kind("expression", _coefficient, _text_of, None)

@@ -183,7 +183,7 @@ class RegimeModel(Model):
     """
 
     def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
-        own = ("digest", "force_components")
+        own = ("digest", "form", "force_components")
         self.__dict__.update({name: value for name, value in vars(plain).items() if name not in own})
         self.plain, self.switches, self.located = plain, switches, located
         self.states = {
@@ -194,6 +194,11 @@ class RegimeModel(Model):
     def digest(self) -> str:
         """The digest of the plain model, and where its switches are located."""
         return f"{self.plain.digest} {self.located}"
+
+    @cached_property
+    def form(self) -> str:
+        """The form of the plain model, and where its switches are located: they are other programs."""
+        return f"{self.plain.form}\n# switches: {self.located}\n"
 
     @cached_property
     def force_components(self) -> dict[str, dict[str, Node | Function]]:

@@ -131,7 +131,7 @@ def _size(written: Any, key: str, value: Quantity) -> Quantity:
     if size.unit.text == "1":
         size = Quantity(size.value, value.unit)
     if size.value < 0:
-        raise InputError(f"{key} {written!r} must be non-negative")
+        raise InputError(f"{key} {written!r} needs to be non-negative")
     if size.unit.dimension != value.unit.dimension:
         raise InputError(f"{key} is in '{size.unit.dimension}', the value in '{value.unit.dimension}'")
     return size
