@@ -10,6 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
+from xdynamics.documenting.summary import summary
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ROCKET = xd.Model.from_toml(MODELS / "rocket_c6.toml")
@@ -36,6 +37,7 @@ def test_a_lazy_budget_has_the_bits_of_the_eager_one(case: str) -> None:
         assert_same_bits(stage, eager)
     assert len(begun) == marched
     assert eager.attrs["result"] == str(eager.result.values)
+    assert summary(stage.compute())[2:] == summary(eager)[2:]  # the lines before count runs
 
 
 def test_a_level_is_shared_with_a_refinement_and_draws_are_blocks() -> None:

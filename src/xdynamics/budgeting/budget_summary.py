@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.evidence.diagnosing.extremes import RULES, SAID
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     """Summarise the number with its uncertainty, all terms by descending share, the totals, and the draws."""
     units = str(budget["value"].attrs["units"])
     unit = _unit(units)
-    yield f"result    {budget.attrs['of']} = {budget.attrs['result']}"
+    yield f"result    {budget.attrs['of']} = {stated(budget, 'result')}"
     yield from place_of(budget)
     kinds, shares = words_of(budget["term_kind"]), budget["share"].values
     width = max(len(str(text)) for text in budget["term_name"].values)
@@ -53,25 +54,25 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
     yield f"drawn     standard uncertainty {with_doubt(standard, doubt)}{unit}, of {draws} draws"
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
-    remedy = f"; {settled_by(budget)}" if "draws_needed" in budget.attrs else ""
+    remedy = f"; {settled_by(budget)}" if stated(budget, "draws_needed") is not None else ""
     yield (
-        f"linear    {verdict}: its interval ends {float(budget.attrs['linear_apart']):.2g}{unit} from that of the"
+        f"linear    {verdict}: its interval ends {float(stated(budget, 'linear_apart')):.2g}{unit} from that of the"
         f" draws{remedy}"
     )
 
 
 def settled_by(budget: xr.Dataset) -> str:
     """Describe how many draws decide whether the linear budget is adequate, where those made leave it open."""
-    needed = float(budget.attrs["draws_needed"])
+    needed = float(stated(budget, "draws_needed"))
     return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
 
 
 def place_of(budget: xr.Dataset) -> Iterator[str]:
     """Describe where an extreme is in the run, and how it was found."""
-    if "extreme_rule" in budget.attrs:
+    if (extreme_rule := stated(budget, "extreme_rule")) is not None:
         second = _unit(budget.attrs.get("time_units", "s"))
-        rule = SAID[RULES.index(str(budget.attrs["extreme_rule"]))]
-        yield f"found     {rule}, at t = {float(budget.attrs['extreme_time']):.9g}{second}"
+        rule = SAID[RULES.index(str(extreme_rule))]
+        yield f"found     {rule}, at t = {float(stated(budget, 'extreme_time')):.9g}{second}"
 
 
 def doubt_of(budget: xr.Dataset, i: int) -> float:

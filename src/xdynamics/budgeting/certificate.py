@@ -15,7 +15,7 @@ from xdynamics.budgeting.budget import Request, budget_request, budget_stage, er
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.stages import Stage, Task, lazy
 from xdynamics.evidence.validating.ledger import VERDICTS as CASES
@@ -190,7 +190,9 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     if linear != LINEAR[OPEN]:
         return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, statement
     remedy = (
-        f"nothing was drawn; {DRAWS} draws tell as a rule" if "draws_needed" not in budget.attrs else settled_by(budget)
+        f"nothing was drawn; {DRAWS} draws tell as a rule"
+        if stated(budget, "draws_needed") is None
+        else settled_by(budget)
     )
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
@@ -279,7 +281,7 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
 def lines_of(found: xr.Dataset) -> list[str]:
     """Summarise the number, its gates, and how to check them again."""
     verdicts = [GATES[index] for index in found["gate_verdict"].values.tolist()]
-    lines = [f"result    {found.attrs['of']} = {found.attrs['result']}"]
+    lines = [f"result    {found.attrs['of']} = {stated(found, 'result')}"]
     lines += place_of(found)
     rows = zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)
     lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]

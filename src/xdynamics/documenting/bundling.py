@@ -14,6 +14,7 @@ from xdynamics.archive.folder import check_empty, taking_folder
 from xdynamics.archive.target import taking_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import own_run
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
@@ -203,7 +204,7 @@ def _readme(certificate: xr.Dataset, name: str) -> str:
     version = certificate.attrs.get("xdynamics_version", "")
     return f"""# {certificate.attrs["title"]}
 
-{certificate.attrs["of"]} = {certificate.attrs["result"]}
+{certificate.attrs["of"]} = {stated(certificate, "result")}
 
 {gates}
 
@@ -229,7 +230,7 @@ def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> N
         ".md": "text/markdown",
     }
     crate.name = str(certificate.attrs["title"])
-    crate.description = f"{certificate.attrs['of']} = {certificate.attrs['result']}"
+    crate.description = f"{certificate.attrs['of']} = {stated(certificate, 'result')}"
     crate.datePublished = str(certificate.attrs["date_created"])
     crate.license = licence
     for name, description in SAID.items():

@@ -15,6 +15,7 @@ from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting.equations import of_model
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
@@ -77,7 +78,7 @@ def document(folder: str | Path, path: str | Path) -> Path:
         ]
         title = str(certificate.attrs["title"]).removeprefix("certificate of ")
         text = FORMATS[path.suffix.lower()](
-            title, f"{certificate.attrs['of']} = {certificate.attrs['result']}", sections
+            title, f"{certificate.attrs['of']} = {stated(certificate, 'result')}", sections
         )
     with taking_name(path) as new:
         new.part.write_text(text, encoding="utf-8")

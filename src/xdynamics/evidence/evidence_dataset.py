@@ -56,3 +56,11 @@ def exhibit(
 def about(units: str, said: str, role: str) -> dict[str, Any]:
     """Return the attributes of a variable."""
     return {"units": units, "long_name": said, "role": role}
+
+
+def stated(evidence: xr.Dataset, name: str) -> Any:
+    """Return what is stated as an attribute, or as a variable where it was known after marching only; None if it is not."""
+    value = evidence.attrs.get(name)
+    if value is None and name in evidence.variables:
+        value = evidence[name].values[()]
+    return None if value is None or str(value) in ("", "nan") else value

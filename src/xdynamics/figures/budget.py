@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.budgeting.budget_summary import doubt_of
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Panel
 from xdynamics.record.flag_words import words_of
@@ -28,7 +29,7 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
 
 def foot_of(found: xr.Dataset) -> str:
     """Describe the number that the budget is for."""
-    return f"{found.attrs['of']} = {found.attrs['result']}; method {found.attrs['solver_method']}"
+    return f"{found.attrs['of']} = {stated(found, 'result')}; method {found.attrs['solver_method']}"
 
 
 def _terms(budget: xr.Dataset, axes: Axes) -> None:
