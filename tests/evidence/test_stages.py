@@ -278,3 +278,31 @@ def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
         xd.fit(OSCILLATOR, "bench.csv", ["k"], compute=False)
     with no_march(), pytest.raises(xd.InputError, match=r"give influences\(sweep\.compute\(\)\)"):
         xd.influences(xd.sweep(OSCILLATOR, {"k": "1:2:3 N m-1"}, members_per_task=3), compute=False)
+
+
+def test_a_result_is_never_out_of_both_tables() -> None:
+    """Assert that whoever asks right after the work ends finds a result or its turn, and does not work again."""
+    memory, made = Memory(), []
+
+    class Interrupted:
+        """A lock after whose release somebody else asks, if the result is then neither under way nor remembered."""
+
+        held = threading.RLock()
+
+        def __enter__(self) -> None:
+            self.held.acquire()
+
+        def __exit__(self, *_: object) -> None:
+            self.held.release()
+            if made == [1] and not memory._under_way and not memory._results:
+                other = threading.Thread(target=lambda: memory.result("a", make))
+                other.start()
+                other.join()
+
+    def make() -> int:
+        made.append(1)
+        return 7
+
+    memory._lock = Interrupted()  # type: ignore[assignment]
+    assert memory.result("a", make) == 7
+    assert made == [1]

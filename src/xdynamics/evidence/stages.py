@@ -7,7 +7,6 @@ are computed one after the other march once. Only what a variable holds leaves t
 
 from __future__ import annotations
 
-import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -25,6 +24,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.runtime.environment import megabytes
 from xdynamics.runtime.fork_safety import waited_for
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ORIGIN, RUNS
@@ -228,12 +228,12 @@ class Memory:
                     return self._results[name][0]
             try:
                 made = make()
-            finally:
+                with self._lock:
+                    self._results[name] = made, _size(made)
+                    self.shrink(most_megabytes() * 1e6)
+            finally:  # not before: who asks meanwhile waits for its turn
                 with self._lock:
                     self._under_way.pop(name, None)
-            with self._lock:
-                self._results[name] = made, _size(made)
-                self.shrink(most_megabytes() * 1e6)
             return made
 
     def shrink(self, most: float) -> None:
@@ -264,11 +264,7 @@ def _size(result: Any) -> int:
 
 def most_megabytes() -> float:
     """Return how many MB of results are remembered: $XDYNAMICS_REMEMBERED_LIMIT, or the default if that is no number."""
-    try:
-        limit = float(os.environ.get(LIMIT, MOST_MEGABYTES))
-    except ValueError:
-        return MOST_MEGABYTES
-    return limit if limit >= 0.0 else MOST_MEGABYTES
+    return megabytes(LIMIT, MOST_MEGABYTES)
 
 
 def remembered(task: Task) -> Any:

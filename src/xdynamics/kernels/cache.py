@@ -24,6 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from xdynamics.faults import escaped
+from xdynamics.runtime.environment import megabytes
 
 ENVIRONMENT, LIMIT = "XDYNAMICS_CACHE", "XDYNAMICS_CACHE_LIMIT"
 MOST_MEGABYTES = 256.0  # of all that is kept, unless $XDYNAMICS_CACHE_LIMIT is set
@@ -295,8 +296,4 @@ def _remove(place: int, entry: os.DirEntry[str]) -> None:
 
 def most_megabytes() -> float:
     """Return how many MB may be kept: $XDYNAMICS_CACHE_LIMIT, or the default if that is not a valid number."""
-    try:
-        limit = float(os.environ.get(LIMIT, MOST_MEGABYTES))
-    except ValueError:
-        return MOST_MEGABYTES
-    return limit if limit >= 0.0 else MOST_MEGABYTES
+    return megabytes(LIMIT, MOST_MEGABYTES)
