@@ -222,6 +222,24 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
     assert dict(known.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
 
 
+def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
+    """Assert that the fitted model and its text have the velocity, with a contact that the motion strikes."""
+    model = xd.Model(
+        name="thrown", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": "9.81 m s-2"},
+        forces={"weight": {"potential": "1*kilogram*g*y"}}, initial={"y": "1 m"},
+        contacts={"floor": {"gap": "y", "restitution": 0.5}},
+    )  # fmt: skip
+    times = np.linspace(0.05, 0.25, 21)
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, times.size)
+    bench = pd.DataFrame({"time [s]": times, "y [m]": 1.0 - 2.0 * times - 9.81 / 2.0 * times**2 + noise})
+    assert model.statement.at_rest == ("v_y",)
+    result = xd.fit(model, bench, ["v_y"], method="rk4", step="10 ms", until="0.3 s")
+    fitted = xd.Model.from_text(str(result.model_toml.values))
+    assert fitted.initial["v_y"].value == float(result.estimate[0]) == pytest.approx(-2.0, rel=1e-3)
+    assert fitted.uncertain["v_y"].uncertainty == float(result.standard_uncertainty[0]) > 0.0
+    assert fitted.digest == result.attrs["fitted_digest"]
+
+
 def test_a_straight_line_is_that_of_the_normal_equations() -> None:
     """Assert estimates, uncertainties and correlation of x = x0 + v t against weighted linear least squares."""
     rng = np.random.default_rng(5)

@@ -19,7 +19,7 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
 from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn
 from xdynamics.march.configuration import settings_for
-from xdynamics.model import Model, toml
+from xdynamics.model import Model
 from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.uncertainty import Spread
 from xdynamics.record.columns import columns_of
@@ -308,7 +308,6 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
             if i < j:
                 correlations[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
     mark = Fitted(asked.data.name, test.adequate, test.text)
-    fitted_statement = replace(
-        statement, parameters=parameters, starts=starts, initial=initial, correlations=correlations, fit=mark
-    )
-    return Model.from_text(toml.write(fitted_statement), functions=asked.model.functions)
+    at_rest = tuple(name for name in statement.at_rest if name not in asked.names)
+    numbers: dict[str, Any] = {"parameters": parameters, "starts": starts, "initial": initial, "at_rest": at_rest}
+    return asked.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))

@@ -226,7 +226,16 @@ class Model:
         ModelError
             If an entry does not exist or the new model is faulty.
         """
-        statement = replaced(self.statement, sections, self.functions)
+        return self.with_statement(replaced(self.statement, sections, self.functions))
+
+    def with_statement(self, statement: Statement) -> Model:
+        """Return the model of another statement; nothing is checked again where only numbers changed.
+
+        Raises
+        ------
+        ModelError
+            If it is faulty.
+        """
         model = object.__new__(Model)
         model.file = self.file
         alike = changes_numbers_alone(self.statement, statement)
