@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.kernels.operations import greatest, least
+from xdynamics.elementary.numbers import greatest, least
 from xdynamics.march import tolerance_sizes
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many

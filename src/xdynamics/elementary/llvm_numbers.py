@@ -69,6 +69,33 @@ class Lines:
         self.lines.append(f"{label}:")
         self.block = label
 
+    def broadcast(self, letter: str, scalar: str) -> Written:
+        """Return one number, whole number or truth in every lane."""
+        if self.lanes == 1:
+            return Written(self, letter, scalar)
+        one, kind = {"n": "double", "w": "i64", "t": "i1"}[letter], self.kind(letter)
+        first = self.line(letter, f"insertelement {kind} poison, {one} {scalar}, i64 0").text
+        return self.line(letter, f"shufflevector {kind} {first}, {kind} poison, <{self.lanes} x i32> zeroinitializer")
+
+    def read(self, letter: str, origin: str, index: Written) -> Written:
+        """Return an element of an array that all lanes share, in each lane that of its index."""
+        scalar, kind = {"n": "double", "w": "i64"}[letter], self.kind(letter)
+        place = self.line("p", f"getelementptr {scalar}, ptr {origin}, {self.kind('w')} {index.text}").text
+        if self.lanes == 1:
+            return self.line(letter, f"load {scalar}, ptr {place}, align 8")
+        return self.line(
+            letter,
+            f"call {kind} @llvm.masked.gather.{self.suffix(letter)}.v{self.lanes}p0"
+            f"({self.kind('p')} {place}, i32 8, {self.kind('t')} {self.constant(value=True).text}, {kind} poison)",
+        )
+
+    def some(self, truth: Written) -> str:
+        """Return whether a truth holds in some lane."""
+        if self.lanes == 1:
+            return truth.text
+        bits = self.line("w", f"bitcast {self.kind('t')} {truth.text} to i{self.lanes}").text
+        return self.line("t", f"icmp ne i{self.lanes} {bits}, 0").text
+
     def call(self, name: str, given: list[Written]) -> Written:
         """Call a function of numbers."""
         arguments = ", ".join(f"{self.kind('n')} {argument.text}" for argument in given)
@@ -183,6 +210,10 @@ class Written:
         """Return the number that has these bits."""
         return self._lines.line("n", f"bitcast {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
 
+    def converted(self) -> Written:
+        """Return a whole number as a number."""
+        return self._lines.line("n", f"sitofp {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
+
     def sqrt(self) -> Written:
         """Return the square root."""
         return self._lines.call(f"llvm.sqrt.{self._lines.suffix()}", [self])
@@ -213,20 +244,8 @@ class Written:
 
     def entry(self, table: str) -> Written:
         """Return an entry of a table, which may differ between lanes."""
-        lines = self._lines
-        lines.tables.add(table)
-        letter, scalar = ("w", "i64") if isinstance(TABLES[table][0], int) else ("n", "double")
-        place = lines.line("p", f"getelementptr {scalar}, ptr @table_{table}, {lines.kind('w')} {self.text}")
-        kind = lines.kind(letter)
-        if lines.lanes == 1:
-            return lines.line(letter, f"load {scalar}, ptr {place.text}, align 8")
-        pointers = f"<{lines.lanes} x ptr> {place.text}"
-        every = lines.constant(value=True).text
-        return lines.line(
-            letter,
-            f"call {kind} @llvm.masked.gather.{lines.suffix(letter)}.v{lines.lanes}p0"
-            f"({pointers}, i32 8, {lines.kind('t')} {every}, {kind} poison)",
-        )
+        self._lines.tables.add(table)
+        return self._lines.read("w" if isinstance(TABLES[table][0], int) else "n", f"@table_{table}", self)
 
     def usually(self, usual: Any, unusual: Callable[[], Any]) -> Any:
         """Branch to the unusual computation if any lane needs it; the other lanes keep the usual result."""
@@ -256,3 +275,26 @@ class Written:
             for old, value in zip(usual_values, chosen, strict=True)
         ]
         return tuple(joined) if isinstance(usual, tuple) else joined[0]
+
+    def repeated(
+        self, truth: Callable[..., Written], step: Callable[..., tuple[Written, ...]], state: tuple[Written, ...]
+    ) -> tuple[Written, ...]:
+        """Repeat a step of a state, of which this is the first number, while a truth holds in some lane."""
+        lines, previous_block = self._lines, self._lines.block
+        test, body, end = lines.label(), lines.label(), lines.label()
+        lines.lines.append(f"br label %{test}")
+        lines.begin(test)
+        now = tuple(Written(lines, part.letter, f"%{test}.{k}") for k, part in enumerate(state))
+        place, holds = len(lines.lines), truth(*now)
+        lines.lines.append(f"br i1 {lines.some(holds)}, label %{body}, label %{end}")
+        lines.begin(body)
+        new = step(*now)
+        if lines.lanes > 1:
+            new = tuple(holds.choose(after, before) for after, before in zip(new, now, strict=True))
+        lines.lines.append(f"br label %{test}")
+        lines.lines[place:place] = [
+            f"{part.text} = phi {lines.kind(part.letter)} [ {first.text}, %{previous_block} ], [ {last.text}, %{lines.block} ]"
+            for part, first, last in zip(now, state, new, strict=True)
+        ]
+        lines.begin(end)
+        return now

@@ -50,6 +50,26 @@ def choose(truth: Truth, yes: Any, no: Any) -> Any:
     return np.where(truth, yes, no) if isinstance(truth, np.ndarray) else truth.choose(yes, no)
 
 
+def least(x: Number, y: Number) -> Number:
+    """Return the smaller; nan if either is."""
+    return choose((x < y) | (x != x), x, y)
+
+
+def greatest(x: Number, y: Number) -> Number:
+    """Return the larger; nan if either is."""
+    return choose((x > y) | (x != x), x, y)
+
+
+def sign(x: Number) -> Number:
+    """Return 1, -1, or x if it is zero or nan."""
+    return choose(x > 0.0, 1.0, choose(x < 0.0, -1.0, x))
+
+
+def positive(x: Number) -> Number:
+    """Return x if it is positive, else nan."""
+    return choose(x > 0.0, x, math.nan)
+
+
 def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) -> Any:
     """Return the usual result where a truth holds, and elsewhere the unusual one, computed only if it is needed."""
     if isinstance(truth, bool):
@@ -64,6 +84,18 @@ def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) 
         if isinstance(first, tuple)
         else np.where(truth, first, second)
     )
+
+
+def repeated(truth: Callable[..., Truth], step: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
+    """Repeat a step while a truth holds; in lanes, while it holds in any, the others keeping their state.
+
+    Of a written state every number is written.
+    """
+    if isinstance(state[0], Written):
+        return state[0].repeated(truth, step, state)
+    while truth(*state):
+        state = step(*state)
+    return state
 
 
 def sqrt(x: Number) -> Number:

@@ -19,13 +19,17 @@ from xdynamics.elementary.tables import TABLES
 
 @lru_cache(maxsize=256)
 def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, tuple[str, ...]]:
-    """Print one function of a set, `@elementary_sin` say, and name the tables that it reads."""
-    lines = Lines(lanes)
-    function = TOGETHER.get(name) or SETS[math_functions][name]
+    """Print one function of a set, `@elementary_sin` say, and name the tables that it reads.
+
+    `@elementary_sin.8` is that of eight numbers in a text of another number of lanes.
+    """
+    own, _, wide = name.partition(".")
+    lines = Lines(int(wide or lanes))
+    function = TOGETHER.get(own) or SETS[math_functions][own]
     arguments = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
     result, kind, returned = function(*arguments), lines.kind("n"), lines.kind("n")
     if isinstance(result, tuple):
-        returned, aggregate = struct_of(name, lanes), "poison"
+        returned, aggregate = struct_of(own, lines.lanes), "poison"
         for i, item in enumerate(result):
             aggregate = lines.line("n", f"insertvalue {returned} {aggregate}, {kind} {item.text}, {i}").text
         result = Written(lines, "n", aggregate)
@@ -39,8 +43,8 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
 
 
 def called_in(text: str) -> Counter[str]:
-    """Return how often a text calls each function."""
-    return Counter(re.findall(r"call .*@elementary_(\w+)\(", text))
+    """Return how often a text calls each function, those of more numbers than it has lanes with their number."""
+    return Counter(re.findall(r"call .*@elementary_(\w+(?:\.\d+)?)\(", text))
 
 
 def written_intervals(lines: Lines, margin: Number = LEAST, *, rough: bool) -> Intervals:
@@ -74,8 +78,12 @@ def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAM
     return "\n".join([*map(_table, tables), *text])
 
 
-def declarations(lanes: int) -> str:
-    """Declare the LLVM intrinsics that functions and laws call."""
+def declarations(*lanes: int) -> str:
+    """Declare the LLVM intrinsics that functions and laws call, for numbers of lanes."""
+    return "\n".join([*map(_declared, lanes), "!0 = !{}"])
+
+
+def _declared(lanes: int) -> str:
     lines = Lines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
     printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs", "floor")]
@@ -87,7 +95,9 @@ def declarations(lanes: int) -> str:
             for letter in "nw"
         ]
         printed.append(f"declare i1 @llvm.vector.reduce.and.{lines.suffix('t')}({lines.kind('t')})")
-    return "\n".join([*printed, "!0 = !{}"])
+        scattered = f"{number}, {lines.kind('p')}, i32, {lines.kind('t')}"
+        printed.append(f"declare void @llvm.masked.scatter.{suffix}.v{lanes}p0({scattered})")
+    return "\n".join(printed)
 
 
 def _table(name: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.arrays import applied
+from xdynamics.elementary.numbers import greatest, least, positive, sign
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.faults import InputError
 
@@ -152,19 +153,16 @@ _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "==": lambda x, y: x == y,
     "!=": lambda x, y: x != y,
 }
-# as in compiled code, a nan on either side wins: no comparison with it holds
-_CHOICES: dict[str, Callable[[float, float], float]] = {
-    "min": lambda x, y: x if x < y or math.isnan(x) else y,
-    "max": lambda x, y: x if x > y or math.isnan(x) else y,
-}
 NUMERIC: dict[str, Callable[..., float]] = {
     "abs": abs,
-    "sign": lambda x: 1.0 if x > 0.0 else (-1.0 if x < 0.0 else x),
+    "sign": sign,
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan,
-    "positive": lambda x: x if x > 0.0 else math.nan,
+    "positive": positive,
     **{name: _of_floats(function) for name, function in FUNCTIONS.items()},
 }
-FLOATS = Arithmetic(_OPERATORS, _CHOICES, NUMERIC, lambda truth, yes, no: yes() if truth else no())
+FLOATS = Arithmetic(
+    _OPERATORS, {"min": least, "max": greatest}, NUMERIC, lambda truth, yes, no: yes() if truth else no()
+)
 
 
 @lru_cache

@@ -13,15 +13,16 @@ from xdynamics.kernels.program import (
     REGIME,
     Call,
     Compute,
-    Each,
     H,
     Instruction,
     Load,
+    Loop,
     Operand,
     Place,
     Program,
     Store,
     T,
+    element,
 )
 from xdynamics.kernels.radau_memory import Memory
 from xdynamics.kernels.radau_systems import factorisation, solve_complex, solve_real
@@ -120,12 +121,12 @@ class Collocation:
     def ended(self) -> tuple[Instruction, ...]:
         """Write the state at the end of the step, which is its third stage."""
         body = (
-            Load("_y", Place("y")),
-            Load("_stage", self._memory.place("stages", 2 * self._used)),
+            Load("_y", element("y")),
+            Load("_stage", element("w", self._memory.place("stages", 2 * self._used).offset)),
             Compute("_sum", "add", ("_y", "_stage")),
-            Store(Place("z"), "_sum"),
+            Store(element("z"), "_sum"),
         )
-        return (Each(self._used, body),)
+        return (Loop("i", self._used, body),)
 
     def estimated(self) -> tuple[Instruction, ...]:
         """Write the estimate of the error, to `e`."""
@@ -161,7 +162,7 @@ class Collocation:
         """Evaluate the derivatives at the state in lanes that lack them: `radau.freshen`."""
         f, record, entries = self._memory.formulas("_"), self._layout.record.size, len(self._layout.couplings)
         self._body = [
-            Each(record, (Load("_state", Place("y")), Store(Place("state"), "_state"))),
+            Loop("i", record, (Load("_state", element("y")), Store(element("state"), "_state"))),
             Call("linearised", "at", "state", "state", "found"),
         ]
         for k in range(entries):

@@ -7,12 +7,13 @@ coefficients from the cubic one down; `model.drives.coefficients` makes it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.numbers import choose, repeated
 from xdynamics.kernels.compiling import compiled
 
 Floats = NDArray[np.float64]
@@ -55,31 +56,56 @@ def enter_pieces(t: float, tables: Floats, places: Whole, of_time: Whole) -> Non
         places[3 * i + 2] = last if t >= tables[first + last] else find_piece(t, tables, first, last + 1)
 
 
-def _found(tables: Floats, places: Whole, x: float, drive: int) -> int:
-    plain: Any = getattr(find_piece, "py_func", find_piece)
-    return int(plain(x, tables, places[3 * drive], places[3 * drive + 1]))
+# ------------------------------------------------------------------ what laws look up, as functions of any kind of number
+
+Read = Callable[[Any], Any]  # an element of a table
 
 
-def _piece(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> tuple[Any, Any]:
-    first, count = places[3 * drive], places[3 * drive + 1]
-    powers = tables[first + count : first + 5 * count].reshape(4, count)[:, piece]
-    return x - tables[first + piece], powers
+def piece_at(read: Read, count: Any, x: Any) -> Any:
+    """Return the piece that applies from x on, as `find_piece`."""
+
+    def halved(low: Any, high: Any) -> tuple[Any, Any]:
+        middle = (low + high + 1) >> 1
+        begun = read(middle) <= x
+        return choose(begun, middle, low), choose(begun, high, middle - 1)
+
+    last = count - 1
+    found, _ = repeated(lambda low, high: low < high, halved, last - last, last)
+    return choose(read(last) == x, last - 1, found)
 
 
-def _value(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> Any:
-    u, (cubic, square, slope, value) = _piece(tables, places, x, piece, drive)
+def value_at(read: Read, count: Any, x: Any, piece: Any) -> Any:
+    """Return the value of a piece at x."""
+    u, cubic, square, slope, value = _piece(read, count, x, piece)
     return ((cubic * u + square) * u + slope) * u + value
 
 
-def _slope(tables: Floats, places: Whole, x: float, piece: int, drive: int) -> Any:
-    u, (cubic, square, slope, _) = _piece(tables, places, x, piece, drive)
-    return (3.0 * cubic * u + 2.0 * square) * u + slope
+def slope_at(read: Read, count: Any, x: Any, piece: Any) -> Any:
+    """Return the slope of a piece at x."""
+    u, cubic, square, slope, _ = _piece(read, count, x, piece)
+    return (cubic * 3.0 * u + square * 2.0) * u + slope
+
+
+def _piece(read: Read, count: Any, x: Any, piece: Any) -> tuple[Any, ...]:
+    return (x - read(piece), *(read(count * row + piece) for row in range(1, 5)))
+
+
+LOOKED_UP: dict[str, Callable[..., Any]] = {"find_piece": piece_at, "value_at": value_at, "slope_at": slope_at}
+
+
+def _in_python(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a function of a table one of all tables and places, for printed Python."""
+
+    def looked_up(tables: Floats, places: Whole, *given: Any) -> Any:
+        *arguments, drive = given
+        first, count = int(places[3 * drive]), int(places[3 * drive + 1])
+        return function(lambda index: tables[first + index], count, *arguments)
+
+    return looked_up
 
 
 # what printed Python calls
 PYTHON_TABLES = {
-    "_find_piece": _found,
+    **{f"_{name}": _in_python(function) for name, function in LOOKED_UP.items()},
     "_piece_of": lambda _tables, places, drive: int(places[3 * drive + 2]),
-    "_value_at": _value,
-    "_slope_at": _slope,
 }

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from xdynamics.elementary.numbers import greatest, least
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.compiling import compiled
-from xdynamics.kernels.operations import greatest, least
 from xdynamics.kernels.program import Operand, Place
 from xdynamics.kernels.python_text import function_text
 

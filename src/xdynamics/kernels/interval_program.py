@@ -215,9 +215,9 @@ class _Printer:
         """Turn the assignments so far into rows; return the place of a value."""
         for line in lines.lines:
             if isinstance(line, Load) and line.place.array == "p":
-                self._row(line.target, CONSTANT, line.place.index, constant=line.place.index < self._fixed)
+                self._row(line.target, CONSTANT, line.place.offset, constant=line.place.offset < self._fixed)
             elif isinstance(line, Load):
-                self._row(line.target, *list(self._moving.values())[line.place.index])
+                self._row(line.target, *list(self._moving.values())[line.place.offset])
             elif isinstance(line, Compute):
                 self._compute(line)
         lines.lines.clear()

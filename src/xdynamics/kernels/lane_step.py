@@ -8,7 +8,6 @@ nothing in its lane and is reported; the single march then makes it. So each lin
 from __future__ import annotations
 
 from collections import namedtuple
-from dataclasses import replace
 from itertools import pairwise
 
 from xdynamics.kernels import collocation, interval_program, model_programs, radau_lines, step_control
@@ -19,15 +18,16 @@ from xdynamics.kernels.program import (
     AT,
     UNSOUND,
     Call,
-    Each,
     Instruction,
     Load,
+    Loop,
     Operand,
     Place,
     Program,
     Store,
     When,
     While,
+    element,
 )
 from xdynamics.kernels.radau_memory import Memory, width
 from xdynamics.kernels.radau_systems import FACTORISE
@@ -166,7 +166,7 @@ def stride(
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
         write.error_norm()
-        write.load("judged", Place("norm", same=True))
+        write.load("judged", Place("norm"))
     write.watch()
     if adaptive:
         control = _PREDICT if solves else _CONTROL
@@ -209,12 +209,11 @@ class _Writing:
     def _each(self, count: int, text: str, places: dict[str, Place], stored: dict[str, Place]) -> None:
         """Write lines for every component of vectors, named by where they begin; store some of the values."""
         known = {name: value for name, value in self.known.items() if name not in places}
-        of_lane = {name: replace(place, same=True) for name, place in self._places.items()}
-        write = Formulas(of_lane | places, "_", known)
+        write = Formulas(self._places | places, "_", known)
         write.write(text)
         for name, place in stored.items():
             write.store(place, write.known[name])
-        self.body.append(Each(count, tuple(write.lines)))
+        self.body.append(Loop("i", count, tuple(write.lines)))
 
     def _next(self) -> Formulas:
         """Begin the next lines, with names of their own."""
@@ -253,7 +252,7 @@ class _Writing:
         self.store("at", {"t": "reach"})
         self.body += [Call("forces", "at", "z", "z"), *inner.estimated()]
         self.error_norm()
-        self.load("judged_first", Place("norm", same=True))
+        self.load("judged_first", Place("norm"))
         self.lines("solved = ready*(1 - vain)")
         self.known["ready"] = self.known["solved"]
         self.keep(_AGAIN)
@@ -269,14 +268,14 @@ class _Writing:
 
     def error_norm(self) -> None:
         """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
-        norm = Place("norm", same=True)
+        norm = Place("norm")
         self.body.append(Store(norm, 0.0))
         if any(self._followers):
             self._tops(Place("z"))
         for begin, end, kind, follows in self._pieces():
-            places = {name: Place(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
-            places["atol" if follows else "allowed"] = Place("w", len(LANE) + begin)
-            places |= {"norm": norm, "top": Place("tops", kind, same=True), "slope": Place("z", self._slope(begin))}
+            places = {name: element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
+            places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
+            places |= {"norm": norm, "top": Place("tops", kind), "slope": element("z", self._slope(begin))}
             self._each(end - begin, SCALED_NORM if follows else step_control.NORM, places, {"norm": norm})
 
     def _slope(self, i: int) -> int:
@@ -297,7 +296,7 @@ class _Writing:
         """Find the largest absolute value of each kind: `march.tolerance_sizes.tops_of`."""
         self.body += [Store(Place("tops", kind), 0.0) for kind in range(1 + max(self._layout.kinds))]
         for begin, end, kind, _ in self._pieces():
-            places = {"top": Place("tops", kind, same=True), "value": replace(of, index=of.index + begin)}
+            places = {"top": Place("tops", kind), "value": element(of.array, of.offset + begin)}
             self._each(end - begin, "top = max(top, abs(value))", places, {"top": places["top"]})
 
     def _settle(self, first: int) -> None:
@@ -306,8 +305,8 @@ class _Writing:
         self._tops(Place("w", first + used))
         for begin, end, kind, follows in self._pieces():
             if follows:
-                places = {"size": Place("w", first + used + begin), "top": Place("tops", kind, same=True)}
-                self._each(end - begin, step_control.TOLERANCE, places, {"atol": Place("w", first + begin)})
+                places = {"size": element("w", first + used + begin), "top": Place("tops", kind)}
+                self._each(end - begin, step_control.TOLERANCE, places, {"atol": element("w", first + begin)})
 
     def watch(self) -> None:
         """Find out whether every event function certainly keeps its side: `march.events.isolation.quiet`."""
@@ -347,18 +346,18 @@ class _Writing:
         """Replace the old state by the new one in lanes that move."""
         first, used = len(LANE) + self._layout.used.size, self._layout.used.size
         if adaptive:
-            self._moved(used, "max(old, abs(new))", Place("z"), Place("w", first))
+            self._moved(used, "max(old, abs(new))", element("z"), element("w", first))
         if any(self._followers):
             self._settle(len(LANE))
         if self._layout.estimates:
-            self._moved(used, "new", Place("e"), Place("w", first + used))
+            self._moved(used, "new", element("e"), element("w", first + used))
         first += 2 * used + len(self._layout.watched)
         for i, detector in enumerate(self._layout.watched):
             if detector.role == GAP:
                 write = self._next()
                 value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
                 self.body += [*write.lines, Store(Place("w", first + i), value)]
-        self._moved(self._layout.record.size, "new", Place("z"), Place("y"))
+        self._moved(self._layout.record.size, "new", element("z"), element("y"))
 
     def _moved(self, count: int, value: str, new: Place, old: Place) -> None:
         """Replace old numbers by a value of both in lanes that move."""

@@ -8,7 +8,7 @@ from typing import Any
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import AT, Compute, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, Store, element
 from xdynamics.model import Function
 from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
@@ -103,7 +103,8 @@ def row(layout: Layout, memory: int) -> Program:
     step = lines.load(Place("at", AT.index("h")))
     lines.store(Place("z", 0), lines.named("t"))
     lines.store(Place("z", 1), step)
-    copied = Each(layout.state.size, (Load("_kept", Place("y")), Store(Place("z", first), "_kept")))
+    kept = Load("_kept", element("y")), Store(element("z", first), "_kept")
+    copied = Loop("i", layout.state.size, kept)
     first += layout.state.size
     for i, tree in enumerate(layout.derived.values()):
         lines.store(Place("z", first + i), lines.value(tree))
@@ -114,11 +115,11 @@ def row(layout: Layout, memory: int) -> Program:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("norm"))))
         reached = lines.compute("more", step, 0.0)  # a row reached by a step, which has an error
         error = (
-            Load("_error", Place("e")),
+            Load("_error", element("e")),
             Compute("_made", "choose", (reached, "_error", 0.0)),
-            Store(Place("z", first + 1), "_made"),
+            Store(element("z", first + 1), "_made"),
         )
-        body.append(Each(layout.used.size, error))
+        body.append(Loop("i", layout.used.size, error))
         first += layout.errors.size
     if layout.effort:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))

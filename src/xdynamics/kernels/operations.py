@@ -1,12 +1,14 @@
-"""The operations of the laws: how each is written in Python and in LLVM, and how it is evaluated by itself.
+"""The operations of the laws: each is one function of numbers, and how it is written in Python.
 
-All are operations of IEEE 754 or functions of `elementary`, and the same everywhere.
+All are operations of IEEE 754 or functions of `elementary`, and the same everywhere: for floats, for arrays and for
+numbers that stand for lines of LLVM text.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import operator
+from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import Any
 
@@ -14,46 +16,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
+from xdynamics.elementary.numbers import absolute, choose, greatest, least, positive, sign, sqrt
 from xdynamics.expressions.evaluation import NUMERIC
 
-# operation: sign in Python and how strongly it binds; instruction in LLVM
-INFIX = {
-    "add": (" + ", 1, "fadd"), "subtract": (" - ", 1, "fsub"), "multiply": ("*", 2, "fmul"), "divide": ("/", 2, "fdiv"),
-}  # fmt: skip
+# operation: sign in Python and how strongly it binds
+INFIX = {"add": (" + ", 1), "subtract": (" - ", 1), "multiply": ("*", 2), "divide": ("/", 2)}
 COMPARISONS = {
-    "less": (" < ", "olt"), "at_most": (" <= ", "ole"), "more": (" > ", "ogt"), "at_least": (" >= ", "oge"),
-    "equal": (" == ", "oeq"), "unequal": (" != ", "une"),
-}  # fmt: skip
-INTRINSICS = {"abs": "fabs", "sqrt": "sqrt"}
-
-# operations composed of several LLVM instructions: lines with {0}, {1} for arguments, {T} for the type of numbers, {B}
-# for that of truth values, {a}, {b}, … for intermediate values and {=} for the result
-COMPOSED = {
-    "negative": ("{=} = fneg {T} {0}",),
-    "sign": (
-        "{a} = fcmp olt {T} {0}, {zero}", "{b} = select {B} {a}, {T} {minus}, {T} {0}",
-        "{c} = fcmp ogt {T} {0}, {zero}", "{=} = select {B} {c}, {T} {one}, {T} {b}",
-    ),
-    "least": (
-        "{a} = fcmp olt {T} {0}, {1}", "{b} = fcmp uno {T} {0}, {0}", "{c} = or {B} {a}, {b}",
-        "{=} = select {B} {c}, {T} {0}, {T} {1}",
-    ),
-    "greatest": (
-        "{a} = fcmp ogt {T} {0}, {1}", "{b} = fcmp uno {T} {0}, {0}", "{c} = or {B} {a}, {b}",
-        "{=} = select {B} {c}, {T} {0}, {T} {1}",
-    ),
-    "positive": ("{a} = fcmp ogt {T} {0}, {zero}", "{=} = select {B} {a}, {T} {0}, {T} {nan}"),
-}  # fmt: skip
-
-
-def least(x: float, y: float) -> float:
-    """Return the smaller; nan if either is."""
-    return x if x < y or x != x else y
-
-
-def greatest(x: float, y: float) -> float:
-    """Return the larger; nan if either is."""
-    return x if x > y or x != x else y
+    "less": " < ",
+    "at_most": " <= ",
+    "more": " > ",
+    "at_least": " >= ",
+    "equal": " == ",
+    "unequal": " != ",
+}
+RULES: Mapping[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "less": operator.lt,
+    "at_most": operator.le,
+    "more": operator.gt,
+    "at_least": operator.ge,
+    "equal": operator.eq,
+    "unequal": operator.ne,
+    "negative": operator.neg,
+    "abs": absolute,
+    "sqrt": sqrt,
+    "choose": choose,
+    "sign": sign,
+    "least": least,
+    "greatest": greatest,
+    "positive": positive,
+}
 
 
 def unsound(numbers: NDArray[np.float64]) -> float:
@@ -73,12 +68,12 @@ def _kept(function: Callable[..., float]) -> Callable[..., float]:
 
 # by their names in printed Python, where a model's own names cannot collide with those that have an underscore
 PYTHON: dict[str, Any] = {
-    name: _kept(function) for name, function in NUMERIC.items() if name not in ("positive", "power")
-} | {
+    **{name: _kept(function) for name, function in NUMERIC.items() if name not in ("positive", "power")},
     "_positive": _kept(NUMERIC["positive"]),
     "_power": _kept(NUMERIC["power"]),
     "_least": _kept(least),
     "_greatest": _kept(greatest),
+    "_ordinal": np.float64,
     "_unsound": unsound,
 }
 

@@ -6,7 +6,8 @@ once and never changed, so that both printers, and any number of lanes, do the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 Operand = str | float | int  # a value by its name, a number, or the number of a table
@@ -26,11 +27,24 @@ T, T1, H, S, REGIME, NORM, TURNS, UNSOUND = range(len(AT))
 
 @dataclass(frozen=True)
 class Place:
-    """An element of an array or of a view; inside `Each` an offset from the i-th element, or the same for every i."""
+    """An element of an array, of a view or of a table: an offset and strides times indices.
+
+    Attributes
+    ----------
+    array : str
+    offset : int
+    strides : tuple of (str, int)
+        Indices of the loops around it, or gathered ones, each with its stride.
+    """
 
     array: str
-    index: int = 0
-    same: bool = False
+    offset: int = 0
+    strides: tuple[tuple[str, int], ...] = ()
+
+
+def element(array: str, offset: int = 0, index: str = "i") -> Place:
+    """Return the place of the element of a vector that a loop is at."""
+    return Place(array, offset, ((index, 1),))
 
 
 @dataclass(frozen=True)
@@ -74,11 +88,95 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Each:
-    """The same lines for every component i of vectors of one length."""
+class Gather:
+    """``index = place``, a whole number of one of the program's tables: an index for the places that follow."""
 
+    index: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Ordinal:
+    """``target = index``, as a number."""
+
+    target: str
+    index: str
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The same lines for every value of an index from 0 to count - 1, ascending."""
+
+    index: str
     count: int
-    body: tuple[Compute | Load | Store, ...]
+    body: tuple[Line, ...]
+
+    @property
+    def independent(self) -> bool:
+        """Whether no pass reads or writes what another writes, so that some can be made side by side."""
+        lines = list(nested(self.body))
+        counts = {line.index: line.count for line in (self, *lines) if isinstance(line, Loop | Reduction)}
+        loads = {line.place for line in lines if isinstance(line, Load)}
+        written: dict[str, list[Place]] = {}
+        for line in lines:
+            if isinstance(line, Store):
+                written.setdefault(line.place.array, []).append(line.place)
+        return all(
+            self.index in dict(places[0].strides)
+            and _apart(places, counts)
+            and all(load in places for load in loads if load.array == array)
+            for array, places in written.items()
+        )
+
+
+def _apart(places: list[Place], counts: Mapping[str, int]) -> bool:
+    """Whether places of an array are other elements for any other values of their indices."""
+    first = min(place.offset for place in places)
+    distances = [place.offset - first for place in places]
+    between = math.gcd(*distances)
+    # as if a further index numbered the places
+    strides = [(between, max(distances) // between + 1)] if between else []
+    for index, stride in places[0].strides:
+        if index not in counts:  # a gathered index may have one value twice
+            return False
+        strides.append((stride, counts[index]))
+    reach = 0
+    for stride, count in sorted(strides):
+        if stride <= reach:
+            return False
+        reach += stride * (count - 1)
+    return len({place.strides for place in places}) == 1
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Numbers of all passes of a loop joined one after the other, ascending: sums, if they are added.
+
+    Attributes
+    ----------
+    index : str
+    count : int
+    body : tuple of Line
+    terms, totals : tuple of str
+        What is joined, of each pass, and the names of the results.
+    operation : str
+        How a total so far and a term are joined: "add", "least", "greatest", …
+    start : float
+        What every total begins as.
+    where : str, optional
+        A truth: a pass where it does not hold keeps the totals (adding zero would make -0.0 into 0.0).
+    kind : str
+    """
+
+    index: str
+    count: int
+    body: tuple[Line, ...]
+    terms: tuple[str, ...]
+    totals: tuple[str, ...]
+    operation: str = "add"
+    start: float = 0.0
+    where: str | None = None
+    kind: str = FLOAT
 
 
 @dataclass(frozen=True)
@@ -97,7 +195,21 @@ class While:
     call: Call
 
 
-Instruction = Compute | Load | Store | Call | Each | When | While
+Line = Compute | Load | Store | Gather | Ordinal | Loop | Reduction  # what loops may contain
+Instruction = Line | Call | When | While
+
+
+def nested(body: Iterable[Instruction]) -> Iterator[Instruction]:
+    """Yield every line that is executed, and those of loops after the loop."""
+    for line in body:
+        yield line
+        if isinstance(line, Loop | Reduction) and line.count:
+            yield from nested(line.body)
+
+
+def size(body: Iterable[Instruction]) -> int:
+    """Return the number of lines when loops are written out."""
+    return sum(line.count * size(line.body) if isinstance(line, Loop | Reduction) else 1 for line in body)
 
 
 @dataclass(frozen=True)
@@ -114,6 +226,8 @@ class Program:
         Names for parts of the arrays: array, first element, length.
     local : mapping of str to int
         Local arrays, with their lengths.
+    tables : mapping of str to tuple of int
+        Whole numbers that are known when the program is written, the same in all lanes: ends of links, neighbours.
     sound : (int, int)
         First and number of the elements of `z` that it answers for in `unsound`.
     spread : bool
@@ -127,8 +241,4 @@ class Program:
     local: Mapping[str, int] = field(default_factory=dict)
     sound: tuple[int, int] | None = None
     spread: bool = False
-
-    @property
-    def size(self) -> int:
-        """Number of instructions when the program is written out."""
-        return sum(line.count * len(line.body) if isinstance(line, Each) else 1 for line in self.body)
+    tables: Mapping[str, tuple[int, ...]] = field(default_factory=dict)

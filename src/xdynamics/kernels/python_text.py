@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
+from xdynamics.kernels.drive_tables import LOOKED_UP
 from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
 from xdynamics.kernels.program import (
     ARRAYS,
@@ -12,12 +14,15 @@ from xdynamics.kernels.program import (
     FLOAT,
     Call,
     Compute,
-    Each,
+    Gather,
     Instruction,
     Load,
+    Loop,
     Operand,
+    Ordinal,
     Place,
     Program,
+    Reduction,
     Store,
     When,
     While,
@@ -39,6 +44,7 @@ def python_of(program: Program) -> str:
     lines += [_view(name, *view) for name, view in given.items()]
     lines += [f"{name} = _empty({count})" for name, count in program.local.items()]
     lines += [_view(name, *view) for name, view in own.items()]
+    lines += [f"{name} = {numbers}" for name, numbers in program.tables.items()]
     lines += _Printer(program.body).lines
     if program.sound:
         first, count = program.sound
@@ -61,11 +67,9 @@ class _Printer:
         self,
         body: tuple[object, ...],
         known: dict[str, Text] | None = None,
-        index: str = "",
         returned: tuple[Operand, ...] = (),
     ) -> None:
         self.lines: list[str] = []
-        self._index = index
         self._texts: dict[str, Text] = dict(known or {})
         self._heights: dict[Operand, int] = {}  # of expressions written where they are used
         self._uses = Counter([*_operands(body), *returned])
@@ -75,22 +79,48 @@ class _Printer:
     def _print(self, line: object) -> None:
         match line:
             case Load():
-                self._define(line.target, (self._place(line.place), _ATOM))
+                self._define(line.target, (_element(line.place), _ATOM))
+            case Gather():
+                self.lines.append(f"{line.index} = {_element(line.place)}")
+            case Ordinal():
+                self._define(line.target, (f"_ordinal({line.index})", _ATOM))
             case Compute():
                 height = 1 + max((self._heights.get(entry, 0) for entry in line.arguments), default=0)
                 self._define(line.target, self._computed(line), height)
             case Store():
-                self.lines.append(f"{self._place(line.place)} = {self.text(line.value)}")
+                self.lines.append(f"{_element(line.place)} = {self.text(line.value)}")
             case Call():
                 passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (passed.get(entry, entry) for entry in ARRAYS)
                 self.lines.append(f"{line.program}({', '.join(_array(entry) for entry in places)})")
             case When() | While():
                 word, inner = "while" if isinstance(line, While) else "if", _Printer((line.call,)).lines
-                self.lines += [f"{word} {self._place(line.place)}:", *(f"    {entry}" for entry in inner)]
-            case Each() if line.count:
-                inner = _Printer(line.body, self._texts, "i").lines
-                self.lines += [f"for i in range({line.count}):", *(f"    {entry}" for entry in inner)]
+                self.lines += [f"{word} {_element(line.place)}:", *(f"    {entry}" for entry in inner)]
+            case Loop() if line.count:
+                self._pass(line, _Printer(line.body, self._texts).lines)
+            case Reduction():
+                self._reduction(line)
+
+    def _pass(self, line: Loop | Reduction, inner: list[str]) -> None:
+        """Print a loop of these lines."""
+        self.lines += [f"for {line.index} in range({line.count}):", *(f"    {entry}" for entry in inner)]
+
+    def _reduction(self, line: Reduction) -> None:
+        start: Operand = line.start
+        for total in line.totals:
+            first = Compute(total, "point", (start,), line.kind) if line.kind != FLOAT else None
+            self.lines.append(f"{total} = {self._computed(first)[0] if first else self.text(start)}")
+            self._texts[total] = (total, _ATOM)
+        read = tuple(filter(None, (*line.terms, line.where)))
+        inner = _Printer(line.body, self._texts, read)
+        joined = [
+            f"{total} = {inner._computed(Compute(total, line.operation, (total, term), line.kind))[0]}"
+            for total, term in zip(line.totals, line.terms, strict=True)
+        ]
+        if line.where:
+            joined = [f"if {inner.text(line.where)}:", *(f"    {entry}" for entry in joined)]
+        if line.count:
+            self._pass(line, [*inner.lines, *joined])
 
     def _define(self, target: str, text: Text, height: int = 0) -> None:
         if target.startswith("_") and self._uses[target] == 1 and height < HIGHEST:
@@ -105,18 +135,18 @@ class _Printer:
         if line.kind != FLOAT:
             return f"_{line.kind}.of({', '.join([repr(name), *map(self.text, arguments)])})", _ATOM
         if name in INFIX:
-            sign, strength, _ = INFIX[name]
+            sign, strength = INFIX[name]
             if name == "divide" and arguments[1] == 0.0:
                 return f"{self._bound(arguments[0], 2)}/_zero", 2
             return f"{self._bound(arguments[0], strength)}{sign}{self._bound(arguments[1], strength + 1)}", strength
         if name in COMPARISONS:
-            return f"{self._bound(arguments[0], 1)}{COMPARISONS[name][0]}{self._bound(arguments[1], 1)}", 0
+            return f"{self._bound(arguments[0], 1)}{COMPARISONS[name]}{self._bound(arguments[1], 1)}", 0
         if name == "negative":
             return f"-{self._bound(arguments[0], 3)}", 3
         if name == "choose":
             condition, yes, no = self.text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
-        if name in ("find_piece", "value_at", "slope_at", "piece_of"):
+        if name in (*LOOKED_UP, "piece_of"):
             extra = ", ".join(["_tables, _pieces", *(self.text(argument) for argument in arguments)])
             return f"_{name}({extra})", _ATOM
         called = name if name in PYTHON else f"_{name}"
@@ -133,12 +163,16 @@ class _Printer:
     def _expression(self, operand: Operand) -> Text:
         if isinstance(operand, str):
             return self._texts.get(operand, (operand, _ATOM))
+        if not math.isfinite(operand):
+            return f"float('{operand}')", _ATOM
         return repr(operand), _ATOM if operand >= 0 else 3
 
-    def _place(self, place: Place) -> str:
-        index = "" if place.same else self._index
-        at = f"{place.index} + {index}" if index and place.index else index or str(place.index)
-        return f"{_array(place.array)}[{at}]"
+
+def _element(place: Place) -> str:
+    terms = [index if stride == 1 else f"{stride}*{index}" for index, stride in place.strides]
+    if place.offset or not terms:
+        terms.insert(0, str(place.offset))
+    return f"{_array(place.array)}[{' + '.join(terms)}]"
 
 
 def _view(name: str, array: str, first: int, count: int) -> str:
@@ -156,6 +190,6 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
                 yield from line.arguments
             case Store():
                 yield line.value
-            case Each():
+            case Loop() | Reduction():
                 # a value that a loop reads from outside is computed before it
                 yield from (operand for operand in _operands(line.body) for _ in range(2))

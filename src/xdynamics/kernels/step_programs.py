@@ -10,7 +10,19 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import linearised
 from xdynamics.kernels.newton_matrix import Coupling, Equations
-from xdynamics.kernels.program import AT, Call, Each, Instruction, Load, Operand, Place, Program, Store
+from xdynamics.kernels.program import (
+    AT,
+    Call,
+    Instruction,
+    Load,
+    Loop,
+    Operand,
+    Place,
+    Program,
+    Store,
+    element,
+    nested,
+)
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
 from xdynamics.methods.scheme import Scheme
@@ -179,7 +191,7 @@ class _Stepping(Walker):
             description = (
                 about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
             )
-            used = {place for line in body for place in _arrays(line)}
+            used = {array for line in nested(body) for array in _arrays(line)}
             views = {key: view for key, view in self._views.items() if key in used}
             used |= {array for array, _, _ in views.values()}
             local = {key: count for key, count in self._local.items() if key in used}
@@ -219,23 +231,23 @@ class _Stepping(Walker):
         """
         letter, lines = target[0], self._component()
         last = target == f"{letter}1"
-        before, added = lines.load(Place(update.before)), lines.value(update.added)
-        carried = lines.load(Place(self._carry[letter]))
+        before, added = lines.load(element(update.before)), lines.value(update.added)
+        carried = lines.load(element(self._carry[letter]))
         if last:
             added = lines.compute("add", added, carried)
         total = lines.compute("add", before, added)
         lost = lines.compute("subtract", added, lines.compute("subtract", total, before))
         self._carry[letter] = self._array(f"{target}_carried", self._count(target))
-        lines.store(Place(target), total)
-        lines.store(Place(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
+        lines.store(element(target), total)
+        lines.store(element(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
         self._flush()
-        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
 
     def _component(self) -> Assignments:
         """Begin the lines of one component of vectors."""
 
         def find(lines: Assignments, name: str) -> Operand:
-            return self._scalars.named(name) if name in SCALARS else lines.load(Place(name))
+            return self._scalars.named(name) if name in SCALARS else lines.load(element(name))
 
         return Assignments(find, f"_{len(self._bodies[-1])}_")
 
@@ -244,15 +256,22 @@ class _Stepping(Walker):
         lines = self._component()
         value = lines.value(expression)
         if taken_from:
-            value = lines.compute("subtract", lines.load(Place(taken_from)), value)
-        lines.store(Place(target), value)
+            value = lines.compute("subtract", lines.load(element(taken_from)), value)
+        lines.store(element(target), value)
         self._flush()
-        self._bodies[-1].append(Each(self._count(target), tuple(lines.lines)))
+        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
 
     def _copy(self, target: Place, source: Place, count: int) -> None:
+        """Copy elements; both places are those of the first."""
         self._flush()
         name = f"_{len(self._bodies[-1])}_"
-        self._bodies[-1].append(Each(count, (Load(name, source), Store(target, name))))
+        self._bodies[-1].append(
+            Loop(
+                "i",
+                count,
+                (Load(name, element(source.array, source.offset)), Store(element(target.array, target.offset), name)),
+            )
+        )
 
     def _evaluation(self, line: Evaluation, program: str) -> int:
         """Call the forces at a state; return the place of the derivatives by `linearised`."""
@@ -329,7 +348,5 @@ def _arrays(line: Instruction) -> set[str]:
             return {line.place.array}
         case Call():
             return {line.at, line.y, line.z, line.e}
-        case Each() if line.count:
-            return {array for inner in line.body for array in _arrays(inner)}
         case _:
             return set()

@@ -1,0 +1,145 @@
+"""Elements of a program's arrays and tables as LLVM text: addresses, loads and stores.
+
+With several runs side by side an element is one number of each run, next to one another. With neighbouring elements of
+one run side by side, one place means an element for each of them: next to one another, some distance apart, or anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.kernels.program import ARRAYS, Place, Program
+
+
+@dataclass(frozen=True)
+class Index:
+    """The value of an index: known when the text is written, of the text, or a different one in every lane.
+
+    Attributes
+    ----------
+    value : int or str
+        Of the first lane, or of all.
+    step : int
+        From a lane to the next: 1 for neighbours.
+    each : bool
+        Whether `value` has one whole number for each lane.
+    """
+
+    value: int | str
+    step: int = 0
+    each: bool = False
+
+
+class Places:
+    """The places of one program.
+
+    Parameters
+    ----------
+    program : Program
+    lines : Lines
+        Where addresses are written.
+    runs : int
+        Numbers of an element: one for each run.
+    """
+
+    def __init__(self, program: Program, lines: Lines, runs: int) -> None:
+        self._program, self._lines, self._runs = program, lines, runs
+        self.indices: dict[str, Index] = {}
+
+    def load(self, place: Place) -> Written:
+        """Read a number in every lane."""
+        return self._read("n", place)
+
+    def store(self, place: Place, value: Written) -> None:
+        """Write a number of every lane."""
+        lines, kind, steps = self._lines, self._lines.kind("n"), self._steps(place)
+        if steps is not None:
+            pointers = self._pointers("double", self.pointer(place), steps)
+            every = f"{lines.kind('t')} {lines.constant(value=True).text}"
+            given = f"{kind} {value.text}, {lines.kind('p')} {pointers}, i32 8, {every}"
+            lines.lines.append(f"call void @llvm.masked.scatter.{lines.suffix()}.v{lines.lanes}p0({given})")
+        else:
+            lines.lines.append(f"store {kind} {value.text}, ptr {self.pointer(place)}, align 8")
+
+    def gather(self, index: str, place: Place) -> None:
+        """Read a whole number of a table: the value of an index from then on."""
+        found = self._read("w", place)
+        self.indices[index] = Index(found.text, each=self._differs(place))
+
+    def ordinal(self, index: str) -> Written:
+        """Return an index as a number in every lane."""
+        lines, of = self._lines, self.indices[index]
+        if isinstance(of.value, int):
+            return lines.constant(float(of.value))
+        whole = Written(lines, "w", of.value) if of.each else lines.broadcast("w", of.value)
+        return (whole + Written(lines, "w", self._lanes_times(of.step)) if of.step else whole).converted()
+
+    def pointer(self, place: Place) -> str:
+        """Return the address of an element of a given array, a view, a local array or a table: of the first lane's."""
+        program, runs, scalar = self._program, self._runs, "double"
+        array, first, _ = program.views.get(place.array, (place.array, 0, 0))
+        base = f"%_{array}" if array in ARRAYS else f"%{array}"
+        if place.array in program.tables:
+            base, scalar, runs = f"@{program.name}.{array}", "i64", 1
+        offset, moved = first + place.offset, []
+        for name, stride in place.strides:
+            index = self.indices[name]
+            if isinstance(index.value, int):
+                offset += index.value * stride
+            elif not index.each:
+                moved.append((index.value, stride))
+        if array == "z" and program.spread:
+            return self._row_element(offset, moved)
+        for value, stride in moved:
+            number = self._line(f"mul i64 {value}, {stride * runs}") if stride * runs != 1 else value
+            base = self._line(f"getelementptr {scalar}, ptr {base}, i64 {number}")
+        return self._line(f"getelementptr {scalar}, ptr {base}, i64 {offset * runs}") if offset else base
+
+    def _row_element(self, offset: int, moved: list[tuple[str, int]]) -> str:
+        """Return the address of an element of a row of the log, whose elements are apart."""
+        number = str(offset)
+        for value, stride in moved:
+            number = self._line(f"add i64 {self._line(f'mul i64 {value}, {stride}')}, {number}")
+        far = self._line(f"mul i64 {number}, %_apart")
+        return self._line(f"getelementptr {self._lines.kind('n')}, ptr %_z, i64 {far}")
+
+    def _read(self, letter: str, place: Place) -> Written:
+        lines, scalar = self._lines, {"n": "double", "w": "i64"}[letter]
+        origin, steps = self.pointer(place), self._steps(place)
+        if steps is not None:
+            return lines.read(letter, origin, Written(lines, "w", steps))
+        if self._differs(place) or (letter == "n" and self._runs == lines.lanes):
+            return lines.line(letter, f"load {lines.kind(letter)}, ptr {origin}, align 8")
+        found = lines.line(letter, f"load {scalar}, ptr {origin}, align 8")
+        return found if letter == "w" else lines.broadcast(letter, found.text)
+
+    def _differs(self, place: Place) -> bool:
+        """Whether lanes mean different elements."""
+        return any(self.indices[name].each or self.indices[name].step * stride for name, stride in place.strides)
+
+    def _steps(self, place: Place) -> str | None:
+        """Return how far the lanes' elements are from the first place; None if they are one, or next to one another."""
+        lines = self._lines
+        own = sum(self.indices[name].step * stride for name, stride in place.strides)
+        steps = Written(lines, "w", self._lanes_times(own)) if own else None
+        scattered = [(Written(lines, "w", str(index.value)), stride) for index, stride in self._gathered(place)]
+        if not scattered and own in (0, 1):
+            return None
+        for value, stride in scattered:
+            far = value * stride if stride != 1 else value
+            steps = far if steps is None else steps + far
+        return steps.text if steps is not None else None
+
+    def _gathered(self, place: Place) -> list[tuple[Index, int]]:
+        return [(self.indices[name], stride) for name, stride in place.strides if self.indices[name].each]
+
+    def _lanes_times(self, step: int) -> str:
+        """Return 0, step, 2 step, … in the lanes."""
+        return f"<{', '.join(f'i64 {lane * step}' for lane in range(self._lines.lanes))}>"
+
+    def _pointers(self, scalar: str, origin: str, steps: str) -> str:
+        return self._line(f"getelementptr {scalar}, ptr {origin}, {self._lines.kind('w')} {steps}")
+
+    def _line(self, text: str) -> str:
+        return self._lines.line("p", text).text

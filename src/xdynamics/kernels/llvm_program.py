@@ -1,0 +1,306 @@
+"""The lines of one program as LLVM text, for one run, for runs side by side, and for neighbouring elements of one run.
+
+In lanes every number is a vector with one element for each run or for each neighbour, and an operation acts on each
+element by itself. Nothing is summed across lanes, contracted or reordered, so a lane holds the bits of a single run.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from xdynamics.elementary import FUNCTIONS, PAIRS
+from xdynamics.elementary.intervals import Interval
+from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.numbers import choose
+from xdynamics.elementary.text import struct_of, written_intervals
+from xdynamics.kernels.drive_tables import LOOKED_UP
+from xdynamics.kernels.llvm_places import Index, Places
+from xdynamics.kernels.operations import RULES
+from xdynamics.kernels.program import (
+    ARRAYS,
+    AT,
+    FLOAT,
+    INTERVAL,
+    Call,
+    Compute,
+    Gather,
+    Instruction,
+    Load,
+    Loop,
+    Operand,
+    Ordinal,
+    Place,
+    Program,
+    Reduction,
+    Store,
+    When,
+    While,
+    element,
+    size,
+)
+
+UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
+WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
+UNSOUND = "unsound"
+_ALL_OF = Counter(pair for pair, _ in PAIRS.values())
+
+Value = Written | Interval
+
+
+def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
+    """Return what is computed together for one argument, such as a sine and a cosine."""
+    computed = {
+        (entry.operation, entry.arguments) for entry in body if isinstance(entry, Compute) and entry.operation in PAIRS
+    }
+    counts = Counter((PAIRS[name][0], arguments) for name, arguments in computed)
+    return {entry for entry, count in counts.items() if count == _ALL_OF[entry[0]]}
+
+
+class ProgramText:
+    """Prints one program; its values are numbered, and the arrays that it is given have a prefix.
+
+    Parameters
+    ----------
+    program : Program
+    runs : int
+        Runs side by side.
+    abreast : int
+        Neighbouring elements side by side, in the outermost loops of a single run whose passes are independent; not
+        more than there are runs: none.
+    """
+
+    def __init__(self, program: Program, runs: int, abreast: int = 1) -> None:
+        self._program, self._runs, self._abreast = program, runs, abreast
+        self._lines = Lines(runs)
+        self._intervals = written_intervals(self._lines, rough=True)
+        self._places = Places(program, self._lines, runs)
+        self._values: dict[str, Value] = {}
+        self._outside: dict[str, Value] = {}  # of every lane, computed before the elements side by side
+        self._joint = together(program.body)
+        self._pairs: dict[tuple[str, str], str] = {}
+
+    def body(self) -> str:
+        """Print the lines of the function."""
+        for name, count in self._program.local.items():
+            self._put(f"%{name} = alloca double, i64 {max(1, count) * self._runs}, align 8")
+        self._print(self._program.body)
+        if self._program.sound:
+            self._answer(*self._program.sound)
+        self._put("ret void")
+        return "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines.lines)
+
+    def _answer(self, first: int, count: int) -> None:
+        """Set `unsound`: a number minus itself is 0 if it is finite, else nan."""
+        less_itself = (Load("_number", element("z", first)), Compute("_nothing", "subtract", ("_number", "_number")))
+        total = Reduction("i", count, less_itself, ("_nothing",), ("_sum",))
+        self._print((total, Store(Place("at", AT.index(UNSOUND)), "_sum")))
+
+    def _print(self, body: Iterable[Instruction]) -> None:
+        for line in body:
+            match line:
+                case Load():
+                    self._values[line.target] = self._places.load(line.place)
+                case Store():
+                    self._places.store(line.place, self._number(line.value))
+                case Gather():
+                    self._places.gather(line.index, line.place)
+                case Ordinal():
+                    self._values[line.target] = self._places.ordinal(line.index)
+                case Compute():
+                    self._values[line.target] = self._computed(line)
+                case Loop():
+                    self._loop(line)
+                case Reduction():
+                    self._reduce(line)
+                case Call():
+                    self._call(line)
+                case When() | While():
+                    self._if_any(line)
+
+    # -------------------------------------------------------------------------------------------------------- blocks
+
+    def _call(self, line: Call) -> None:
+        passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
+        arrays = [self._places.pointer(Place(passed.get(array, array))) for array in ARRAYS]
+        self._put(f"call void @{line.program}.inner({', '.join(f'ptr {array}' for array in arrays)}, i64 1)")
+
+    def _if_any(self, line: When | While) -> None:
+        """Print a call made if a number is nonzero in some lane, once or as long as it is."""
+        label = self._lines.label()
+        self._begin(label)
+        nonzero = self._lines.some(self._places.load(line.place) != 0.0)
+        self._put(f"br i1 {nonzero}, label %{label}call, label %{label}end")
+        self._lines.begin(f"{label}call")
+        self._call(line.call)
+        self._begin(f"{label}end", label if isinstance(line, While) else f"{label}end")
+
+    def _begin(self, label: str, target: str = "") -> None:
+        """End the block with a branch, to the next block or to another."""
+        self._put(f"br label %{target or label}")
+        self._lines.begin(label)
+
+    @contextmanager
+    def _pass(self, line: Loop | Reduction, index: Index) -> Iterator[None]:
+        """Print the lines of one pass; what they compute is forgotten after it."""
+        outside = dict(self._values), self._joint, dict(self._pairs), dict(self._places.indices)
+        self._places.indices[line.index] = index
+        self._joint = self._joint | together(line.body)
+        self._print(line.body)
+        yield
+        self._values, self._joint, self._pairs, self._places.indices = outside
+
+    def _loop(self, line: Loop) -> None:
+        wide, whole = self._abreast, 0
+        if wide > self._runs and not self._places.indices and line.independent:
+            whole = line.count // wide * wide
+        if whole:
+            with self._side_by_side(wide):
+                self._passes(line, 0, whole, wide, [])
+        self._passes(line, whole, line.count, 1, [])
+
+    @contextmanager
+    def _side_by_side(self, wide: int) -> Iterator[None]:
+        """Let every number be a vector of neighbouring elements; what was computed before is repeated for each."""
+        self._outside, self._values, self._lines.lanes = self._values, {}, wide
+        pairs, self._pairs = self._pairs, {}
+        yield
+        self._outside, self._values, self._lines.lanes = {}, self._outside, self._runs
+        self._pairs = pairs
+
+    def _reduce(self, line: Reduction) -> None:
+        start: list[Value] = [self._operand(line.start) for _ in line.totals]
+        if line.kind == INTERVAL:
+            start = [self._intervals.of("point", value) for value in start]
+        totals = self._passes(line, 0, line.count, 1, start)
+        self._values.update(zip(line.totals, totals, strict=True))
+
+    def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
+        """Print passes of a loop, written out if they are few; return the totals after them."""
+        if step == 1 and last - first <= UNROLLED and (last - first) * size(line.body) <= self._most(line):
+            for k in range(first, last):
+                totals = self._made(line, Index(k), totals)
+            return totals
+        lines, label, before = self._lines, self._lines.label(), self._lines.block
+        parts = [[lines.value(part) for part in _parts(total)] for total in totals]
+        self._begin(label)
+        index, head = f"%{label}i", len(lines.lines)
+        carried = [
+            _like(total, [Written(lines, part.letter, f"%{label}t{i}.{k}") for k, part in enumerate(parts[i])])
+            for i, total in enumerate(totals)
+        ]
+        new = self._made(line, Index(index, int(step > 1)), carried)
+        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
+        for old, total, now in zip(parts, carried, new, strict=True):
+            for part, name, value in zip(old, _parts(total), map(lines.value, _parts(now)), strict=True):
+                kind = lines.kind(part.letter)
+                phis.append(f"{name.text} = phi {kind} [ {part.text}, %{before} ], [ {value.text}, %{lines.block} ]")
+        lines.lines[head:head] = phis
+        self._put(f"{index}n = add i64 {index}, {step}")
+        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
+        lines.begin(f"{label}end")
+        return new
+
+    def _most(self, line: Loop | Reduction) -> float:
+        return WRITTEN_OUT if any(isinstance(inner, Loop | Reduction) for inner in line.body) else float("inf")
+
+    def _made(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> list[Value]:
+        """Print one pass; return the totals after it."""
+        with self._pass(line, index):
+            if isinstance(line, Loop):
+                return totals
+            joined = [
+                self._of(line.kind)(line.operation, total, self._operand(term))
+                for total, term in zip(totals, line.terms, strict=True)
+            ]
+            if line.where:
+                truth = self._operand(line.where)
+                joined = [
+                    _like(old, [choose(truth, *pair) for pair in zip(_parts(new), _parts(old), strict=True)])
+                    for old, new in zip(totals, joined, strict=True)
+                ]
+            return joined
+
+    # ---------------------------------------------------------------------------------------------------- operations
+
+    def _of(self, kind: str) -> Callable[..., Value]:
+        return self._intervals.of if kind == INTERVAL else lambda operation, *operands: RULES[operation](*operands)
+
+    def _computed(self, line: Compute) -> Value:
+        name, arguments = line.operation, line.arguments
+        if line.kind != FLOAT or name in RULES:
+            return self._of(line.kind)(name, *map(self._operand, arguments))
+        if name in (*LOOKED_UP, "piece_of"):
+            return self._looked_up(name, arguments)
+        numbers = [self._number(argument) for argument in arguments]
+        if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
+            return self._one_of(*PAIRS[name], numbers[0].text)
+        if name in FUNCTIONS:
+            return self._lines.call(f"elementary_{name}{self._width()}", numbers)
+        return self._by_lane(name, numbers)
+
+    def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> Written:
+        """Find a piece of a table, or evaluate one; each lane may be in a different piece."""
+        lines, drive = self._lines, arguments[-1]
+        assert isinstance(drive, int)  # noqa: S101 - which table is known when the program is written
+        places = [self._places.pointer(Place("pieces", 3 * drive + k)) for k in range(3)]
+        if name == "piece_of":
+            return lines.line("w", f"load {lines.kind('w')}, ptr {places[2]}, align 8")
+        first, count = (lines.line("w", f"load i64, ptr {place}, align 8").text for place in places[:2])
+        origin = lines.line("p", f"getelementptr double, ptr %_tables, i64 {first}").text
+        given = map(self._number, arguments[:-1])
+        found = LOOKED_UP[name](lambda index: lines.read("n", origin, index), lines.broadcast("w", count), *given)
+        assert isinstance(found, Written)  # noqa: S101
+        return found
+
+    def _one_of(self, pair: str, place: int, argument: str) -> Written:
+        """Compute functions of one argument together, and return one of them."""
+        lines = self._lines
+        kind = struct_of(pair, lines.lanes)
+        if (pair, argument) not in self._pairs:
+            call = f"call {kind} @elementary_{pair}{self._width()}({lines.kind('n')} {argument})"
+            self._pairs[pair, argument] = lines.line("n", call).text
+        return lines.line("n", f"extractvalue {kind} {self._pairs[pair, argument]}, {place}")
+
+    def _by_lane(self, name: str, given: Sequence[Written]) -> Written:
+        """Call a function that was passed in once for each lane."""
+        lines, kind = self._lines, self._lines.kind("n")
+        if lines.lanes == 1:
+            return lines.call(f"_{name}", list(given))
+        vector = "poison"
+        for lane in range(lines.lanes):
+            scalars = [lines.line("n", f"extractelement {kind} {number.text}, i64 {lane}").text for number in given]
+            value = lines.line("n", f"call double @_{name}({', '.join(f'double {scalar}' for scalar in scalars)})")
+            vector = lines.line("n", f"insertelement {kind} {vector}, double {value.text}, i64 {lane}").text
+        return Written(lines, "n", vector)
+
+    def _width(self) -> str:
+        """Return the suffix of functions of as many numbers as there are lanes now."""
+        return "" if self._lines.lanes == self._runs else f".{self._lines.lanes}"
+
+    def _operand(self, operand: Operand) -> Value:
+        if not isinstance(operand, str):
+            return self._lines.constant(float(operand))
+        if operand not in self._values:
+            value = self._outside[operand]
+            repeated = [self._lines.broadcast(part.letter, part.text) for part in map(self._lines.value, _parts(value))]
+            self._values[operand] = _like(value, repeated)
+        return self._values[operand]
+
+    def _number(self, operand: Operand) -> Written:
+        value = self._operand(operand)
+        assert isinstance(value, Written)  # noqa: S101 - an interval is no operand of operations on numbers
+        return value
+
+    def _put(self, text: str) -> None:
+        self._lines.lines.append(text)
+
+
+def _parts(value: Value) -> Sequence[Written]:
+    return value if isinstance(value, Interval) else (value,)
+
+
+def _like(value: Value, parts: Sequence[Written]) -> Value:
+    return Interval(*parts) if isinstance(value, Interval) else parts[0]

@@ -1,0 +1,232 @@
+"""Programs with loops, gathers and sums: the bits of plain Python, however they are printed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cases.array_programs import compiled, enclosed, gravity, in_python, plain_gravity
+from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.program import Compute, Gather, Line, Load, Loop, Ordinal, Place, Program, Reduction, Store
+
+Floats = NDArray[np.float64]
+WIDTHS = (1, 4, 8, 16)
+
+
+def bodies(n: int, case: int = 0) -> tuple[Floats, Floats]:
+    """Places by axis and body, and masses."""
+    random = np.random.default_rng([n, case])
+    return random.normal(size=(3, n)), random.uniform(0.1, 2.0, n)
+
+
+def program(*body: Line, **parts: object) -> Program:
+    """A program of these lines."""
+    return Program("lines", "Lines.", body, **parts)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 8, 9, 16, 30, 37])
+@pytest.mark.parametrize("by_body", [False, True])
+def test_gravity_has_the_bits_of_plain_python(n: int, *, by_body: bool) -> None:
+    """Assert that one run has the bits of plain loops with 1, 4, 8, 16 bodies side by side, and printed as Python."""
+    places, masses = bodies(n)
+    wanted = plain_gravity(places, masses)
+    y = np.ascontiguousarray(places.T if by_body else places).ravel()
+    for call in [
+        in_python(gravity(n, by_body=by_body)),
+        *(compiled(gravity(n, by_body=by_body), abreast=w) for w in WIDTHS),
+    ]:
+        z = np.full(3 * n, 7.0)
+        call(y=y, p=masses, z=z)
+        found = z.reshape(n, 3).T if by_body else z.reshape(3, n)
+        assert np.ascontiguousarray(found).tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("n", [3, 12])
+@pytest.mark.parametrize("runs", WIDTHS)
+def test_runs_side_by_side_have_the_bits_of_plain_python(n: int, runs: int) -> None:
+    """Assert that every lane has the bits of plain loops."""
+    cases = [bodies(n, case) for case in range(runs)]
+    y = np.stack([places.ravel() for places, _ in cases], axis=1)
+    p, z = np.stack([masses for _, masses in cases], axis=1), np.zeros((3 * n, runs))
+    compiled(gravity(n), runs=runs)(y=y, p=p, z=z)
+    for lane, case in enumerate(cases):
+        assert z[:, lane].tobytes() == plain_gravity(*case).tobytes()
+
+
+@pytest.mark.parametrize("n", [3, 12])
+def test_gravity_of_intervals(n: int) -> None:
+    """Assert that bounds hold plain Python's numbers, are narrow, and have the same bits however they are printed."""
+    (places, masses), wide = bodies(n), enclosed(gravity(n))
+    y, p, plain = np.repeat(places.ravel(), 2), np.repeat(masses, 2), np.zeros(6 * n)
+    in_python(wide)(y=y.tolist(), p=p.tolist(), z=plain)
+    low, high = plain[::2], plain[1::2]
+    wanted = plain_gravity(places, masses).ravel()
+    assert np.all((low < wanted) & (wanted < high))
+    assert np.all(high - low < 1e-11 * np.abs(wanted).max())
+    for abreast in WIDTHS:
+        z = np.zeros(6 * n)
+        compiled(wide, abreast=abreast)(y=y, p=p, z=z)
+        assert z.tobytes() == plain.tobytes(), abreast
+    for runs in WIDTHS:
+        z = np.zeros((6 * n, runs))
+        compiled(wide, runs=runs)(y=np.repeat(y[:, None], runs, 1), p=np.repeat(p[:, None], runs, 1), z=z)
+        assert all(z[:, lane].tobytes() == plain.tobytes() for lane in range(runs))
+
+
+@pytest.mark.parametrize("by_body", [False, True])
+def test_bodies_are_side_by_side(*, by_body: bool) -> None:
+    """Assert that the text computes with eight bodies at once, and with one where those left over are fewer."""
+    for n, wide in ((7, False), (8, True), (9, True)):
+        text = llvm_of([gravity(n, by_body=by_body)], abreast=8)
+        assert ("fdiv <8 x double>" in text) is wide
+        assert ("fdiv double" in text) is (n % 8 > 0)
+
+
+def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
+    """Assert that a thousand bodies take as many lines as forty, with the same remainder by eight."""
+    lines = [llvm_of([gravity(n)], abreast=8).count("\n") for n in (40, 1000)]
+    assert lines[0] == lines[1] < 500
+
+
+def test_a_body_that_is_left_out_keeps_the_sign_of_zero() -> None:
+    """Assert that a pass that adds nothing does not make -0.0 into 0.0."""
+    never = (Ordinal("n", "i"), Compute("later", "more", ("n", 99.0)))
+    total = Reduction("i", 12, never, ("n",), ("total",), start=-0.0, where="later")
+    for call in map(compiled_or_printed(program(total, Store(Place("z"), "total"))), (False, True)):
+        z = np.ones(1)
+        call(z=z)
+        assert z.tobytes() == np.array([-0.0]).tobytes()
+
+
+def compiled_or_printed(made: Program):
+    """Return both ways to execute a program."""
+    return lambda printed: in_python(made) if printed else compiled(made)
+
+
+@pytest.mark.parametrize("count", [0, 5, 40])
+@pytest.mark.parametrize(("operation", "start"), [("add", 0.0), ("least", np.inf), ("greatest", -np.inf)])
+def test_reductions_are_ascending(operation: str, start: float, count: int) -> None:
+    """Assert that numbers are joined one after the other, from the first on."""
+    joined = Reduction("i", count, (Load("x", Place("y", 0, (("i", 1),))),), ("x",), ("all",), operation, start)
+    y = np.random.default_rng(count).normal(size=max(1, count)) * 10.0 ** np.arange(max(1, count))
+    total = start
+    for x in y[:count].tolist():
+        total = {"add": total + x, "least": min(total, x), "greatest": max(total, x)}[operation]
+    for call in (
+        in_python(program(joined, Store(Place("z"), "all"))),
+        compiled(program(joined, Store(Place("z"), "all"))),
+    ):
+        z = np.zeros(1)
+        call(y=y, z=z)
+        assert z[0] == total
+
+
+def lattice(rows: int, columns: int) -> Program:
+    """The sum of four neighbours less four times a site, for the inner sites of a lattice; corners add a constant site."""
+
+    def at(row: int, column: int, array: str = "y") -> Place:
+        return Place(array, (1 + row) * columns + 1 + column, (("row", columns), ("column", 1)))
+
+    own = [Load("u", at(0, 0)), Load("corner", Place("y", 0))]
+    own += [Load(f"u{k}", at(*moved)) for k, moved in enumerate([(-1, 0), (1, 0), (0, -1), (0, 1)])]
+    own += [Compute("_a", "add", ("u0", "u1")), Compute("_b", "add", ("_a", "u2")), Compute("_c", "add", ("_b", "u3"))]
+    own += [
+        Compute("_d", "multiply", (4.0, "u")),
+        Compute("_e", "subtract", ("_c", "_d")),
+        Compute("f", "add", ("_e", "corner")),
+    ]
+    inner = Loop("column", columns - 2, (*own, Store(at(0, 0, "z"), "f")))
+    return program(Loop("row", rows - 2, (inner,)))
+
+
+@pytest.mark.parametrize("abreast", WIDTHS)
+def test_nested_loops_with_strides_over_two_indices(abreast: int) -> None:
+    """Assert the bits of NumPy on a lattice of 23 by 12 sites, whose outer loop strides over rows."""
+    u = np.random.default_rng(3).normal(size=(23, 12))
+    wanted = (((u[:-2, 1:-1] + u[2:, 1:-1]) + u[1:-1, :-2]) + u[1:-1, 2:]) - 4.0 * u[1:-1, 1:-1] + u[0, 0]
+    for call in (in_python(lattice(23, 12)), compiled(lattice(23, 12), abreast=abreast)):
+        z = np.zeros((23, 12))
+        call(y=u.ravel(), z=z.reshape(-1))
+        assert z[1:-1, 1:-1].tobytes() == wanted.tobytes()
+        assert not z[0].any()
+
+
+def springs(links: list[tuple[int, int]], n: int) -> Program:
+    """Forces of springs on a line: of every link once, to the local array `pull`; of each body those of its links in order."""
+    ends = {end: tuple(link[k] for link in links) for k, end in enumerate(("first", "second"))}
+    own = [[(k, side) for k, link in enumerate(links) for side in (0, 1) if link[side] == body] for body in range(n)]
+    most = max(map(len, own))
+    padded = [[*each, *[(0, 0)] * (most - len(each))] for each in own]
+    tables = ends | {
+        "count": tuple(map(len, own)),
+        "link": tuple(k for each in padded for k, _ in each),
+        "side": tuple(side for each in padded for _, side in each),
+    }
+    pulls = (
+        Gather("a", Place("first", 0, (("k", 1),))), Gather("b", Place("second", 0, (("k", 1),))),
+        Load("ua", Place("y", 0, (("a", 1),))), Load("ub", Place("y", 0, (("b", 1),))),
+        Compute("d", "subtract", ("ub", "ua")), Compute("f", "sin", ("d",)), Store(Place("pull", 0, (("k", 1),)), "f"),
+    )  # fmt: skip
+    gathered = (
+        Gather("k", Place("link", 0, (("i", most), ("m", 1)))), Gather("s", Place("side", 0, (("i", most), ("m", 1)))),
+        Load("f", Place("pull", 0, (("k", 1),))), Ordinal("ns", "s"), Ordinal("nm", "m"),
+        Compute("t", "negative", ("f",)), Compute("second", "more", ("ns", 0.5)),
+        Compute("own", "choose", ("second", "t", "f")), Compute("there", "less", ("nm", "many")),
+    )  # fmt: skip
+    of_body = (
+        Gather("c", Place("count", 0, (("i", 1),))), Ordinal("many", "c"),
+        Reduction("m", most, gathered, ("own",), ("total",), where="there"), Store(Place("z", 0, (("i", 1),)), "total"),
+    )  # fmt: skip
+    return program(Loop("k", len(links), pulls), Loop("i", n, of_body), local={"pull": len(links)}, tables=tables)
+
+
+@pytest.mark.parametrize("abreast", WIDTHS)
+def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
+    """Assert that links are done once and summed by bodies in order, with the bits of plain Python, in every form."""
+    from xdynamics.elementary import FUNCTIONS
+
+    random = np.random.default_rng(5)
+    links = [(int(a), int(b)) for a, b in random.integers(0, 21, (57, 2))]
+    u, wanted = random.normal(size=21), np.zeros(21)
+    for i in range(21):
+        for a, b in links:
+            f = FUNCTIONS["sin"](float(u[b] - u[a]))
+            wanted[i] += f if a == i else 0.0
+            wanted[i] -= f if b == i else 0.0
+    made = springs(links, 21)
+    for call in (in_python(made), compiled(made, abreast=abreast)):
+        z = np.zeros(21)
+        call(y=u, z=z)
+        assert z.tobytes() == wanted.tobytes()
+    runs, z = np.stack([u, -u, u + 1.0, 2.0 * u], axis=1), np.zeros((21, 4))
+    compiled(made, runs=4)(y=np.ascontiguousarray(runs), z=z)
+    assert z[:, 0].tobytes() == wanted.tobytes()
+
+
+I, J = ("i", 1), ("j", 1)
+
+
+@pytest.mark.parametrize(
+    ("body", "independent"),
+    [
+        ((Load("x", Place("y", 0, (I,))), Store(Place("z", 3, (I,)), "x")), True),
+        ((Load("x", Place("y", 0, (I,))), Store(Place("y", 0, (I,)), "x")), True),  # each its own
+        ((Load("x", Place("y", 1, (I,))), Store(Place("y", 0, (I,)), "x")), False),  # what the next pass writes
+        ((Load("x", Place("y", 0, (I,))), Store(Place("z", 3), "x")), False),  # one element for all
+        ((Load("x", Place("z", 3)), Store(Place("z", 0, (I,)), "x")), False),
+        ((Loop("j", 4, (Store(Place("z", 0, (("i", 4), J)), 0.0),)),), True),
+        ((Loop("j", 4, (Store(Place("z", 0, (I, ("j", 9))), 0.0),)),), True),
+        ((Loop("j", 4, (Store(Place("z", 0, (I, ("j", 8))), 0.0),)),), False),  # 9 passes reach the next row
+        ((Loop("j", 4, (Store(Place("z", 0, (("i", 3), J)), 0.0),)),), False),
+        ((Gather("k", Place("t", 0, (I,))), Store(Place("z", 0, (("k", 1),)), 0.0)), False),
+        ((Gather("k", Place("t", 0, (I,))), Store(Place("z", 0, (("k", 1), ("i", 99))), 0.0)), False),
+        ((Store(Place("z", 0, (I,)), 0.0), Store(Place("z", 9, (I,)), 0.0)), True),
+        ((Store(Place("z", 0, (I,)), 0.0), Store(Place("z", 8, (I,)), 0.0)), False),
+        ((Store(Place("z", 2, (("i", 3),)), 0.0), Store(Place("z", 1, (("i", 3),)), 0.0)), True),
+        ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 99, (I,)), 0.0)), False),
+    ],
+)  # fmt: skip
+def test_passes_are_independent_where_none_meets_another(body: tuple[Line, ...], *, independent: bool) -> None:
+    """Assert which loops may be computed side by side."""
+    assert Loop("i", 9, body).independent is independent
