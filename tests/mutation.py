@@ -253,10 +253,16 @@ TOUCHED = {
     "evidence/diagnosing/summits.py": ("test_summits.py -k not random_sweeps",),
     "evidence/diagnosing/extremes.py": ("test_extremes.py -k not (budget or certified or named or sweep)",),
     "budgeting/budget.py": (
-        "test_budget_parts.py -k in_doubt or is_checked or are_declared or have_no_budget",
+        "test_budget_parts.py -k in_doubt or have_no_budget",
         QUANTITIES,
         "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned",
     ),
+    "budgeting/budget_request.py": (
+        "test_budget_parts.py -k is_checked or are_declared or have_no_budget",
+        "test_budget_choice.py",
+    ),
+    "budgeting/budget_dataset.py": ("test_budget_choice.py -k record_says or every_term", QUANTITIES),
+    "budgeting/sources.py": ("test_budget_choice.py",),
     "budgeting/certificate.py": (
         "test_certificate.py -k border or their_words or apart or in_words",
         "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",

@@ -15,14 +15,15 @@ from scipy.stats import chi2, norm
 
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
-from xdynamics.budgeting.budget import _check, _declared, _doubt_slopes
+from xdynamics.budgeting.budget import _doubt_slopes
+from xdynamics.budgeting.budget_request import _check, _declared
 from xdynamics.budgeting.budget_summary import lines_of
 from xdynamics.budgeting.budget_variables import draws_as, terms_as
 from xdynamics.budgeting.fit_summary import lines_of as fit_in_lines
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
 from xdynamics.budgeting.multistart import drawn_starts, grown, search, searches
-from xdynamics.budgeting.random_draws import MOST_DRAWS, Asked, drawn_until, wanted_of
+from xdynamics.budgeting.random_draws import MOST_DRAWS, Propagation, drawn_until, wanted_of
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.model import toml
 from xdynamics.model.parts import Fitted
@@ -97,45 +98,48 @@ def test_a_linear_interval_has_the_quantile_of_its_coverage() -> None:
     assert judged(7.5, 0.0, still, 0.95)[0] == NOT_CHECKED
 
 
-def asked_for(model: Any, values: Any = None, **more: Any) -> Asked:
+def propagated(model: Any, values: Any = None, added: Any = ()) -> Propagation:
     """Draws of a number that is 7 where nothing but what is added is uncertain; else those that are given."""
-    lazy = SimpleNamespace(compute=lambda: None)
-    target = SimpleNamespace(said="s at t = 1 s", in_many=lambda *_: lazy, values=lambda _: values)
-    return Asked(model, target, {}, 7.0, **{"added": ()} | more)  # type: ignore[arg-type]
+    measurand: Any = SimpleNamespace(
+        model=model,
+        target=SimpleNamespace(said="s at t = 1 s"),
+        seed=5,
+        numbers=lambda _: SimpleNamespace(values=values),
+    )
+    return Propagation(measurand, [*model.uncertain], 7.0, added)
 
 
 def test_what_is_added_to_draws_is_normal() -> None:
     """Assert sizes and stream of terms that are no inputs, on top of the run's own number or of each draw."""
     points = norm.ppf(np.random.default_rng([5, 1]).random((40, 2)))
     wanted = 0.5 * points[:, 0] + 0.25 * points[:, 1]
-    assert asked_for(standing(), added=[0.5, 0.25]).values(40, 5) == pytest.approx(7.0 + wanted, rel=1e-12)
+    assert propagated(standing(), added=[0.5, 0.25]).values(40) == pytest.approx(7.0 + wanted, rel=1e-12)
     uncertain, marched = through("a", a="1 ± 0.1 g"), np.linspace(2.0, 3.0, 40)
-    assert asked_for(uncertain, marched, added=[0.5, 0.25]).values(40, 5) == pytest.approx(marched + wanted, rel=1e-12)
-    assert asked_for(uncertain, marched).values(40, 5).tolist() == marched.tolist()
+    assert propagated(uncertain, marched, [0.5, 0.25]).values(40) == pytest.approx(marched + wanted, rel=1e-12)
+    assert propagated(uncertain, marched).values(40).tolist() == marched.tolist()
     with pytest.raises(xd.InputError, match="nothing in the model has an uncertainty"):
-        asked_for(standing()).values(40, 5)
+        propagated(standing()).values(40)
     with pytest.raises(xd.InputError, match="s at t = 1 s is not there in 3 of 40 draws"):
-        asked_for(uncertain, np.where(np.arange(40) < 3, np.nan, marched)).values(40, 5)
+        propagated(uncertain, np.where(np.arange(40) < 3, np.nan, marched)).values(40)
 
 
 def test_draws_are_doubled_until_the_ends_are_known() -> None:
     """Assert the first number of draws that does, the last that is tried, and what is said where it does not."""
     tried: list[int] = []
 
-    def even(draws: int, seed: int) -> np.ndarray:
+    def even(draws: int) -> np.ndarray:
         tried.append(draws)
-        assert seed == 3
         return np.arange(100.0) if draws >= MOST_DRAWS // 2 else np.linspace(0.0, 1.0, draws)
 
     source: Any = SimpleNamespace(values=even)
     doubts = {draws: drawn(np.linspace(0.0, 1.0, draws), 0.5).ends_doubt for draws in (100, 200, 400, 800)}
     for draws, doubt in doubts.items():
-        found, count = drawn_until(source, 100, 3, 0.5, doubt)
+        found, count = drawn_until(source, 100, 0.5, doubt)
         assert (count, found.ends_doubt) == (draws, doubt)
     assert tried == [100, 100, 200, 100, 200, 400, 100, 200, 400, 800]
     tried.clear()
     with pytest.raises(xd.InputError, match="4194304 draws leave the ends of the interval uncertain by 5, and 4.5 is"):
-        drawn_until(source, MOST_DRAWS // 2, 3, 0.5, 4.5)
+        drawn_until(source, MOST_DRAWS // 2, 0.5, 4.5)
     assert tried == [MOST_DRAWS // 2, MOST_DRAWS]
 
 
@@ -160,7 +164,10 @@ def test_how_well_ends_are_to_be_known() -> None:
 def copies(number: Callable[[np.ndarray], float], unit: str = "mN") -> Any:
     """Copies of a run whose number is a function of the change of its table."""
     table = SimpleNamespace(value_unit=parse_unit(unit))
-    return SimpleNamespace(name="f", table=table, number=number, odd=lambda one: (number(one) - number(-one)) / 2.0)
+    seeded = SimpleNamespace(seed=3)
+    return SimpleNamespace(
+        name="f", table=table, measurand=seeded, number=number, odd=lambda one: (number(one) - number(-one)) / 2.0
+    )
 
 
 @pytest.mark.parametrize(("bend", "doubtful"), [(0.0, False), (0.01, False), (0.05, True)])
@@ -171,7 +178,7 @@ def test_independent_rows_add_their_squares(bend: float, doubtful: bool) -> None
     def number(change: np.ndarray) -> float:
         return 5.0 + float(weights @ change) + bend * float(weights @ change) ** 2
 
-    found = tabulated.independent(copies(number), sizes, 3)
+    found = tabulated.independent(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(0.01 + 0.36 + 0.64))
     assert found.bound == pytest.approx(2.0 * found.standard)
     points = norm.ppf(np.random.default_rng(3).random((32, 4)))[:4] * sizes @ weights
@@ -188,12 +195,12 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
     def number(change: np.ndarray) -> float:
         return float(slope @ change) ** 2 - 3.0
 
-    found = tabulated.independent(copies(number), sizes, 3)
+    found = tabulated.independent(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(np.mean((points @ slope) ** 4)))
     assert found.standard_doubt == pytest.approx(found.standard / 8.0)
     assert found.bound == pytest.approx(2.0 * found.standard)
     for rows, said in ((256, "slopes by all 256"), (257, "64 tables with every row drawn")):
-        linear = tabulated.independent(copies(lambda change: float(change.sum())), np.full(rows, 0.1), 3)
+        linear = tabulated.independent(copies(lambda change: float(change.sum())), np.full(rows, 0.1))
         assert said in linear.rule
         assert abs(linear.standard - 0.1 * math.sqrt(rows)) <= 3.0 * linear.standard_doubt + 1e-9
 
@@ -572,7 +579,7 @@ def test_fits_that_are_not_adequate_have_no_budget(adequate: bool | None, asked:
     def begun(*_: Any) -> None:
         raise xd.InputError("a march began")
 
-    monkeypatch.setattr("xdynamics.budgeting.numerical.marched", begun)
+    monkeypatch.setattr("xdynamics.budgeting.budget.results_of", begun)
     said = "fitted to bench, and the fit is not adequate: residuals swing" if refused else "a march began"
     with pytest.raises(xd.InputError, match=said):
         xd.error_budget(model, "s", at="1 s", method="rk4", step="0.5 s", until="1 s", **asked)

@@ -13,8 +13,8 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
-from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.physical import _differences
+from xdynamics.budgeting.measurand import Measurand, Target
+from xdynamics.budgeting.physical import copies, differences
 from xdynamics.budgeting.slopes import _check_open, _equations, slopes_along
 from xdynamics.dynamics.variational import NotVariedError, gauss
 
@@ -26,8 +26,11 @@ def slopes(model: xd.Model, quantity: str, **where: Any) -> tuple[dict[str, floa
     asked = {key: where.pop(key) for key in list(where) if key not in ("at", "event", "occurrence", "side")}
     place = {"at": None, "event": None, "occurrence": 1, "side": "before"} | where
     target, settings = Target.of(model, quantity, **place), TIGHT | {"time_tolerance": "1e-13 s"} | asked
-    by_equations = slopes_along(xd.simulate(model, **settings), model, target)
-    return by_equations, {name: one for name, (one, *_) in _differences(model, target, settings, 0.0).items()}
+    names, measurand = [*model.uncertain], Measurand(model, target, settings)
+    by_equations = slopes_along(xd.simulate(model, **settings), model, target, names)
+    return by_equations, {
+        name: one for name, (one, *_) in differences(measurand, names, 0.0, copies(measurand, names).values).items()
+    }
 
 
 def agree(model: xd.Model, quantity: str, close: float = 1e-9, **where: Any) -> dict[str, float]:
@@ -95,11 +98,11 @@ def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
     for place in bounced(**own):
         quantity, at, *which = place
         target = Target(quantity, at, "ground" if which else "", *which)
-        found, unit = slopes_along(run, model, target), 1e3 if quantity in ("y", "v_y") else 1.0
+        found, unit = slopes_along(run, model, target, [*model.uncertain]), 1e3 if quantity in ("y", "v_y") else 1.0
         wanted = {by: slopes_of[by][place].imag / tiny * unit * factors[by] for by in own}
         assert found == pytest.approx(wanted, rel=1e-8, abs=1e-9), target.said
     with pytest.raises(NotVariedError, match="an extreme is where"):
-        slopes_along(run, model, Target("maximum_y"))
+        slopes_along(run, model, Target("maximum_y"), [*model.uncertain])
 
 
 @pytest.mark.parametrize(("quantity", "where"), [("y", {"at": "1.6 s"}), ("v_y", {"event": "floor", "occurrence": 2, "side": "after"}), ("t", {"event": "floor", "occurrence": 3})])  # fmt: skip
@@ -175,7 +178,7 @@ def test_what_is_not_told(name: str, first: str, where: dict[str, Any], said: st
     model = doubtful(model, **{first: f"uncertainty = {1e-6 * model.parameters[first].quantity.value!r}"})
     target = Target.of(model, "x", where["at"], None, 1, "before")
     with pytest.raises(NotVariedError) as told:
-        slopes_along(xd.simulate(model), model, target)
+        slopes_along(xd.simulate(model), model, target, [*model.uncertain])
     assert str(told.value).replace("'", "").startswith(said)
     budget = xd.error_budget(model, "x", **where)
     rule = str(budget.term_rule.values[budget.term_name.values.tolist().index(first)])
@@ -189,9 +192,9 @@ def test_a_number_at_the_very_time_of_an_event_is_behind_it() -> None:
     run = xd.simulate(model, method="rk4", step="0.125 s", until="1 s")
     assert 0.5 in run.event_time.values
     behind = {"y": 0.0, "v_y": -0.8, "g": 0.4, "e": 9.81 * 0.5 - 0.5}
-    assert slopes_along(run, model, Target("v_y", 0.5)) == pytest.approx(behind, abs=1e-12)
-    assert slopes_along(run, model, Target("y", 0.5)) == pytest.approx({"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12)  # fmt: skip
-    before = slopes_along(run, model, Target("v_y", 0.5 - 1e-9))
+    assert slopes_along(run, model, Target("v_y", 0.5), [*model.uncertain]) == pytest.approx(behind, abs=1e-12)
+    assert slopes_along(run, model, Target("y", 0.5), [*model.uncertain]) == pytest.approx({"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12)  # fmt: skip
+    before = slopes_along(run, model, Target("v_y", 0.5 - 1e-9), [*model.uncertain])
     assert before == pytest.approx({"y": 0.0, "v_y": 1.0, "g": -0.5, "e": 0.0}, abs=1e-8)
 
 

@@ -2,51 +2,40 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
-from math import inf, nan
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xdynamics.budgeting import numerical, physical, tabulated
-from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, terms_as
+from xdynamics.budgeting import numerical
+from xdynamics.budgeting.budget_dataset import Budgeted, budget_dataset
+from xdynamics.budgeting.budget_request import COVERAGE, Request, budget_request
 from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.montecarlo import (
-    LINEAR,
-    NOT_ADEQUATE,
-    NOT_CHECKED,
-    NOTHING_DRAWN,
-    Drawn,
-    drawn,
-    draws_needed,
-    judged,
-)
-from xdynamics.budgeting.random_draws import Asked, drawn_until, wanted_of
-from xdynamics.budgeting.rounding import rounded
-from xdynamics.budgeting.term import PHYSICAL, Declared, Term
-from xdynamics.elementary.arrays import applied
-from xdynamics.evidence.diagnosing.extremes import RULES
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.stages import Gathered, Stage, Task, blank_run, inputs_of, lazy
+from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
+from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
+from xdynamics.budgeting.physical import copies
+from xdynamics.budgeting.random_draws import drawn_until, wanted_of
+from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, ROUNDING, RUN
+from xdynamics.budgeting.term import Declared, Term
+from xdynamics.evidence.stages import Gathered, Stage, Task, blank_run, lazy, results_of
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.schema import STEPS, flags
-from xdynamics.sweeping.sweep import plain
-from xdynamics.units import NUMBERS, Unit
 
 if TYPE_CHECKING:
     import xarray as xr
 
-COVERAGE = 0.95
 UNSURE = 0.02  # relative error of a term up to which a doubtful slope is not warned of
-LEAST_DRAWS, FIRST_DRAWS = 100, 4096
+FIRST_DRAWS = 4096
 MEMBERS = 512  # copies or draws of a task
+DRAWS = "draws"  # among the parts of a budget
+
+Gatherer = Callable[[Callable[..., Any]], Task | Gathered]
 
 
 def error_budget(
@@ -64,6 +53,8 @@ def error_budget(
     until_uncertainty: str | None = None,
     digits: int = 1,
     inadequate_fit: bool = False,
+    only: Sequence[str] | str | None = None,
+    without: Sequence[str] | str | None = None,
     compute: bool = True,
     **settings: Any,
 ) -> xr.Dataset:
@@ -101,6 +92,10 @@ def error_budget(
         and 8.1).
     inadequate_fit : bool
         Whether to make a budget of a model whose fit to data is not adequate.
+    only, without : sequence of str, optional
+        Terms by their names, which alone are computed, or which are left out, of totals and draws too: ``["roundoff"]``,
+        ``["truncation", "c"]``. Every other term is the same as in the whole budget, and the record says what is left
+        out. Without truncation no finer run is marched, and there is nothing along `level`.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with a task for each level, each term and each
         block of draws; `until_uncertainty` cannot be used.
@@ -120,8 +115,8 @@ def error_budget(
     Raises
     ------
     InputError
-        If the run does not have the number, a setting is wrong, a term is of another quantity, unit, time or event, or
-        the model was fitted inadequately.
+        If the run does not have the number, a setting is wrong, a term is of another quantity, unit, time or event, a
+        name is no term, or the model was fitted inadequately.
 
     Notes
     -----
@@ -163,6 +158,8 @@ def error_budget(
         coverage=coverage,
         digits=digits,
         inadequate_fit=inadequate_fit,
+        only=only,
+        without=without,
         **settings,
     )
     if not compute:
@@ -172,263 +169,87 @@ def error_budget(
                 " marched; give draws=10000, or compute=True"
             )
         return lazy(budget_stage(request))
-    target, asked = request.target, request.asked
-    marched = numerical.marched(model, target, asked, seed)
-    unit = target.units(marched.run)
-    rounding = next(term.bound for term in marched.terms if term.name == numerical.ROUNDOFF)
-    inputs = physical.inputs(model, target, asked, marched.run, rounding)
-    all_terms = request.terms(marched, unit, inputs, tabulated.tables(model, target, asked, seed))
-    _doubt_slopes(all_terms, target)
-    if not (draws or until_uncertainty is not None):
-        return _dataset(request, marched, all_terms, None)
+    return _budget(request, until_uncertainty)
+
+
+def _budget(request: Request, until_uncertainty: str | None) -> xr.Dataset:
+    """March and put together what a budget is made of, here."""
+    tasks = _tasks(request, _marched_here)
+    budgeted = Budgeted.of(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
+    target, unit = request.target, request.target.units(budgeted.run)
+    _doubt_slopes(budgeted.terms, target)
+    if not (request.draws or until_uncertainty is not None):
+        return budget_dataset(request, budgeted, None)
     wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
-    first = draws if until_uncertainty is None else max(draws, FIRST_DRAWS)
-    monte_carlo, draws = drawn_until(request.drawn(marched.value, all_terms), first, seed, coverage, wanted)
-    return _dataset(replace(request, draws=draws), marched, all_terms, monte_carlo)
-
-
-@dataclass(frozen=True)
-class Request:
-    """What a budget is asked for.
-
-    Attributes
-    ----------
-    model : Model
-    target : Target
-    asked : dict
-        Settings of `simulate`.
-    declared : tuple of Declared
-    draws, seed : int
-    coverage : float
-    digits : int
-    inadequate_fit : bool
-    """
-
-    model: Model
-    target: Target
-    asked: dict[str, Any]
-    declared: tuple[Declared, ...]
-    draws: int
-    seed: int
-    coverage: float
-    digits: int
-    inadequate_fit: bool
-
-    def terms(self, marched: numerical.Marched, unit: Unit, inputs: list[Term], tables: list[Term]) -> list[Term]:
-        """Return all terms: those of the march, of the model, and declared ones.
-
-        Raises
-        ------
-        InputError
-            If two terms have the same name, or a declared one is of another number.
-        """
-        declared = [_declared(term).term(self.target, unit) for term in self.declared]
-        discrepancy = physical.discrepancy(self.model, self.target, unit)
-        all_terms = [*marched.terms, *inputs, *tables, *discrepancy, *declared]
-        names = [term.name for term in all_terms]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            in_model = repeated[0] not in {term.name for term in declared}
-            remedy = f"rename the model's '{repeated[0]}'" if in_model else "give the declared one another name"
-            raise InputError(f"the budget has two terms '{repeated[0]}'; {remedy}")
-        return all_terms
-
-    def drawn(self, value: float, terms: Sequence[Term]) -> Asked:
-        """Return what is drawn."""
-        added = [term.standard for term in terms if term.kind == PHYSICAL and term.name not in self.model.uncertain]
-        return Asked(self.model, self.target, self.asked, value, added)
-
-
-def budget_request(
-    model: Model,
-    quantity: str,
-    *,
-    at: Any = None,
-    event: Any = None,
-    occurrence: Any = 1,
-    side: Any = "before",
-    terms: Any = (),
-    draws: int = 0,
-    seed: int = 0,
-    coverage: float = COVERAGE,
-    digits: int = 1,
-    inadequate_fit: bool = False,
-    **settings: Any,
-) -> Request:
-    """Read and check the arguments of `error_budget`.
-
-    Raises
-    ------
-    InputError
-        If one is wrong, or the model was fitted inadequately.
-    """
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    _check(draws, seed, coverage, digits)
-    _check_fit(model, inadequate_fit)
-    target = Target.of(model, quantity, at, event, occurrence, side)
-    asked = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
-    declared = (terms,) if isinstance(terms, Declared) else tuple(terms or ())
-    return Request(model, target, asked, declared, draws, seed, coverage, digits, inadequate_fit is True)
-
-
-def _check_fit(model: Model, inadequate_fit: Any) -> None:
-    if model.fit is not None and not model.fit.adequate and inadequate_fit is not True:
-        raise InputError(
-            f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it"
-            " again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True"
-            " (--inadequate-fit)"
-        )
+    first = request.draws if until_uncertainty is None else max(request.draws, FIRST_DRAWS)
+    propagation = request.propagation(budgeted.number.value, budgeted.terms)
+    monte_carlo, draws = drawn_until(propagation, first, request.coverage, wanted)
+    return budget_dataset(replace(request, draws=draws), budgeted, monte_carlo)
 
 
 def budget_stage(request: Request) -> Stage:
-    """Return a budget before it is computed: a task for each level, each term and each block of draws.
+    """Return a budget before it is computed: a task for each level, each source and each block of draws.
 
     Raises
     ------
     InputError
         If a setting is wrong, or terms do not fit together.
     """
-    model, target, asked = request.model, request.target, request.asked
-    levels = numerical.levels_of(model, asked)
-    inputs = (model.digest, target, inputs_of(asked), xdynamics_version())
-    runs = numerical.level_tasks(model, asked, levels)
-    compared = Task.of("levels", partial(numerical.Marched.of, levels, model, target), runs, *inputs)
-    roundoff = Task.of(
-        "roundoff",
-        partial(numerical.rounding_term, model, target, asked, request.seed),
-        (compared,),
-        *inputs,
-        request.seed,
-    )
-    location = Task.of("location", partial(numerical.location_term, model, target, asked), (compared,), *inputs)
-    needs: list[Task | Gathered] = [compared, roundoff, location]
-    if model.uncertain:
-        members = physical.copies(model, target, asked, members_per_task=MEMBERS)
-        call = partial(_inputs, model, target, asked)
-        needs.append(Task.of("inputs", call, (compared, roundoff, Gathered(target.variable(members))), *inputs))
-    tables = [*tabulated.sources(model, target, asked, request.seed)]
-    needs += [Task.of("table", call, (), *inputs, name, request.seed) for name, call in tables]
-
-    prepared = March(model, unthinned_settings_for(model, **asked))
-    blank = numerical.Marched.blank(levels, blank_run(prepared))
-    unknown = [Term(name, PHYSICAL, nan, nan, "", input_unit=NUMBERS) for name, _ in tables]
-    terms = request.terms(blank, target.units(blank.run), physical.blank(model), unknown)
-    if request.draws and (
-        draws := request.drawn(nan, terms).members(request.draws, request.seed, members_per_task=MEMBERS)
-    ):
-        needs.append(Gathered(target.variable(draws)))
-    template = _dataset(request, blank, terms, NOTHING_DRAWN if request.draws else None)
-    words = (request.declared, request.draws, request.seed, request.coverage, request.digits, request.inadequate_fit)
-    task = Task.of("budget", partial(_of_tasks, request, len(tables)), tuple(needs), *inputs, *words)
-    return Stage(template, task, ("term_name", "term_kind", levels.varied.name, "model_toml"))
+    measurand, tasks = request.measurand, _tasks(request, _gathered)
+    levels = levels_of(measurand) if COMPARED in tasks else None
+    run = blank_run(March(measurand.model, unthinned_settings_for(measurand.model, **measurand.settings)))
+    unit = request.target.units(run)
+    terms = [term for source in request.sources for term in source.blank(unit)]
+    blank = Budgeted(run, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms)
+    if request.draws:
+        numbers = request.propagation(NOT_MARCHED.value, terms).numbers(request.draws, members_per_task=MEMBERS)
+        tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
+    template = budget_dataset(request, blank, NOTHING_DRAWN if request.draws else None)
+    task = Task.of("budget", partial(_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
+    known = ("term_name", "term_kind", *([] if levels is None else [levels.varied.name]), "model_toml")
+    return Stage(template, task, known)
 
 
-def _inputs(
-    model: Model, target: Target, asked: dict[str, Any], compared: numerical.Marched, roundoff: Term, numbers: Any
-) -> list[Term]:
-    """Return the terms of inputs, in a task."""
-    return physical.inputs(model, target, asked, compared.run, roundoff.bound, numbers)
+def _tasks(request: Request, gathered: Gatherer) -> dict[Any, Any]:
+    """Return the tasks of what a budget is put together from: the run, the number in it and in levels, all terms."""
+    measurand = request.measurand
+    needs = {need for source in request.sources for need in source.needs}
+    run = numerical.run_task(measurand)
+    number = numerical.number_task(measurand, run)
+    shared: dict[str, Task | Gathered] = {RUN: run, NUMBER: number}
+    if COMPARED in needs:
+        shared[COMPARED] = numerical.levels_task(measurand, number, levels_of(measurand))
+    if ROUNDING in needs:
+        shared[ROUNDING] = numerical.rounding_source(measurand).task(measurand, shared)
+    if COPIES in needs:
+        shared[COPIES] = gathered(partial(copies, measurand, request.inputs))
+    parts: dict[Any, Any] = {name: shared[name] for name in (RUN, NUMBER, COMPARED) if name in shared}
+    return parts | {source.names: source.task(measurand, shared) for source in request.sources}
 
 
-def _of_tasks(
-    request: Request, tables: int, compared: numerical.Marched, roundoff: Term, location: Term, *others: Any
-) -> xr.Dataset:
+def _gathered(numbers: Callable[..., xr.DataArray]) -> Gathered:
+    """Return the numbers of a sweep whose blocks are tasks."""
+    return Gathered(numbers(members_per_task=MEMBERS))
+
+
+def _marched_here(numbers: Callable[..., xr.DataArray]) -> Task:
+    """Return the numbers of a sweep as one task."""
+    return Task("copies", partial(_values, numbers))
+
+
+def _values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
+    return np.asarray(numbers().values, float)
+
+
+def _of_parts(request: Request, names: list[Any], *results: Any) -> xr.Dataset:
     """Put a budget together, in a task."""
-    rest = [*others]
-    inputs = rest.pop(0) if request.model.uncertain else []
-    marched = compared.with_terms(roundoff, location)
-    terms = request.terms(marched, request.target.units(marched.run), inputs, rest[:tables])
-    _doubt_slopes(terms, request.target)
+    parts = dict(zip(names, results, strict=True))
+    numbers, budgeted = parts.pop(DRAWS, None), Budgeted.of(parts)
+    _doubt_slopes(budgeted.terms, request.target)
     if not request.draws:
-        return _dataset(request, marched, terms, None)
-    asked = request.drawn(marched.value, terms)
-    values = asked.added_to(rest[tables] if len(rest) > tables else None, request.draws, request.seed)
-    return _dataset(request, marched, terms, drawn(values, request.coverage))
-
-
-def _dataset(request: Request, marched: numerical.Marched, terms: list[Term], monte_carlo: Drawn | None) -> xr.Dataset:
-    """Put a budget together."""
-    model, target = request.model, request.target
-    unit = target.units(marched.run)
-    variables = terms_as(model, target, unit, marched.value, terms) | levels_as(marched, unit)
-    later: dict[str, Any] = {}
-    verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
-    if monte_carlo is not None:
-        variables |= draws_as(monte_carlo, unit, request.coverage)
-        verdict, later = _judged(request, marched.value, float(variables["physical_rss"][1]), monte_carlo)
-        if verdict == NOT_ADEQUATE:
-            total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
-    variables["linear_verdict"] = (
-        (),
-        np.int8(verdict),
-        about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
-        | flags(dict(enumerate(LINEAR))),
-    )
-    variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    coverage_text = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
-    bound = float(variables["numerical_bound"][1])
-    later |= {"result": rounded(marched.value, total, bound, unit.text, coverage_text)}
-    later |= _where(target, marched.run, model)
-    variables |= later_as(later, unit.text, target.second)
-    attributes = {name: value for name, value in later.items() if value == value}
-    title = f"error budget of {model.name}: {target.said}"
-    return exhibit("budget", title, marched.digests, variables, _attributes(request, marched) | attributes)
-
-
-def _attributes(request: Request, marched: numerical.Marched) -> dict[str, Any]:
-    """Return what a budget was asked for."""
-    target = request.target
-    return (
-        {"coverage": request.coverage, "seed": request.seed, "draws": request.draws}
-        | ({"digits": request.digits} if request.draws else {})
-        | {
-            "inadequate_fit": int(request.inadequate_fit),
-            "quantity": target.quantity,
-            "of": target.said,
-            "event": target.event,
-            "occurrence": target.occurrence,
-            "side": target.side,
-            "asked": json.dumps(request.asked, sort_keys=True),
-            "model_digest": request.model.digest,
-            "time_units": target.second,
-            "solver_method": str(marched.run.attrs["solver_method"]),
-        }
-        | ({"at": target.at} if target.at is not None else {})
-    )
-
-
-def _judged(request: Request, value: float, physical_rss: float, monte_carlo: Drawn) -> tuple[int, dict[str, Any]]:
-    """Judge the linear budget by the draws; return the verdict, and by how much both are apart."""
-    verdict, distance = judged(value, physical_rss, monte_carlo, request.coverage, request.digits)
-    needed = nan
-    if verdict == NOT_CHECKED:
-        needed = draws_needed(distance, monte_carlo, request.draws, request.coverage, request.digits)
-    return verdict, {"linear_apart": distance, "draws_needed": needed}
-
-
-def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
-    """Return time and rule of an extreme in the run; nothing for other numbers."""
-    if target.extreme is not None and not run.sizes[STEPS]:
-        return {"extreme_rule": "", "extreme_time": nan}
-    top = target.found_in(run, model)
-    return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}
-
-
-def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
-    if isinstance(digits, bool) or digits not in (1, 2):
-        raise InputError(f"digits is {digits!r}; there are 1, 2")
-    if isinstance(draws, bool) or not isinstance(draws, int) or not (draws == 0 or draws >= LEAST_DRAWS):
-        raise InputError(f"draws is {draws!r}, needs 0 for none, or a whole number from {LEAST_DRAWS} on")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
-    if isinstance(coverage, bool) or not isinstance(coverage, int | float) or not 0.0 < coverage < 1.0:
-        raise InputError(f"coverage is {coverage!r}, needs a number between 0 and 1, like 0.95")
-
-
-def _declared(term: Any) -> Declared:
-    if not isinstance(term, Declared):
-        raise InputError(f"terms has {str(term)[:60]!r}, needs Declared(name, quantity, standard, at=…)")
-    return term
+        return budget_dataset(request, budgeted, None)
+    propagation = request.propagation(budgeted.number.value, budgeted.terms)
+    return budget_dataset(request, budgeted, drawn(propagation.added_to(numbers, request.draws), request.coverage))
 
 
 def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:

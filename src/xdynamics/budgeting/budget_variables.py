@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting import physical
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import Drawn
-from xdynamics.budgeting.numerical import Marched
+from xdynamics.budgeting.numerical import Compared
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
@@ -20,6 +20,9 @@ from xdynamics.model import Model
 from xdynamics.schema import BOUNDS, LEVEL, flags
 from xdynamics.sweeping.ensemble_analysis import quotient
 from xdynamics.units import BASE, Unit
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 TERM = "term"
 ROLE = "budget"
@@ -150,15 +153,17 @@ def _doubt_of(terms: list[Term], variance: float) -> float:
     return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
 
 
-def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
+def levels_as(compared: Compared, run: xr.Dataset, unit: Unit) -> dict[str, Any]:
     """Return the run's own level and the finer ones, and their verdict, as variables."""
-    levels, text = found.levels, unit.text
-    orders = observed_orders(found.values, levels.values)
+    levels, text = compared.levels, unit.text
+    orders = observed_orders(compared.values, levels.values)
+    # a run's steps may be pure numbers like its time
+    level_units = str(run["step_size"].attrs["units"]) if levels.varied is STEPS else levels.varied.units
     return {
-        levels.varied.name: ((LEVEL,), levels.values, about(_level_units(found), levels.varied.said, ROLE)),
+        levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.said, ROLE)),
         "level_value": (
             (LEVEL,),
-            found.values,
+            compared.values,
             about(text, "the number in each level; the first is the run's own", ROLE),
         ),
         "observed_order": (
@@ -168,11 +173,10 @@ def levels_as(found: Marched, unit: Unit) -> dict[str, Any]:
         ),
         "level_verdict": (
             (),
-            np.int8(found.told.verdict),
+            np.int8(compared.judgement.verdict),
             about("1", "what the levels tell", "flag") | flags(dict(enumerate(VERDICTS))),
         ),
-        "run_digest": ((LEVEL,), np.array(found.digests), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((), np.array(str(found.run.attrs["run_outcome"])), about("1", "outcome of the run", "outcome")),
+        "run_digest": ((LEVEL,), np.array(compared.digests), about("1", "content digest of the level's run", "digest")),
     }
 
 
@@ -186,11 +190,6 @@ def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any
         "extreme_rule": ("1", "how the extreme was found", "rule"),
     }
     return {name: ((), np.array(value), about(*words[name])) for name, value in known.items()}
-
-
-def _level_units(found: Marched) -> str:
-    """Return the unit of what is varied; for steps that of the run's, which may be pure numbers like its time."""
-    return str(found.run["step_size"].attrs["units"]) if found.levels.varied is STEPS else found.levels.varied.units
 
 
 def _per(unit: Unit, by: Unit) -> str:

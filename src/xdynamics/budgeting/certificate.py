@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.budgeting.budget import Request, budget_request, budget_stage, error_budget
+from xdynamics.budgeting.budget import budget_stage, error_budget
+from xdynamics.budgeting.budget_request import Request, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
@@ -74,7 +75,7 @@ def certify(
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with the tasks of the budget and of the ledger.
     **asked
-        Further arguments of `error_budget` (except declared terms, which no model file holds), and settings of
+        Further arguments of `error_budget` (except declared terms, which no model file holds, and a choice of terms), and settings of
         `simulate`.
 
     Returns
@@ -87,11 +88,15 @@ def certify(
     Raises
     ------
     InputError
-        As in `error_budget`, or if declared terms are given.
+        As in `error_budget`, or if declared terms are given, or terms are left out.
     """
     if "terms" in asked:
         raise InputError(
             "a certificate is made again from the model alone: write declared terms into its [discrepancy]"
+        )
+    if given := [keyword for keyword in ("only", "without") if asked.get(keyword) is not None]:
+        raise InputError(
+            f"a certificate has every term of its number, and {given[0]} is given; make a budget of a part"
         )
     draws = draws if model.uncertain else 0
     if not compute:
@@ -104,9 +109,11 @@ def _stage(request: Request) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
     ledger = own_ledger([str(budget.template.attrs["solver_method"])])
-    template = _dataset(request.model, budget.template, ledger.template)
+    template = _dataset(request.measurand.model, budget.template, ledger.template)
     gates = tuple(template["gate_name"].values.tolist())
-    task = Task.of("certificate", partial(_dataset, request.model, expected=gates), (budget.task, ledger.task))
+    task = Task.of(
+        "certificate", partial(_dataset, request.measurand.model, expected=gates), (budget.task, ledger.task)
+    )
     return Stage(template, task, (*budget.known, "gate_name"))
 
 

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
 from xdynamics.evidence.observables import comparable, observables_of, observe
+from xdynamics.evidence.runs import march
+from xdynamics.evidence.stages import inputs_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.sweeping.sweep import sweep
@@ -114,7 +117,7 @@ class Target:
             return parse_unit(self.second)
         return parse_unit(str(run[self.extreme[0] if self.extreme else self.quantity].attrs["units"]))
 
-    def found_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
+    def extreme_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
         """Find an extreme in a run, with its time and rule; None if the number is not an extreme."""
         return None if self.extreme is None else extreme(run, *self.extreme, model.functions)
 
@@ -130,7 +133,7 @@ class Target:
             time = np.array([_held(self.at, run["time"].values)])
             value, off = observe(run, model, [self.quantity], time)[self.quantity]
             return float(value[0]), float(off[0]), 0.0
-        if (top := self.found_in(run, model)) is not None:
+        if (top := self.extreme_in(run, model)) is not None:
             return top.value, top.uncertainty, self._of_event(run, model, top)
         place = self._place(run)
         located = float(run["event_time_uncertainty"].values[place])
@@ -139,31 +142,12 @@ class Target:
         row = int(run[f"event_row_{self.side}"].values[place])
         return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
 
-    def in_many(self, model: Model, axes: dict[str, Any], settings: dict[str, Any]) -> xr.Dataset:
-        """Return a sweep that keeps the number of every member; settings may say how many of these a task marches."""
-        if self.at is not None:
-            return sweep(model, axes, keep=[self.quantity], times=[self.at], **settings)
-        if self.extreme is not None:
-            return sweep(model, axes, keep=[self.quantity], **settings)
-        word = f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
-        return sweep(model, axes, keep=[word], occurrences=(self.occurrence - 1, self.occurrence), **settings)
-
-    def values(self, found: xr.Dataset) -> Floats:
-        """Return the numbers of a sweep's members; nan for those that end before."""
-        return np.asarray(self.variable(found).values, float)
-
-    def variable(self, found: xr.Dataset) -> xr.DataArray:
-        """Return the variable of a sweep that holds the number of every member."""
-        name = (
-            self.quantity
-            if not self.event
-            else f"event_time_{self.event}"
-            if self.quantity == TIME
-            else f"{self.side}_{self.event}_{self.quantity}"
-        )
-        array = found[name]
-        array = array.isel({OCCURRENCE: 0}) if OCCURRENCE in array.dims else array
-        return array[..., 0] if self.at is not None else array
+    @property
+    def kept(self) -> str:
+        """The word that keeps it of a sweep's members, and the variable that holds it."""
+        if not self.event:
+            return self.quantity
+        return f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
 
     def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
         """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""
@@ -201,6 +185,56 @@ class Target:
             return 0.0
         beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
         return (beside - float(run[self.quantity].values[row])) / (near - float(time[row]))
+
+
+@dataclass(frozen=True)
+class Measurand:
+    """A number of a run: the model, what is taken of its run, and the settings of the march.
+
+    Attributes
+    ----------
+    model : Model
+    target : Target
+    settings : dict
+        Of `simulate`.
+    seed : int
+        Of everything that is drawn.
+    """
+
+    model: Model
+    target: Target
+    settings: dict[str, Any]
+    seed: int = 0
+
+    @property
+    def inputs(self) -> tuple[Any, ...]:
+        """Everything that the number depends on, for the names of tasks."""
+        return self.model.digest, self.target, inputs_of(self.settings), xdynamics_version()
+
+    def number(self, model: Model, **settings: Any) -> float:
+        """March a model, with other settings where they are given, and return its number.
+
+        Raises
+        ------
+        InputError
+            If the run does not have the number.
+        """
+        run = march(model, **{"force_samples": "none"} | self.settings | settings)
+        return self.target.in_run(run, model)[0]
+
+    def numbers(self, axes: dict[str, Any], **settings: Any) -> xr.DataArray:
+        """Return the number of every member of a sweep, lazy; nan for those that end before.
+
+        Settings may say how many members a task marches.
+        """
+        target, places = self.target, dict[str, Any]()
+        if target.at is not None:
+            places = {"times": [target.at]}
+        elif target.event:
+            places = {"occurrences": (target.occurrence - 1, target.occurrence)}
+        numbers = sweep(self.model, axes, keep=[target.kept], **places, **(self.settings | settings))[target.kept]
+        numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
+        return numbers[..., 0] if target.at is not None else numbers
 
 
 def _extremes_of(model: Model) -> tuple[str, ...]:

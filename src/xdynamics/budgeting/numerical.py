@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand
+from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
@@ -32,7 +34,6 @@ Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION = "truncation", "roundoff", "interpolation", "event_location"
-NAMES = TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION
 LEVELS = 4  # the run's own and three finer ones
 STEP_RATIO, RTOL_RATIO = 2.0, 10.0  # from one level to the next
 LEAST_RATIO = 2.0  # of tolerances; closer levels tell nothing
@@ -41,94 +42,109 @@ TRUSTED = 2.0  # times the largest distance, since copies are few
 TIGHTER = 10.0  # factor by which events are located better, to see the effect of their location
 
 
-@dataclass(frozen=True)
-class Marched:
-    """The run that a number is of, with its finer levels.
+class Estimate(NamedTuple):
+    """The number in one run.
 
     Attributes
     ----------
-    run : xarray.Dataset
     value : float
-    terms : tuple of Term
-    levels : Levels
-        The run's own step or tolerance, and finer ones.
-    values : ndarray, shape (n,)
-        The number in each level.
-    told : Judged
-        Judgement of the levels together.
-    digests : tuple of str
-        Content digests of the runs.
-    located : float
-        How far the number may be off by the location of an event.
+    interpolation, location : float
+        How far it may be off by interpolation, and by the location of an event.
+    steps : int
+        Accepted steps of the run.
+    digest : str
+        Content digest of the run.
     """
 
-    run: xr.Dataset
     value: float
-    terms: tuple[Term, ...]
-    levels: Levels
-    values: Floats
-    told: Judged
-    digests: tuple[str, ...]
-    located: float = 0.0
+    interpolation: float
+    location: float
+    steps: int
+    digest: str
 
     @classmethod
-    def of(cls, levels: Levels, model: Model, target: Target, *runs: xr.Dataset) -> Marched:
-        """Compare the number in all levels: its terms are truncation and interpolation.
+    def of(cls, measurand: Measurand, run: xr.Dataset) -> Estimate:
+        """Take the number out of a run.
 
         Raises
         ------
         InputError
-            If a run does not have the number.
+            If the run does not have it.
         """
-        estimates = [target.in_run(run, model) for run in runs]
-        value, inside, located = estimates[0]
-        values = np.array([estimate[0] for estimate in estimates])
-        uncertainty = max(estimate[1] + estimate[2] for estimate in estimates)
-        noise = 4.0 * EPS * float(np.abs(values).max())
+        number = measurand.target.in_run(run, measurand.model)
+        return cls(*number, int(run.attrs["run_accepted_steps"]), digest_of_run(run))
+
+
+NOT_MARCHED = Estimate(np.nan, np.nan, np.nan, 0, "")  # before a run is marched
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The number in the run and in finer levels of it.
+
+    Attributes
+    ----------
+    levels : Levels
+        The run's own step or tolerance, and finer ones.
+    values : ndarray, shape (n,)
+        The number in each level.
+    judgement : Judged
+        Of the levels together.
+    digests : tuple of str
+        Content digests of the runs.
+    """
+
+    levels: Levels
+    values: Floats
+    judgement: Judged
+    digests: tuple[str, ...]
+
+    @classmethod
+    def of(cls, levels: Levels, *estimates: Estimate) -> Compared:
+        """Compare the number in all levels."""
+        values = np.array([estimate.value for estimate in estimates])
         judgement = judge(
             values,
             levels.values,
             levels.formal,
-            noise,
+            _noise(values),
             0.0,
-            uncertainty,
+            max(estimate.interpolation + estimate.location for estimate in estimates),
             smooth=levels.varied.keyword == "steps",
-            accepted=int(runs[-1].attrs["run_accepted_steps"]),
+            accepted=estimates[-1].steps,
             order=levels.order,
         )
-        rule = _inner_rule(target.found_in(runs[0], model))
-        terms = (
-            _truncation(levels, values, noise, judgement),
-            Term.bounded(INTERPOLATION, NUMERICAL, inside, rule),
-        )
-        digests = tuple(digest_of_run(run) for run in runs)
-        return cls(runs[0], value, terms, levels, values, judgement, digests, located)
+        return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates))
 
     @classmethod
-    def blank(cls, levels: Levels, run: xr.Dataset) -> Marched:
-        """Return what is known of the levels before they are marched; `run` has no rows."""
-        terms = tuple(Term(name, NUMERICAL, np.nan, np.nan, "") for name in NAMES)
-        judgement = Judged(0, np.nan, np.nan, "")
-        return cls(run, np.nan, terms, levels, np.full(LEVELS, np.nan), judgement, ("",) * LEVELS)
-
-    def with_terms(self, roundoff: Term, location: Term) -> Marched:
-        """Add the terms of rounding and of the location of events."""
-        truncation, interpolation = self.terms
-        return replace(self, terms=(truncation, roundoff, interpolation, location))
+    def blank(cls, levels: Levels) -> Compared:
+        """Return what is known of the levels before they are marched."""
+        return cls(levels, np.full(LEVELS, np.nan), Judged(0, np.nan, np.nan, ""), ("",) * LEVELS)
 
 
-def marched(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Marched:
-    """March a model at all levels, and return its number with the numerical terms.
+def _noise(values: Floats) -> float:
+    return 4.0 * EPS * float(np.abs(values).max())
 
-    Raises
-    ------
-    InputError
-        If the run does not have the number, or no finer run can be marched.
-    """
-    levels = levels_of(model, asked)
-    compared = Marched.of(levels, model, target, own_run(model, asked), *(levels.marched(k) for k in range(1, LEVELS)))
-    roundoff = rounding_term(model, target, asked, seed, compared)
-    return compared.with_terms(roundoff, location_term(model, target, asked, compared))
+
+def numerical_sources(measurand: Measurand) -> list[ErrorSource]:
+    """Return the errors of the march itself: truncation, rounding, interpolation, location of events."""
+    return [
+        ErrorSource.of_one(TRUNCATION, NUMERICAL, (COMPARED,), _truncation),
+        rounding_source(measurand),
+        ErrorSource.of_one(INTERPOLATION, NUMERICAL, (RUN, NUMBER), partial(_interpolation, measurand)),
+        ErrorSource.of_one(LOCATION, NUMERICAL, (RUN, NUMBER), partial(_location, measurand)),
+    ]
+
+
+def rounding_source(measurand: Measurand) -> ErrorSource:
+    """Return the error of rounding."""
+    return ErrorSource.of_one(ROUNDOFF, NUMERICAL, (RUN, NUMBER), partial(_roundoff, measurand), measurand.seed)
+
+
+def _interpolation(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
+    """Return the term of interpolation inside a step."""
+    rule = _inner_rule(measurand.target.extreme_in(run, measurand.model))
+    return Term.bounded(INTERPOLATION, NUMERICAL, number.interpolation, rule)
 
 
 def _inner_rule(top: Extreme | None) -> str:
@@ -145,28 +161,38 @@ def _inner_rule(top: Extreme | None) -> str:
     )
 
 
-def own_run(model: Model, asked: dict[str, Any]) -> xr.Dataset:
+def own_run(model: Model, settings: dict[str, Any]) -> xr.Dataset:
     """March the run that a number is of; force samples are kept only if the settings ask for them."""
-    return march(model, **{"force_samples": "none"} | asked)
+    return march(model, **{"force_samples": "none"} | settings)
 
 
-def level_tasks(model: Model, asked: dict[str, Any], levels: Levels) -> tuple[Task, ...]:
-    """Return the tasks that march the run's own level and the finer ones."""
-    own = march_task(model, **{"force_samples": "none"} | asked)
-    return (own, *(levels.task(k) for k in range(1, LEVELS)))
+def run_task(measurand: Measurand) -> Task:
+    """Return the task that marches the run that a number is of."""
+    return march_task(measurand.model, **{"force_samples": "none"} | measurand.settings)
 
 
-def levels_of(model: Model, asked: dict[str, Any]) -> Levels:
+def number_task(measurand: Measurand, run: Task) -> Task:
+    """Return the task that takes the number out of a run."""
+    return Task.of("number", partial(Estimate.of, measurand), (run,), *measurand.inputs)
+
+
+def levels_task(measurand: Measurand, number: Task, levels: Levels) -> Task:
+    """Return the task that compares the number in the run with that in finer levels."""
+    finer = (number_task(measurand, levels.task(k)) for k in range(1, LEVELS))
+    return Task.of("levels", partial(Compared.of, levels), (number, *finer), *measurand.inputs)
+
+
+def levels_of(measurand: Measurand) -> Levels:
     """Return levels: the run's own step or tolerance, and finer ones."""
-    settings = settings_for(model, **asked)
-    others = {name: value for name, value in asked.items() if name not in ("step", "rtol")}
+    model, settings = measurand.model, settings_for(measurand.model, **measurand.settings)
+    others = {name: value for name, value in measurand.settings.items() if name not in ("step", "rtol")}
     if not settings.adaptive:
         if not isinstance(settings.step, float):
             raise InputError(
                 "a budget needs a step or a tolerance that can be made finer; these steps are given one by one"
             )
         steps = [settings.step / STEP_RATIO**k for k in range(LEVELS)]
-        return Levels.of(model, _given("steps", steps), others, fewest=LEVELS)
+        return Levels.of(model, _levels_by("steps", steps), others, fewest=LEVELS)
     assert settings.tolerances is not None  # noqa: S101
     rtol = settings.tolerances.rtol
     ratio = min(RTOL_RATIO, (rtol / _least_rtol(settings.scheme)) ** (1.0 / (LEVELS - 1)))
@@ -174,10 +200,10 @@ def levels_of(model: Model, asked: dict[str, Any]) -> Levels:
         raise InputError(
             f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step"
         )
-    return Levels.of(model, _given("rtols", [rtol / ratio**k for k in range(LEVELS)]), others, fewest=LEVELS)
+    return Levels.of(model, _levels_by("rtols", [rtol / ratio**k for k in range(LEVELS)]), others, fewest=LEVELS)
 
 
-def _given(keyword: str, values: list[float]) -> dict[str, Any]:
+def _levels_by(keyword: str, values: list[float]) -> dict[str, Any]:
     return {"steps": None, "rtols": None, "time_tolerances": None, "rules": None, keyword: values}
 
 
@@ -186,10 +212,11 @@ def _least_rtol(scheme: Scheme) -> float:
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
-def _truncation(levels: Levels, values: Floats, noise: float, judgement: Judged) -> Term:
+def _truncation(compared: Compared) -> Term:
     """Return the truncation term: the finest value's distance with an allowance, plus its uncertainty."""
-    factor = allowance(values, levels.values, levels.formal, noise)
-    bound = factor * abs(float(values[0] - values[-1])) + float(judgement.uncertainty)
+    levels, values = compared.levels, compared.values
+    factor = allowance(values, levels.values, levels.formal, _noise(values))
+    bound = factor * abs(float(values[0] - values[-1])) + float(compared.judgement.uncertainty)
     sizes = ", ".join(f"{size:.4g}" for size in levels.values)
     rule = f"{levels.varied.name} {sizes}: {factor:.3g} times the finest value's distance, and its uncertainty"
     return Term.bounded(TRUNCATION, NUMERICAL, bound, rule)
@@ -226,23 +253,22 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
     return min(CAUTION, SAFETY * float(power(steps[0] / steps[1], max(spread - CLOSE, 0.0))))
 
 
-def rounding_term(model: Model, target: Target, asked: dict[str, Any], seed: int, compared: Marched) -> Term:
+def _roundoff(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     """Return the term of rounding, from copies in which every operation is rounded differently, and by marching back.
 
     Copies are marched in random units, with parameters and starts moved by one spacing of numbers, as reading them may
     have done; so differences within an observable are rounded differently too. Only reversible runs are marched back.
     """
-    run, value = compared.run, compared.value
-    rng, deviations = np.random.default_rng(seed), []
-    settings = asked | absolute_tolerances(model, asked)
+    model, value = measurand.model, number.value
+    rng, deviations = np.random.default_rng(measurand.seed), []
+    tolerances = absolute_tolerances(model, measurand.settings)
     in_units = not model.python_functions
     for length, time, mass in exp(rng.uniform(-0.5, 0.5, (COPIES, 3))).tolist():
         scales = {"length": f"{length!r} m", "time": f"{time!r} s", "mass": f"{mass!r} kg"} if in_units else None
         if scales and model.time_unit.dimension == NONE:
             del scales["time"]
-        copy = _nudged(model, rng)
-        deviations.append(value - target.in_run(march(copy, **settings | {"scales": scales}), copy)[0])
-    distance_back, spacing = returned(run, model, target, asked), EPS * abs(value) / 2.0
+        deviations.append(value - measurand.number(_nudged(model, rng), **tolerances, scales=scales))
+    distance_back, spacing = returned(run, measurand), EPS * abs(value) / 2.0
     standard = float(np.sqrt(np.mean(np.square(deviations)) + spacing**2 / 3.0))
     bound = TRUSTED * float(np.abs(deviations).max()) + spacing
     units_text = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
@@ -270,19 +296,19 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         return model
 
 
-def location_term(model: Model, target: Target, asked: dict[str, Any], compared: Marched) -> Term:
+def _location(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     """Return the term of locating events: the one that the number is taken at, and those before it."""
-    if not compared.run.sizes.get("event", 0):
+    if not run.sizes.get("event", 0):
         return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
-    settings = settings_for(model, **asked)
-    finer = _tighter(model, asked | {"time_tolerance": settings.time_tolerance / TIGHTER})
-    moved = abs(compared.value - target.in_run(finer, model)[0]) if finer is not None else 0.0
+    tolerance = settings_for(measurand.model, **measurand.settings).time_tolerance / TIGHTER
+    finer = _tighter(measurand.model, measurand.settings | {"time_tolerance": tolerance})
+    moved = 0.0 if finer is None else abs(number.value - measurand.target.in_run(finer, measurand.model)[0])
     rule = f"its own uncertainty, and events located {TIGHTER:g} times as well"
-    return Term.bounded(LOCATION, NUMERICAL, compared.located + moved, rule)
+    return Term.bounded(LOCATION, NUMERICAL, number.location + moved, rule)
 
 
-def _tighter(model: Model, asked: dict[str, Any]) -> xr.Dataset | None:
+def _tighter(model: Model, settings: dict[str, Any]) -> xr.Dataset | None:
     try:
-        return march(model, **asked)
+        return march(model, **settings)
     except InputError:
         return None

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand
 from xdynamics.budgeting.slopes import slopes_along
+from xdynamics.budgeting.sources import COPIES, ROUNDING, RUN, ErrorSource, stated_source
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
@@ -17,7 +20,7 @@ from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
-from xdynamics.model.uncertainty import matrix_of, root_of
+from xdynamics.model.uncertainty import Discrepancy, matrix_of, root_of
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.units import Unit, coherent
 
@@ -67,39 +70,23 @@ class Slope:
     rule: str
 
 
-def inputs(
-    model: Model,
-    target: Target,
-    asked: dict[str, Any],
-    run: xr.Dataset,
-    rounding: float,
-    numbers: Floats | None = None,
+def input_source(measurand: Measurand, names: Sequence[str]) -> ErrorSource:
+    """Return the errors of uncertain parameters and initial values: a term for each of the named ones."""
+    blank = partial(_blank, measurand.model, names)
+    return ErrorSource(tuple(names), (RUN, ROUNDING, COPIES), partial(_inputs, measurand, names), blank)
+
+
+def _inputs(
+    measurand: Measurand, names: Sequence[str], run: xr.Dataset, rounding: Sequence[Term], numbers: Floats
 ) -> list[Term]:
-    """Return a term for every uncertain parameter and initial value of the model.
-
-    Parameters
-    ----------
-    rounding : float
-        Rounding error of the number; inputs that change it by no more have slope zero.
-    numbers : ndarray, optional
-        The number in every member of `copies`, which are marched if it is not given.
-
-    Raises
-    ------
-    InputError
-        If the number ceases to exist when an input is changed a little.
-    """
-    uncertain = model.uncertain
-    if not uncertain:
-        return []
-    slopes = _slopes(model, target, asked, run, rounding, numbers)
-    return [_term(name, parameter, slopes[name]) for name, parameter in uncertain.items()]
+    """Return the terms of inputs, from the number in their copies; slopes that are rounding alone are zero."""
+    slopes = _slopes(measurand, names, run, rounding[0].bound, numbers)
+    return [_term(name, measurand.model.uncertain[name], slopes[name]) for name in names]
 
 
-def blank(model: Model) -> list[Term]:
-    """Return the terms of every uncertain parameter and initial value, before anything is marched."""
+def _blank(model: Model, names: Sequence[str], _unit: Unit) -> list[Term]:
     unknown = Slope(np.nan, np.nan, "")
-    return [_term(name, parameter, unknown) for name, parameter in model.uncertain.items()]
+    return [_term(name, model.uncertain[name], unknown) for name in names]
 
 
 def _term(name: str, parameter: Parameter, slope: Slope) -> Term:
@@ -121,15 +108,15 @@ def _term(name: str, parameter: Parameter, slope: Slope) -> Term:
 
 
 def _slopes(
-    model: Model, target: Target, asked: dict[str, Any], run: xr.Dataset, rounding: float, numbers: Floats | None
+    measurand: Measurand, names: Sequence[str], run: xr.Dataset, rounding: float, numbers: Floats
 ) -> dict[str, Slope]:
     """Return the slope by every input: from variational equations where differences over its uncertainty agree.
 
     Where they disagree, the response is not linear over the uncertainty, and the differences are used.
     """
-    by_differences = _differences(model, target, asked, rounding, numbers)
+    by_differences = differences(measurand, names, rounding, numbers)
     try:
-        by_equations, why = slopes_along(run, model, target), ""
+        by_equations, why = slopes_along(run, measurand.model, measurand.target, names), ""
     except NotVariedError as error:
         by_equations, why = {}, f"; no variational equations: {error}"
     slopes = {}
@@ -151,52 +138,49 @@ def _slopes(
     return slopes
 
 
-def copies(model: Model, target: Target, asked: dict[str, Any], **settings: Any) -> xr.Dataset:
-    """Return the sweep whose members have every input changed by its shifts, to both sides."""
-    uncertain = model.uncertain
+def copies(measurand: Measurand, names: Sequence[str], **settings: Any) -> xr.DataArray:
+    """Return the number where each input is changed by its shifts, to both sides, lazy."""
+    model = measurand.model
+    inputs = {name: model.uncertain[name] for name in names}
     values = {
-        name: np.full((len(uncertain), len(SHIFTS), len(SIDES)), entry.quantity.value)
-        for name, entry in uncertain.items()
+        name: np.full((len(inputs), len(SHIFTS), len(SIDES)), entry.quantity.value) for name, entry in inputs.items()
     }
-    for i, (name, entry) in enumerate(uncertain.items()):
+    for i, (name, entry) in enumerate(inputs.items()):
         values[name][i] += np.multiply.outer(np.nan_to_num(_shifts(entry)), SIDES)
-    axes = {
-        "input": {named(model, name): _with_units(entry.ravel(), uncertain[name]) for name, entry in values.items()}
-    }
-    sharp = asked | {"time_tolerance": SHARPER * settings_for(model, **asked).time_tolerance}
-    return target.in_many(model, axes, sharp | settings)
+    axes = {"input": {named(model, name): _with_units(entry.ravel(), inputs[name]) for name, entry in values.items()}}
+    tolerance = SHARPER * settings_for(model, **measurand.settings).time_tolerance
+    return measurand.numbers(axes, time_tolerance=tolerance, **settings)
 
 
-def _differences(
-    model: Model, target: Target, asked: dict[str, Any], rounding: float, numbers: Floats | None = None
+def differences(
+    measurand: Measurand, names: Sequence[str], rounding: float, numbers: Floats
 ) -> dict[str, tuple[float, float, float, float]]:
     """Return for every input its slope from copies side by side, its error, the relative shift, and its rounding error.
 
     Starting from a shift of one standard uncertainty, wider and narrower ones are tried as long as neighbours agree
     better: the widest suffer from curvature, the narrowest from rounding.
     """
-    uncertain = model.uncertain
+    uncertain = {name: measurand.model.uncertain[name] for name in names}
     sizes = np.array([_shifts(entry) for entry in uncertain.values()])
-    numbers = target.values(copies(model, target, asked)) if numbers is None else numbers
     numbers = numbers.reshape(len(uncertain), len(SHIFTS), len(SIDES))
     results, weighed = {}, float(np.sum(np.abs(WEIGHTS))) * rounding
     for i, (name, entry) in enumerate(uncertain.items()):
         slopes = dot(numbers[i], WEIGHTS) / sizes[i]
-        differences = np.abs(np.diff(slopes))
-        if not np.isfinite(differences).any():
+        distances = np.abs(np.diff(slopes))
+        if not np.isfinite(distances).any():
             least = float(3.0 * np.nanmin(sizes[i]))
             raise InputError(
-                f"{target.said} is not there any more where '{name}' is changed by {least:.3g}"
+                f"{measurand.target.said} is not there any more where '{name}' is changed by {least:.3g}"
                 f" {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small"
                 " changes says nothing of it; draw, by a sweep"
             )
-        k = _settled(differences)
+        k = _settled(distances)
         slope, size = float(slopes[k + 1]), float(sizes[i][k + 1])
         least = NOISE * float(np.nanmax(np.abs(numbers[i]))) / size
         # a number that is bent at its own value has a slope of nearly 0 too, and changes by more than rounding
         changes = float(np.ptp(numbers[i][k + 1])) > 2.0 * rounding
         noise = least if changes else max(least, weighed / size)
-        doubt, share = float(differences[k]), size / entry.uncertainty
+        doubt, share = float(distances[k]), size / entry.uncertainty
         if abs(slope) <= noise:  # and no more between neighbours, the narrower of which is noisier
             slope, doubt = 0.0, 0.0 if doubt <= 8.0 * noise else doubt
         results[name] = slope, doubt, share, least
@@ -236,13 +220,15 @@ def _with_units(values: Floats, parameter: Parameter) -> Any:
     return xr.DataArray(values, attrs={"units": parameter.quantity.unit.text})
 
 
-def discrepancy(model: Model, target: Target, unit: Unit) -> list[Term]:
-    """Return the term of the discrepancy that the model declares for the quantity, if any."""
-    declared = model.discrepancy.get(target.quantity)
-    if declared is None:
-        return []
+def discrepancy_source(measurand: Measurand) -> list[ErrorSource]:
+    """Return the discrepancy that the model declares for the quantity, if any."""
+    declared = measurand.model.discrepancy.get(measurand.target.quantity)
+    return [] if declared is None else [stated_source(measurand, DISCREPANCY, partial(_discrepancy, declared))]
+
+
+def _discrepancy(declared: Discrepancy, unit: Unit) -> Term:
     standard = declared.standard.si / float(unit.factor)
-    return [Term(DISCREPANCY, PHYSICAL, standard, COVERED * standard, declared.description or "declared in the model")]
+    return Term(DISCREPANCY, PHYSICAL, standard, COVERED * standard, declared.description or "declared in the model")
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:

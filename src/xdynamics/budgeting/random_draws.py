@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.montecarlo import Drawn, drawn
 from xdynamics.budgeting.physical import named
 from xdynamics.faults import InputError
-from xdynamics.model import Model
 from xdynamics.model.uncertainty import normal_quantile
 from xdynamics.sweeping.designs import DECLARED, LEAST, Draws
 from xdynamics.units import Unit, parse_quantity
@@ -29,28 +28,26 @@ STREAM = 1  # of random numbers, besides that of the inputs
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is drawn.
+class Propagation:
+    """The distributions that are propagated to a number.
 
     Attributes
     ----------
-    model : Model
-    target : Target
-    settings : dict
-        Settings of `simulate`.
+    measurand : Measurand
+    names : sequence of str
+        The uncertain inputs of the model that are drawn.
     value : float
-        Value in the run itself, used if no input of the model is uncertain.
+        The number in the run itself, used if no input is drawn.
     added : sequence of float
         Standard uncertainties of terms that are not inputs of the model, added to each draw as normal.
     """
 
-    model: Model
-    target: Target
-    settings: dict[str, Any]
+    measurand: Measurand
+    names: Sequence[str]
     value: float
     added: Sequence[float]
 
-    def values(self, draws: int, seed: int) -> Floats:
+    def values(self, draws: int) -> Floats:
         """March runs with drawn inputs, and return the number in each.
 
         Raises
@@ -58,28 +55,28 @@ class Asked:
         InputError
             If nothing is uncertain, or a run does not have the number.
         """
-        members = self.members(draws, seed)
-        return self.added_to(None if members is None else self.target.values(members.compute()), draws, seed)
+        numbers = self.numbers(draws)
+        return self.added_to(None if numbers is None else numbers.values, draws)
 
-    def members(self, draws: int, seed: int, **settings: Any) -> xr.Dataset | None:
-        """Return the sweep of runs with drawn inputs; None if no input is uncertain.
+    def numbers(self, draws: int, **settings: Any) -> xr.DataArray | None:
+        """Return the number in runs with drawn inputs, lazy; None if no input is drawn.
 
         Raises
         ------
         InputError
             If nothing is uncertain.
         """
-        names = [named(self.model, name) for name in self.model.uncertain]
+        names = [named(self.measurand.model, name) for name in self.names]
         if not names and not self.added:
             raise InputError(
                 "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
             )
         if not names:
             return None
-        axes = {"draw": Draws(draws, names, design=DECLARED, seed=seed)}
-        return self.target.in_many(self.model, axes, self.settings | settings)
+        axes = {"draw": Draws(draws, names, design=DECLARED, seed=self.measurand.seed)}
+        return self.measurand.numbers(axes, **settings)
 
-    def added_to(self, drawn: Floats | None, draws: int, seed: int) -> Floats:
+    def added_to(self, drawn: Floats | None, draws: int) -> Floats:
         """Add what is not an input of the model to the number in each of these runs.
 
         Raises
@@ -90,16 +87,16 @@ class Asked:
         values = np.full(draws, self.value) if drawn is None else drawn
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
-                f"{self.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
+                f"{self.measurand.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
                 " be one number"
             )
-        points = np.random.default_rng([seed, STREAM]).random((draws, len(self.added)))
+        points = np.random.default_rng([self.measurand.seed, STREAM]).random((draws, len(self.added)))
         for k, standard in enumerate(self.added):
             values = values + standard * normal_quantile(np.maximum(points[:, k], LEAST))
         return values
 
 
-def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: float) -> tuple[Drawn, int]:
+def drawn_until(propagation: Propagation, draws: int, coverage: float, wanted: float) -> tuple[Drawn, int]:
     """Draw until the intervals' ends are known as well as wanted; return the result and the number of draws.
 
     Raises
@@ -108,7 +105,7 @@ def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: fl
         If the largest number of draws does not suffice.
     """
     while True:
-        result = drawn(asked.values(draws, seed), coverage)
+        result = drawn(propagation.values(draws), coverage)
         if result.ends_doubt <= wanted:
             return result, draws
         if draws >= MOST_DRAWS:
@@ -119,7 +116,7 @@ def drawn_until(asked: Asked, draws: int, seed: int, coverage: float, wanted: fl
         draws *= 2
 
 
-def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> float:
+def wanted_of(size_text: str | None, unit: Unit, target: Target, usual: float) -> float:
     """Return the standard uncertainty wanted of the intervals' ends; infinite by default.
 
     Raises
@@ -127,9 +124,9 @@ def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> flo
     InputError
         If it is not a positive size in a unit of the number, optionally with a percentage.
     """
-    if told is None:
+    if size_text is None:
         return inf
-    size, separator, level_text = str(told).partition(" at ")
+    size, separator, level_text = str(size_text).partition(" at ")
     quantity = parse_quantity(size)
     try:
         level = float(level_text.strip().removesuffix("%")) / 100.0 if separator else usual
@@ -137,6 +134,6 @@ def wanted_of(told: str | None, unit: Unit, target: Target, usual: float) -> flo
         level = nan
     if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:
         raise InputError(
-            f"until_uncertainty is {told!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
+            f"until_uncertainty is {size_text!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
         )
     return quantity.si / float(unit.factor) / float(normal_quantile(np.array([(1.0 + level) / 2.0]))[0])

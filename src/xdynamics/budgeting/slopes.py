@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,16 +25,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def slopes_along(run: xr.Dataset, model: Model, target: Target) -> dict[str, float]:
-    """Return the slope of a number by every uncertain input, both in their own units.
+def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence[str]) -> dict[str, float]:
+    """Return the slope of a number by uncertain inputs, both in their own units.
 
     Raises
     ------
     NotVariedError
         If the variational equations do not cover the run, its contacts or its forces.
     """
-    inputs = tuple(model.uncertain)
-    changes = _changes(run, model, target, inputs)
+    changes = _changes(run, model, target, tuple(inputs))
     factor = float(target.units(run).factor)
     units = [float(model.uncertain[name].quantity.unit.factor) for name in inputs]
     if not np.isfinite(changes).all():

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand
+from xdynamics.budgeting.sources import ErrorSource
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.elementary.arrays import dot
-from xdynamics.evidence.runs import march
 from xdynamics.march.configuration import settings_for
-from xdynamics.model import Model
 from xdynamics.model.drives import Table
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.uncertainty import normal_quantile
@@ -34,19 +32,14 @@ PARTS = np.array([-1.0, -2.0 / 3.0, -1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])  # o
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of the sixth-order slope from these
 
 
-def tables(model: Model, target: Target, asked: dict[str, Any], seed: int) -> list[Term]:
-    """Return the terms of every measured table with uncertainties: of its rows, and of all rows together."""
-    return [term() for _, term in sources(model, target, asked, seed)]
-
-
-def sources(model: Model, target: Target, asked: dict[str, Any], seed: int) -> Iterator[tuple[str, Callable[[], Term]]]:
-    """Yield the name of each of these terms, and what computes it."""
-    for name, drive in model.drives.items():
-        copies = Copies(model, target, asked, name, drive.table)
-        if drive.table.uncertainty is not None and drive.table.uncertainty.any():
-            yield name, partial(independent, copies, drive.table.uncertainty, seed)
-        if drive.table.common is not None and drive.table.common.any():
-            yield name + COMMON, partial(common, copies, drive.table.common)
+def table_sources(measurand: Measurand) -> Iterator[ErrorSource]:
+    """Yield the errors of measured tables with uncertainties: of their rows, and of all rows together."""
+    for name, drive in measurand.model.drives.items():
+        copies, table = Copies(measurand, name, drive.table), drive.table
+        for suffix, term, sizes in (("", independent, table.uncertainty), (COMMON, common, table.common)):
+            if sizes is not None and sizes.any():
+                call = partial(term, copies, sizes)
+                yield ErrorSource.of_one(name + suffix, PHYSICAL, (), call, measurand.seed, unit=NUMBERS)
 
 
 @dataclass(frozen=True)
@@ -55,43 +48,38 @@ class Copies:
 
     Attributes
     ----------
-    model : Model
-    target : Target
-    settings : dict
-        Settings of `simulate`.
+    measurand : Measurand
     name : str
         Name of the drive.
     table : Table
     """
 
-    model: Model
-    target: Target
-    settings: dict[str, Any]
+    measurand: Measurand
     name: str
     table: Table
 
     def number(self, change: Floats) -> float:
         """March the model with its table changed by so much, SI; return the number."""
-        declared = SECTIONS["drives"].write(self.model.drives[self.name], self.model.time_unit)
+        model, settings = self.measurand.model, self.measurand.settings
+        declared = SECTIONS["drives"].write(model.drives[self.name], model.time_unit)
         text = _written(self.table, self.table.value + change)
         kept = {key: value for key, value in declared.items() if key not in ("column", "gaps")}
-        changed = self.model.replace(drives={self.name: kept | {"csv": text}})
-        tolerance = SHARPER * settings_for(self.model, **self.settings).time_tolerance
-        run = march(changed, **{"force_samples": "none"} | self.settings | {"time_tolerance": tolerance})
-        return self.target.in_run(run, changed)[0]
+        changed = model.replace(drives={self.name: kept | {"csv": text}})
+        tolerance = SHARPER * settings_for(model, **settings).time_tolerance
+        return self.measurand.number(changed, time_tolerance=tolerance)
 
     def odd(self, change: Floats) -> float:
         """Return half the difference of the number between a change and its opposite."""
         return (self.number(change) - self.number(-change)) / 2.0
 
 
-def independent(copies: Copies, sizes: Floats, seed: int) -> Term:
+def independent(copies: Copies, sizes: Floats) -> Term:
     """Return the term of independent rows: from the slope of each, where drawn tables agree with them.
 
     Otherwise, or with too many rows, it is the standard deviation over drawn tables, known as well as so few allow.
     """
     rows, origin = np.flatnonzero(sizes), copies.number(np.zeros(sizes.size))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(copies.measurand.seed)
     points = normal_quantile(np.maximum(rng.random((PAIRS, sizes.size)), LEAST))
 
     def drawn(pairs: int) -> Floats:

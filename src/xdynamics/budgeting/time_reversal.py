@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand
 from xdynamics.evidence.runs import march
 from xdynamics.methods import METHODS
 from xdynamics.model import Model, Trait, traits_of
@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def returned(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any]) -> float | None:
+def returned(run: xr.Dataset, measurand: Measurand) -> float | None:
     """March a run back to its start; return how far a coordinate or velocity ends from it, in its unit.
 
     None for runs that are not reversible: another method, chosen or given steps, forces that depend on velocity or
     time, first-order states, events, contacts, friction; also for other quantities (Hairer, Lubich, Wanner, section
     V.1).
     """
+    model, target = measurand.model, measurand.target
     velocities = {velocity(name) for name in model.coordinates}
     if target.at is None or target.quantity not in {*model.coordinates, *velocities} or not _is_reversible(run, model):
         return None
@@ -32,9 +33,8 @@ def returned(run: xr.Dataset, model: Model, target: Target, asked: dict[str, Any
     if len(whole_steps) < 2:
         return None
     turned = {name: _turned(run, name, int(whole_steps[-1]), velocities) for name in (*model.coordinates, *velocities)}
-    back = march(
-        model.replace(initial=turned), **asked | {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
-    )
+    until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
+    back = march(model.replace(initial=turned), **measurand.settings | until)
     return abs(_turned(back, target.quantity, -1, velocities) - float(run[target.quantity][0]))
 
 

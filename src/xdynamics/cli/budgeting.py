@@ -55,6 +55,8 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--until-uncertainty", metavar="SIZE", help="Draw until the intervals are known this well, like '10 m at 95 %'."
 )
+@click.option("--only", multiple=True, metavar="TERM", help="Compute this term alone, like truncation or an input.")
+@click.option("--without", multiple=True, metavar="TERM", help="Leave this term out, like roundoff or an input.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
 def budget(model_file: str, output: str | None, changes: tuple[str, ...], **named: Any) -> None:
     """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""

@@ -116,6 +116,29 @@ class Stage:
     known: Collection[str] = ()
 
 
+def results_of(*tasks: Task) -> list[Any]:
+    """Return the results of tasks, computed one after the other here; what no other task needs is forgotten at once."""
+    order: dict[str, Task] = {}
+
+    def visit(task: Task) -> None:
+        if task.name not in order:
+            for needed in task.needs:
+                assert isinstance(needed, Task)  # noqa: S101 - gathered values are for graphs
+                visit(needed)
+            order[task.name] = task
+
+    for task in tasks:
+        visit(task)
+    last = {needed.name: name for name, task in order.items() for needed in task.needs}
+    wanted, results = {task.name for task in tasks}, dict[str, Any]()
+    for name, task in order.items():
+        results[name] = task.call(*(results[needed.name] for needed in task.needs))
+        for needed in task.needs:
+            if last[needed.name] == name and needed.name not in wanted:
+                results.pop(needed.name, None)
+    return [results[task.name] for task in tasks]
+
+
 def march_task(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> Task:
     """Return the task that marches a model as `evidence.runs.march` does, named by the digest of all inputs of the run.
 

@@ -229,13 +229,7 @@ class Model:
         return self.with_statement(replaced(self.statement, sections, self.functions))
 
     def with_statement(self, statement: Statement) -> Model:
-        """Return the model of another statement; nothing is checked again where only numbers changed.
-
-        Raises
-        ------
-        ModelError
-            If it is faulty.
-        """
+        """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""
         model = object.__new__(Model)
         model.file = self.file
         alike = changes_numbers_alone(self.statement, statement)

@@ -1,0 +1,140 @@
+"""The Dataset of an error budget: its variables, its result in words, and what it was asked for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.budgeting.budget_request import Request
+from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, terms_as
+from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, draws_needed, judged
+from xdynamics.budgeting.numerical import Compared, Estimate
+from xdynamics.budgeting.rounding import rounded
+from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN
+from xdynamics.budgeting.term import Term
+from xdynamics.elementary.arrays import applied
+from xdynamics.evidence.diagnosing.extremes import RULES
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.model import Model
+from xdynamics.schema import STEPS, flags
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class Budgeted:
+    """What a budget is put together from.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+        The run that the number is of.
+    number : Estimate
+    compared : Compared, optional
+        The number in finer levels; None where truncation is left out.
+    terms : list of Term
+    """
+
+    run: xr.Dataset
+    number: Estimate
+    compared: Compared | None
+    terms: list[Term]
+
+    @classmethod
+    def of(cls, parts: Mapping[Any, Any]) -> Budgeted:
+        """Return it from the results of its tasks; those of terms are under tuples of their names."""
+        terms = [term for name, row in parts.items() if isinstance(name, tuple) for term in row]
+        return cls(parts[RUN], parts[NUMBER], parts.get(COMPARED), terms)
+
+
+def budget_dataset(request: Request, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
+    """Put a budget together."""
+    model, target, run, value = request.measurand.model, request.target, budgeted.run, budgeted.number.value
+    unit, compared = target.units(run), budgeted.compared
+    variables = terms_as(model, target, unit, value, budgeted.terms)
+    variables |= {} if compared is None else levels_as(compared, run, unit)
+    variables["run_outcome"] = (
+        (),
+        np.array(str(run.attrs["run_outcome"])),
+        about("1", "outcome of the run", "outcome"),
+    )
+    later: dict[str, Any] = {}
+    verdict, total = NOT_CHECKED, float(variables["total_rss"][1])
+    if monte_carlo is not None:
+        variables |= draws_as(monte_carlo, unit, request.coverage)
+        verdict, later = _judged(request, value, float(variables["physical_rss"][1]), monte_carlo)
+        if verdict == NOT_ADEQUATE:
+            total = float(applied("hypot", monte_carlo.standard, float(variables["numerical_rss"][1])))
+    variables["linear_verdict"] = (
+        (),
+        np.int8(verdict),
+        about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
+        | flags(dict(enumerate(LINEAR))),
+    )
+    variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
+    coverage_text = "k = 2, drawn" if verdict == NOT_ADEQUATE else "k = 2"
+    coverage_text += _choice(request, budgeted.terms)
+    bound = float(variables["numerical_bound"][1])
+    later |= {"result": rounded(value, total, bound, unit.text, coverage_text)}
+    later |= _where(target, run, model)
+    variables |= later_as(later, unit.text, target.second)
+    attributes = {name: value for name, value in later.items() if value == value}
+    title = f"error budget of {model.name}: {target.said}"
+    digests = (budgeted.number.digest,) if compared is None else compared.digests
+    return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes)
+
+
+def _choice(request: Request, terms: list[Term]) -> str:
+    """Describe which terms the result is of, where some are left out."""
+    if not request.left_out:
+        return ""
+    few = len(terms) < len(request.left_out)
+    names = [term.name for term in terms] if few else request.left_out
+    return f", {' and '.join(names)} alone" if few else f", without {' and '.join(names)}"
+
+
+def _attributes(request: Request, run: xr.Dataset) -> dict[str, Any]:
+    """Return what a budget was asked for."""
+    target = request.target
+    return (
+        {"coverage": request.coverage, "seed": request.measurand.seed, "draws": request.draws}
+        | ({"digits": request.digits} if request.draws else {})
+        | {
+            "inadequate_fit": int(request.inadequate_fit),
+            "quantity": target.quantity,
+            "of": target.said,
+            "event": target.event,
+            "occurrence": target.occurrence,
+            "side": target.side,
+            "asked": json.dumps(request.measurand.settings, sort_keys=True),
+            "model_digest": request.measurand.model.digest,
+            "time_units": target.second,
+            "solver_method": str(run.attrs["solver_method"]),
+        }
+        | ({"at": target.at} if target.at is not None else {})
+        | ({"left_out": ", ".join(request.left_out)} if request.left_out else {})
+    )
+
+
+def _judged(request: Request, value: float, physical_rss: float, monte_carlo: Drawn) -> tuple[int, dict[str, Any]]:
+    """Judge the linear budget by the draws; return the verdict, and by how much both are apart."""
+    verdict, distance = judged(value, physical_rss, monte_carlo, request.coverage, request.digits)
+    needed = nan
+    if verdict == NOT_CHECKED:
+        needed = draws_needed(distance, monte_carlo, request.draws, request.coverage, request.digits)
+    return verdict, {"linear_apart": distance, "draws_needed": needed}
+
+
+def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
+    """Return time and rule of an extreme in the run; nothing for other numbers."""
+    if target.extreme is not None and not run.sizes[STEPS]:
+        return {"extreme_rule": "", "extreme_time": nan}
+    top = target.extreme_in(run, model)
+    return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}

@@ -1,0 +1,114 @@
+"""Sources of error of a number: each is computed alone, left out, or put together with others into a budget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import nan
+from typing import TYPE_CHECKING, Any
+
+from xdynamics.budgeting.measurand import Measurand, Target
+from xdynamics.budgeting.term import Term
+from xdynamics.evidence.stages import Gathered, Task
+from xdynamics.faults import InputError
+from xdynamics.units import Unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RUN, NUMBER, COMPARED, ROUNDING, COPIES = "run", "number", "levels", "rounding", "copies"  # what sources share
+
+
+@dataclass(frozen=True)
+class ErrorSource:
+    """A source of error, which gives one term or, of all inputs together, several.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of its terms.
+    needs : tuple of str
+        What it takes of that which sources share: the run, the number in it, the number in finer levels, the terms of
+        rounding, the number in copies with changed inputs.
+    terms : callable
+        From these to the terms.
+    blank : callable
+        From the unit of the number to the terms as far as they are known before anything is marched.
+    inputs : tuple
+        What else the terms depend on, besides the measurand.
+    """
+
+    names: tuple[str, ...]
+    needs: tuple[str, ...]
+    terms: Callable[..., Sequence[Term]]
+    blank: Callable[[Unit], Sequence[Term]]
+    inputs: tuple[Any, ...] = ()
+
+    @classmethod
+    def of_one(
+        cls,
+        name: str,
+        kind: str,
+        needs: tuple[str, ...],
+        term: Callable[..., Term],
+        *inputs: Any,
+        unit: Unit | None = None,
+    ) -> ErrorSource:
+        """Return a source of one term; `unit` is that of its input, if it has one."""
+        return cls((name,), needs, partial(_in_row, term), partial(_in_row, partial(_blank, name, kind, unit)), inputs)
+
+    def task(self, measurand: Measurand, shared: Mapping[str, Task | Gathered]) -> Task:
+        """Return the task that computes the terms, alone."""
+        needs = tuple(shared[name] for name in self.needs)
+        return Task.of(self.names[0], self.terms, needs, self.names, *measurand.inputs, *self.inputs)
+
+
+def _in_row(term: Callable[..., Term], *needs: Any) -> list[Term]:
+    return [term(*needs)]
+
+
+def _blank(name: str, kind: str, input_unit: Unit | None, _unit: Unit) -> Term:
+    return Term(name, kind, nan, nan, "", input_unit=input_unit)
+
+
+def stated_source(measurand: Measurand, name: str, term: Callable[[Unit], Term]) -> ErrorSource:
+    """Return a source whose term is stated, and follows from the unit of the number."""
+    stated = partial(_in_row, term)
+    return ErrorSource((name,), (RUN,), partial(_stated, stated, measurand.target), stated, (name,))
+
+
+def _stated(terms: Callable[[Unit], list[Term]], target: Target, run: xr.Dataset) -> list[Term]:
+    return terms(target.units(run))
+
+
+def names_left_out(names: Sequence[str], only: Any, without: Any) -> frozenset[str]:
+    """Return which terms of a budget are left out, by the names that are wanted or not wanted.
+
+    Raises
+    ------
+    InputError
+        If a name is no term of the budget, or no term is left.
+    """
+    wanted, unwanted = (_row(only, "only"), _row(without, "without"))
+    for keyword, given in (("only", wanted), ("without", unwanted)):
+        for name in given or ():
+            if name not in names:
+                raise InputError(
+                    f"{keyword} names '{name}', which is no term of this budget; there are {', '.join(names)}"
+                )
+    if wanted is not None and unwanted is not None:
+        raise InputError("only and without are both given; name the terms that are wanted, or those that are not")
+    left_out = frozenset(unwanted or ()) if wanted is None else frozenset(names) - {*wanted}
+    if left_out >= {*names}:
+        raise InputError(f"no term is left of the budget; there are {', '.join(names)}")
+    return left_out
+
+
+def _row(names: Any, keyword: str) -> Collection[str] | None:
+    row = [names] if isinstance(names, str) else names
+    if row is None:
+        return None
+    if not isinstance(row, Collection) or not all(isinstance(name, str) for name in row):
+        raise InputError(f"{keyword} is {str(names)[:60]!r}, needs names of terms, like ['roundoff']")
+    return row or None
