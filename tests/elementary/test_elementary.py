@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from cases.elementary_loops import NAMES, loops
 from cases.problems import arguments_of, true_value, ulps
 from elementary_tables import fitted, tables
-from xdynamics.elementary import FUNCTIONS, NAME, SETS, TOGETHER, functions, kept_set
-from xdynamics.elementary.functions import reduced_exactly
+from xdynamics.elementary import FUNCTIONS, NAME, SETS, TOGETHER, circular, exponential, kept_set
+from xdynamics.elementary.circular import reduced_exactly
 from xdynamics.elementary.tables import TABLES
 from xdynamics.kernels import machine
 
@@ -193,8 +193,8 @@ def test_tables_are_what_mpmath_says() -> None:
 @pytest.mark.parametrize(
     ("powers", "function", "end"),
     [
-        (functions.ARCTANGENT, mpmath.atan, "0.0361"), (functions.ARCSINE, mpmath.asin, "0.25"),
-        (functions.SINH, mpmath.sinh, "1"), (functions.TANH, mpmath.tanh, "0.0625"),
+        (circular.ARCTANGENT, mpmath.atan, "0.0361"), (circular.ARCSINE, mpmath.asin, "0.25"),
+        (exponential.SINH, mpmath.sinh, "1"), (exponential.TANH, mpmath.tanh, "0.0625"),
     ],
     ids=["atan", "asin", "sinh", "tanh"],
 )  # fmt: skip

@@ -14,8 +14,9 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, N
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError
+from xdynamics.model.derivatives import slopes
 from xdynamics.model.linearisation import initial_state, linearise
-from xdynamics.model.motion import constants, motion, slopes, tables_of
+from xdynamics.model.motion import constants, motion, tables_of
 
 MODELS = sorted((Path(__file__).parents[2] / "data" / "models").glob("*.toml"))
 EXPONENTS = (2.0, 3.0, 4.0, 7.0, 0.5, 1.5, 2.5, 0.0, 1.0, 0.25)

@@ -24,7 +24,8 @@ from xdynamics.kernels.program import AT, TABLE, WORDS, Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, jacobian, tables_of, variables
+from xdynamics.model.derivatives import jacobian
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
 from xdynamics.record.flag_words import words_of
 from xdynamics.runtime.cached_properties import cached_property

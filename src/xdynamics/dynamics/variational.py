@@ -26,7 +26,8 @@ from xdynamics.expressions import Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, force_totals, slope, tables_of, variables
+from xdynamics.model.derivatives import force_totals
+from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:

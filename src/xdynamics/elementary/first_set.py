@@ -5,21 +5,15 @@ This tangent is up to 1.1 ulp from the true value; this angle loses digits where
 
 from __future__ import annotations
 
-from xdynamics.elementary.functions import (
-    ARCTANGENT,
-    COSINE,
-    SINE,
-    angle_by,
-    divided,
-    polynomial,
-    reduced,
-)
+from xdynamics.elementary.circular import ARCTANGENT, COSINE, SINE, angle_by, reduced
 from xdynamics.elementary.numbers import (
     Number,
     choose,
+    divided,
     entry,
     exact_product,
     ordered_sum,
+    polynomial,
     rounded,
 )
 

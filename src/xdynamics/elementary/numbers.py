@@ -27,6 +27,8 @@ _ARRAYS = {name: np.array(table) for name, table in TABLES.items()}
 UPPER_HALF = -(1 << 27)  # the bits of sign, exponent and 25 of the 52 others
 MAGIC = 1.5 * 2.0**52  # numbers of this size are whole: a number added to it is rounded to a whole one
 MAGIC_BITS = 0x4338000000000000
+INF, NAN = math.inf, math.nan
+FRACTION, ONE = (1 << 52) - 1, 1023 << 52  # bits of the fraction, of 1.0
 
 
 def bits(x: Number) -> Whole:
@@ -174,3 +176,29 @@ def exact_product(x: Number, y: Number) -> tuple[Number, Number]:
     x1, y1 = upper(x), upper(y)
     x2, y2 = x - x1, y - y1
     return product, ((x1 * y1 - product) + x1 * y2 + x2 * y1) + x2 * y2
+
+
+def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
+    """Evaluate a polynomial by pairs of terms in parallel (Estrin), with half the latency of Horner's scheme."""
+    terms: list[Number] = list(powers)
+    step = u
+    while len(terms) > 3:
+        terms = [terms[i] + step * terms[i + 1] for i in range(0, len(terms) - 1, 2)] + terms[len(terms) // 2 * 2 :]
+        step = step * step
+    value = terms.pop()
+    while terms:
+        value = terms.pop() + step * value
+    return value
+
+
+def divided(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Number, Number]:
+    """Return the rounded quotient of two numbers with tails, and its tail."""
+    quotient = x / choose(y == 0.0, 1.0, y)
+    product, lost = exact_product(quotient, y)
+    return quotient, (((x - product) - lost) + (x_tail - quotient * y_tail)) / choose(y == 0.0, 1.0, y)
+
+
+def exponent_of(x: Number) -> Whole:
+    """Return the exponent of |x|, limited to -1022 … 1021."""
+    exponent = ((bits(x) >> 52) & 2047) - 1023
+    return choose(exponent < 1022, choose(exponent < -1022, -1022, exponent), 1021)

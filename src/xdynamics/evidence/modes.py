@@ -16,7 +16,8 @@ from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.model.linearisation import Linearisation, initial_state, linearise, variables
+from xdynamics.model.linearisation import Linearisation, initial_state, linearise
+from xdynamics.model.motion import variables
 from xdynamics.record.kinds import said_of_log
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of

@@ -11,8 +11,9 @@ from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.kernels.blocks import Blocks
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import DIFFERENCES
-from xdynamics.model import Model, motion
+from xdynamics.model import Model, derivatives
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
+from xdynamics.model.motion import in_regimes
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.runtime.cached_properties import cached_property
@@ -193,7 +194,7 @@ class Layout:
     @cached_property
     def jacobian(self) -> tuple[tuple[str, str], ...]:
         """Dependencies: pairs of a coordinate (for its acceleration) or a rate, and a name that it depends on."""
-        return tuple(motion.jacobian(self.model))
+        return tuple(derivatives.jacobian(self.model))
 
     @cached_property
     def couplings(self) -> tuple[tuple[int, int], ...]:
@@ -245,7 +246,7 @@ class Layout:
         ]
         kinetic = _sum(half_square)
         terms = [
-            motion.in_regimes(self.model, name, self.model.expanded(force.potential))
+            in_regimes(self.model, name, self.model.expanded(force.potential))
             for name, force in self.model.forces.items()
             if force.potential is not None
         ]

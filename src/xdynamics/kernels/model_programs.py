@@ -10,9 +10,10 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, Store, element
 from xdynamics.model import Function
+from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, decides, jacobian, motion, slope, slopes
+from xdynamics.model.motion import REGIME_NUMBER, constants, decides, motion, slope
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 

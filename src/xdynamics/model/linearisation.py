@@ -10,20 +10,10 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.drives import looked_up
+from xdynamics.model.derivatives import jacobian, tape
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, evaluated, force_totals, jacobian, tables_of, variables
+from xdynamics.model.motion import constants, inputs_of, tables_of, variables
 from xdynamics.schema import acceleration, rate
-
-__all__ = [
-    "Linearisation",
-    "force_totals",
-    "initial_state",
-    "linearise",
-    "linearise_each",
-    "mass_matrices",
-    "variables",
-]
 
 Floats = NDArray[np.float64]
 
@@ -33,15 +23,15 @@ class Linearisation:
     """A model linearised about one state, in SI units.
 
     With M a = F(t, q, v, x) and x' = r(t, q, v, x), a small change of the state obeys
-    M a = -K q - C v + …; the change of M with the state is included in K and C:
+    M a = -K q - C v + …; the change of M with the state is included in K and C (the latter stands in the Jacobian):
     da/dz = M^-1 (dF/dz - (dM/dz) a).
 
     Attributes
     ----------
     names : tuple of str
         Coordinates, velocities, first-order states: the rows and columns of `jacobian`.
-    mass, stiffness, damping : ndarray, shape (n, n)
-        M, K = -dF/dq + (dM/dq) a, C = -dF/dv + (dM/dv) a for the n coordinates.
+    mass, stiffness : ndarray, shape (n, n)
+        M, K = -dF/dq + (dM/dq) a for the n coordinates.
     acceleration : ndarray, shape (n,)
         M^-1 F at the state; zero where it is an equilibrium.
     jacobian : ndarray, shape (2n + m, 2n + m)
@@ -51,7 +41,6 @@ class Linearisation:
     names: tuple[str, ...]
     mass: Floats
     stiffness: Floats
-    damping: Floats
     acceleration: Floats
     jacobian: Floats
 
@@ -100,7 +89,8 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
     mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     row_of = {name: i for i, name in enumerate((*model.coordinates, *(rate(name) for name in model.states)))}
     for state in states:
-        values = evaluated(model, _checked(model, state), constant_values, tables, sloped=True)
+        values = inputs_of(model, _checked(model, state), constant_values, tables)
+        values |= tape(model).evaluated(values)
         derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
         for (row, by), name in places.items():
             place = row_of[row], column_of[by]
@@ -112,7 +102,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
         for place, entry in mass.items():
             matrix[place] = evaluate(entry, values)
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
-        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], 0.0 - slopes[:, n : 2 * n], a, full_jacobian)
+        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], a, full_jacobian)
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
@@ -126,9 +116,7 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
     constant_values, tables, n = constants(model), tables_of(model), len(model.coordinates)
     entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
     for state in states:
-        values = dict(constant_values) | _checked(model, state)
-        for (name, drive), table in zip(model.drives.items(), tables, strict=True):
-            values[name], _ = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+        values = inputs_of(model, _checked(model, state), constant_values, tables)
         matrix = np.zeros((n, n))
         for place, entry in entries.items():
             matrix[place] = evaluate(entry, values)

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivatives, free_names
-from xdynamics.expressions.calculus import ONE, ZERO, add
+from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, free_names
+from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
-from xdynamics.expressions.tape import Tape
-from xdynamics.faults import InputError, ModelError
+from xdynamics.faults import ModelError
 from xdynamics.model.drives import coefficients, looked_up
-from xdynamics.model.mass import Assignment, factors, less, solved
+from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions
@@ -101,129 +100,6 @@ def decides(model: Model, switch: Switch) -> Node:
 
 
 @lru_cache(maxsize=64)
-def slopes(model: Model) -> tuple[Assignment, ...]:
-    """Write the derivatives of accelerations and rates, to follow `motion`: M da = dF - dM a.
-
-    Names: ``_dF_x_by`` for the derivative of a force total or rate, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
-
-    Raises
-    ------
-    InputError
-        If a force is written in Python.
-    """
-    forces, masses = force_derivatives(model), mass_derivatives(model)
-    assignments = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
-    assignments += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
-    for by, right in _changes(model).items():
-        assignments += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
-        assignments += solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
-    return tuple(assignments)
-
-
-@lru_cache(maxsize=64)
-def _changes(model: Model) -> dict[str, dict[str, Node]]:
-    """Return dF - dM a by the variable of differentiation and then by coordinate, in their orders.
-
-    With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
-    """
-    inertia_terms: dict[tuple[str, str], list[Node]] = {}
-    coordinates = list(model.coordinates)
-    for (i, j), by in mass_derivatives(model):
-        term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
-        inertia_terms.setdefault((coordinates[i], by), []).append(term)
-    forces = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
-    full = ((name, by) for name in coordinates for by in variables(model)) if model.mass_is_full else ()
-    place = _places(model)
-    changes: dict[str, dict[str, Node]] = {}
-    for name, by in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
-        changes.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), inertia_terms.get((name, by), ()))
-    return changes
-
-
-def _acting(model: Model) -> list[tuple[str, str]]:
-    """Return the pairs of a coordinate and a variable that its force depends on."""
-    owners = {f"force_{name}": name for name in model.coordinates}
-    return [(owners[key], by) for key, by in force_derivatives(model) if key in owners]
-
-
-def jacobian(model: Model) -> dict[tuple[str, str], str]:
-    """Return the name of every derivative of an acceleration or rate that is not identically zero.
-
-    Returns
-    -------
-    dict of (str, str) to str
-        Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
-    """
-    columns = _places(model)
-    rows = {name: i for i, name in enumerate((*model.coordinates, *map(rate, model.states)))}
-    names = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
-    names |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
-    return {pair: names[pair] for pair in sorted(names, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
-
-
-@lru_cache(maxsize=64)
-def force_totals(model: Model) -> dict[str, Node]:
-    """Return the total force of each coordinate, ``force_<coordinate>``, and the rate of each state, ``rate_<state>``.
-
-    Raises
-    ------
-    InputError
-        If a force is written in Python: it has no tree.
-    """
-    if functions := model.python_forces:
-        named = ", ".join(f"'{component.name}'" for component in functions)
-        raise InputError(
-            f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
-            " write them as expressions to linearise the model"
-        )
-    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.coordinates}
-    for term, components in model.force_components.items():
-        for name, component in components.items():
-            if not isinstance(component, Function):
-                tree = in_regimes(model, term, model.expanded(component))
-                totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
-    return totals | {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
-
-
-@lru_cache(maxsize=64)
-def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
-    """Differentiate every force total and rate by every coordinate, velocity and state.
-
-    Returns
-    -------
-    dict of (str, str) to Node
-        Keyed by the function, ``force_<coordinate>`` or ``rate_<state>``, and the variable; zeros are left out. The
-        slope of a drive of a coordinate or velocity appears as the name ``_slope_<drive>``; a drive of time has none.
-
-    Raises
-    ------
-    InputError
-        If a force is written in Python.
-    """
-    return {
-        (name, by): derivative
-        for name, tree in force_totals(model).items()
-        for by, derivative in _derivatives(model, tree)
-    }
-
-
-@lru_cache(maxsize=64)
-def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
-    """Differentiate every mass entry by every coordinate, velocity and state.
-
-    Returns
-    -------
-    dict of ((int, int), str) to Node
-        Keyed by row and column, from 0, and variable; zeros are left out. Slopes of drives as in `force_derivatives`.
-    """
-    return {
-        ((i, j), by): derivative
-        for (i, j), entry in model.statement.mass_entries.items()
-        for by, derivative in _derivatives(model, model.expanded(entry))
-    }
-
-
-@lru_cache(maxsize=64)
 def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     """Return parameters, unit constants, pi, and the modes of open contacts, in the order of a law's `p`.
 
@@ -272,15 +148,10 @@ def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
         )
 
 
-def evaluated(
-    model: Model,
-    state: Mapping[str, float],
-    known: Mapping[str, float],
-    tables: Iterable[Table],
-    *,
-    sloped: bool = False,
+def inputs_of(
+    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table]
 ) -> dict[str, float]:
-    """Evaluate forces, accelerations and rates at one state, by the operations of a compiled law.
+    """Return what the assignments of the motion read at one state: constants, state, regime, drives and their slopes.
 
     Parameters
     ----------
@@ -291,34 +162,34 @@ def evaluated(
         `constants` in the same units.
     tables : iterable of (ndarray, ndarray)
         Each drive's `coefficients`, in the same units.
-    sloped : bool
-        Whether to evaluate the derivatives too.
-
-    Returns
-    -------
-    dict of str to float
-        All values by name, including drives.
     """
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
         pair = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
         values[name], values[slope(name)] = map(float, pair)
-    if sloped:
-        return values | _tape(model).evaluated(values)
-    for assignment in motion(model):
-        values[assignment.name] = _number(model, assignment.value, values)
     return values
 
 
-@lru_cache(maxsize=16)
-def _tape(model: Model) -> Tape:
-    """Return the operations of the motion and its derivatives; there may be many thousands of them."""
-    return Tape(
-        (assignment.name, assignment.value)
-        for assignment in (*motion(model), *slopes(model))
-        if not isinstance(assignment.value, Function)
-    )
+def evaluated(
+    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table]
+) -> dict[str, float]:
+    """Evaluate forces, accelerations and rates at one state, by the operations of a compiled law.
+
+    Parameters
+    ----------
+    model, state, known, tables
+        As for `inputs_of`.
+
+    Returns
+    -------
+    dict of str to float
+        All values by name, including drives.
+    """
+    values = inputs_of(model, state, known, tables)
+    for assignment in motion(model):
+        values[assignment.name] = _number(model, assignment.value, values)
+    return values
 
 
 def evaluated_many(
@@ -383,23 +254,3 @@ def _totals(model: Model) -> dict[str, Node]:
             addend = Name(force(term, name))
             totals[name] = Binary("+", totals[name], addend) if name in totals else addend
     return {name: totals.get(name, ZERO) for name in model.coordinates}
-
-
-@lru_cache(maxsize=64)
-def _places(model: Model) -> dict[str, int]:
-    """Number the variables of the motion; the number of a coordinate is its row of the mass too."""
-    return {name: i for i, name in enumerate(variables(model))}
-
-
-@lru_cache(maxsize=64)
-def _varying(model: Model) -> dict[str, dict[str, Node]]:
-    """Return the derivative of each variable, and of each drive of one, by that variable."""
-    own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
-    return own | {
-        name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items() if drive.argument in own
-    }
-
-
-def _derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
-    """Return the non-zero partial derivatives, each with its variable."""
-    return sorted(derivatives(tree, _varying(model)).items(), key=lambda pair: _places(model)[pair[0]])
