@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+def record_of(
+    march: March, path: str | Path | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+) -> xr.Dataset:
+    """March, and return the record: in memory, or opened from the file that it is streamed to.
+
+    Parameters
+    ----------
+    march : March
+    path : str or Path, optional
+    before : iterable of (str, ndarray)
+        Rows that precede those of the march.
+    resume : bool
+        Whether to go on from segments beside the file.
+    """
+    if path is not None:
+        return archive.open_run(archive.stream(march, path, before=before, resume=resume), check=False)
+    return archive.marched(record.dataset(march, march.blocks(), before))
+
+
 def march(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
@@ -30,10 +50,7 @@ def march(model: Model, path: Path | None = None, memory: str | float | None = N
     load_dask_whole()
     prepared = March(model, unthinned_settings_for(model, **asked))
     check_room(prepared, memory, path)
-    if path is not None:
-        run = archive.open_run(archive.stream(prepared, path, resume=archive.has_segments(path)), check=False)
-    else:
-        run = archive.marched(record.dataset(prepared, prepared.blocks()))
+    run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
     return run

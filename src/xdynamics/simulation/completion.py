@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import rows_apart, said_of
+from xdynamics.record.kinds import rows_apart
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
+from xdynamics.simulation.records import kept_run
 from xdynamics.simulation.single_run import simulate
 
 if TYPE_CHECKING:
@@ -76,38 +76,18 @@ def complete(
     >>> run.sizes["step"], whole.sizes["step"], "total_energy" in whole
     (5, 21, True)
     """
-    if isinstance(run, str | Path):
-        if path is not None and Path(path).exists() and Path(path).samefile(run):
-            raise InputError(f"'{path}' is the archive that is completed; name another file")
-        with archive.open_run(run) as kept:
-            return _completed(kept, keep_every, path, functions, progress, resume=resume)
-    record.check_kind(run)
-    archive.check_unchanged(run)
-    return _completed(run, keep_every, path, functions, progress, resume=resume)
-
-
-def _completed(
-    kept: xr.Dataset,
-    keep_every: int,
-    path: str | Path | None,
-    functions: Mapping[str, Callable[..., float]] | None,
-    progress: Progress | None,
-    *,
-    resume: bool,
-) -> xr.Dataset:
-    record.check_kind(kept)
-    if said_of(kept.attrs):
-        raise InputError(f"the run cannot be completed, it is {said_of(kept.attrs)}; complete the run itself")
-    if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
-        raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
-    model = Model.from_text(str(kept["model_toml"].values), functions=functions)
-    settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
-    whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
-    if differing := _first_other(kept, whole):
-        raise ArchiveError(
-            f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']}, '{differing}'"
-            f" gives other bits than those kept by {kept.attrs['xdynamics_version']}; see xdynamics.compare"
-        )
+    with kept_run(run, path, "complete") as kept:
+        if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
+            raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
+        model = Model.from_text(str(kept["model_toml"].values), functions=functions)
+        settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
+        whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
+        if differing := _first_other(kept, whole):
+            raise ArchiveError(
+                f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']},"
+                f" '{differing}' gives other bits than those kept by {kept.attrs['xdynamics_version']}; see"
+                " xdynamics.compare"
+            )
     return whole
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
+from xdynamics import record
 from xdynamics.archive.seals import slabs
-from xdynamics.faults import AccuracyWarning, InputError, warn
+from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.energy_gains import Gains, Impacts, with_more
@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import said_of, said_of_log
+from xdynamics.record.kinds import said_of_log
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,
@@ -37,6 +37,7 @@ from xdynamics.schema import (
     error,
     velocity,
 )
+from xdynamics.simulation.records import check_destination, kept_run, marched_record
 from xdynamics.units import TIME, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -94,30 +95,16 @@ def extend(
     >>> xd.content_digest(longer) == xd.content_digest(whole)
     True
     """
-    if isinstance(run, str | Path):
-        if path is not None and Path(path).exists() and Path(path).samefile(run):
-            raise InputError(f"'{path}' is the archive that is extended; name another file")
-        with archive.open_run(run) as kept:
-            return _extended(kept, until, path, functions, progress, resume=resume)
-    record.check_kind(run)
-    archive.check_unchanged(run)
-    return _extended(run, until, path, functions, progress, resume=resume)
+    check_destination(path, resume=resume)
+    with kept_run(run, path, "extend") as kept:
+        model = Model.from_text(str(kept["model_toml"].values), functions=functions)
+        march = _march_on(kept, model, until, progress)
+        return marched_record(march, path, _rows(kept, march), resume=resume)
 
 
-def _extended(
-    kept: xr.Dataset,
-    until: str | float,
-    path: str | Path | None,
-    functions: Mapping[str, Callable[..., float]] | None,
-    progress: Progress | None,
-    *,
-    resume: bool,
-) -> xr.Dataset:
-    record.check_kind(kept)
-    if said_of(kept.attrs):
-        raise InputError(f"the run cannot be extended, it is {said_of(kept.attrs)}; extend the run itself")
+def _march_on(kept: xr.Dataset, model: Model, until: str | float, progress: Progress | None) -> March:
+    """Return the march that goes on after a run, if the run has all that it needs."""
     _refuse_other_ends(kept)
-    model = Model.from_text(str(kept["model_toml"].values), functions=functions)
     arguments, end = asked_of(kept), float(kept.attrs["solver_until"])
     if not time_in(model.time_unit, until, "until") > end:
         raise InputError(
@@ -142,15 +129,7 @@ def _extended(
             f"the run cannot be extended, it has no {', '.join(missing)}; extend the whole run, or march anew what an"
             " older version made"
         )
-    if path is not None:
-        longer = archive.open_run(archive.stream(march, path, before=_rows(kept, march), resume=resume), check=False)
-    elif resume:
-        raise InputError("resume needs path=…, the file that the run was to be streamed to")
-    else:
-        longer = archive.marched(record.dataset(march, march.blocks(), _rows(kept, march)))
-    for doubt in march.doubts:
-        warn(f"{model.name}: {doubt}", AccuracyWarning)
-    return longer
+    return march
 
 
 def _refuse_other_ends(kept: xr.Dataset) -> None:

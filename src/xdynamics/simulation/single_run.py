@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from xdynamics import archive, record
 from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
 from xdynamics.evidence.sampling import sample
-from xdynamics.faults import AccuracyWarning, InputError, StabilityWarning, warn
+from xdynamics.faults import InputError, StabilityWarning, warn
 from xdynamics.keywords import FULL, KEYWORDS, STATES
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import settings_for
@@ -27,6 +26,7 @@ from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import is_run, said_of
 from xdynamics.record.size import check_room
 from xdynamics.schema import STEP_NUMBER
+from xdynamics.simulation.records import check_destination, marched_record, warn_of_accuracy
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import Quantity, Unit, unit_suffix
 
@@ -192,32 +192,36 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    keywords = {name: value for name, value in locals().items() if name in KEYWORDS}
-    settings = settings_for(model, **keywords)
-    if path is not None and not isinstance(path, str | PathLike):
-        raise InputError(f"path is {path!r}, needs the name of a file")
-    if resume and path is None:
-        raise InputError("resume needs path=…, the file that the run was to be streamed to")
-    wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
-    if wanted is not None and path is not None:
-        check_sampled(settings)
+    settings = settings_for(model, **{name: value for name, value in locals().items() if name in KEYWORDS})
+    check_destination(path, resume=resume)
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
+    wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
+    return _simulated(model, settings, wanted, path, memory, progress, resume=resume)
+
+
+def _simulated(
+    model: Model,
+    settings: Settings,
+    wanted: Floats | None,
+    path: str | Path | None,
+    memory: str | float | None,
+    progress: Progress | None,
+    *,
+    resume: bool,
+) -> xr.Dataset:
+    """March a model; return the record, or the states at wanted times."""
+    if wanted is not None and path is not None:
+        check_sampled(settings)
     _warn_of_instability(model, settings)
     if wanted is not None and path is None:
         return _sampled(model, settings, wanted, progress)
     march = March(model, settings, progress)
     check_room(march, memory, path)
-    if path is not None:
-        if resume and _is_whole(march, Path(path)):
-            archive.clear_rest(Path(path))
-            return _at(archive.open_run(path, check=False), wanted, model)
-        finished = archive.open_run(archive.stream(march, path, resume=resume), check=False)
-    else:
-        finished = archive.marched(record.dataset(march, march.blocks()))
-    for doubt in march.doubts:
-        warn(f"{model.name}: {doubt}", AccuracyWarning)
-    return _at(finished, wanted, model)
+    if resume and path is not None and _is_whole(march, Path(path)):
+        archive.clear_rest(Path(path))
+        return _at(archive.open_run(path, check=False), wanted, model)
+    return _at(marched_record(march, path, resume=resume), wanted, model)
 
 
 def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[np.float64]:
@@ -258,8 +262,7 @@ def _sampled(model: Model, settings: Settings, wanted: NDArray[np.float64], prog
     """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
     march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
     around = record.dataset(march, march.blocks())
-    for doubt in march.doubts:
-        warn(f"{model.name}: {doubt}", AccuracyWarning)
+    warn_of_accuracy(march)
     states = _at(around, wanted, model)
     rows = states["row"]
     return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))

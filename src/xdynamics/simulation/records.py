@@ -1,0 +1,69 @@
+"""The records that a run is made from and made into."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xdynamics import archive, record
+from xdynamics.evidence.runs import record_of
+from xdynamics.faults import AccuracyWarning, InputError, warn
+from xdynamics.march import March
+from xdynamics.record.kinds import said_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@contextmanager
+def kept_run(run: xr.Dataset | str | Path, path: str | Path | None, verb: str) -> Iterator[xr.Dataset]:
+    """Open or check a run from which another is made at `path`; the verb is for messages.
+
+    Raises
+    ------
+    InputError
+        If it is no whole run, was edited, or is the file that the other run would replace.
+    """
+    done = f"{verb.removesuffix('e')}ed"
+    named = isinstance(run, str | Path)
+    if named and path is not None and Path(path).exists() and Path(path).samefile(run):
+        raise InputError(f"'{path}' is the archive that is {done}; name another file")
+    with archive.open_run(run) if isinstance(run, str | Path) else nullcontext(run) as kept:
+        record.check_kind(kept)
+        if not named:
+            archive.check_unchanged(kept)
+        if kind := said_of(kept.attrs):
+            raise InputError(f"the run cannot be {done}, it is {kind}; {verb} the run itself")
+        yield kept
+
+
+def check_destination(path: Any, *, resume: bool) -> None:
+    """Check where a run is to be kept, before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If the path is no name of a file, or a run is to be resumed without one.
+    """
+    if path is not None and not isinstance(path, str | PathLike):
+        raise InputError(f"path is {path!r}, needs the name of a file")
+    if resume and path is None:
+        raise InputError("resume needs path=…, the file that the run was to be streamed to")
+
+
+def marched_record(
+    march: March, path: str | Path | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+) -> xr.Dataset:
+    """March, warn of what was not accurate, and return the record; see `record_of`."""
+    run = record_of(march, path, before, resume=resume)
+    warn_of_accuracy(march)
+    return run
+
+
+def warn_of_accuracy(march: March) -> None:
+    """Warn of what the tolerances of a finished march did not control."""
+    for doubt in march.doubts:
+        warn(f"{march.model.name}: {doubt}", AccuracyWarning)
