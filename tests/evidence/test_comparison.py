@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS, driven_decay, oscillator
-from xdynamics.evidence.comparing.comparison import lines_of
+from xdynamics.evidence.comparing.comparison_summary import lines_of
 
 
 def made(step: float, **changes: float) -> xr.Dataset:

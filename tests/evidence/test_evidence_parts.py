@@ -15,18 +15,9 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
 from xdynamics.evidence.comparing.bits import bitwise, reproduced
-from xdynamics.evidence.comparing.comparison import (
-    _between,
-    _cause,
-    _counts,
-    _difference,
-    _flat,
-    _own,
-    _parted,
-    _short,
-    _times,
-)
-from xdynamics.evidence.comparing.comparison import lines_of as comparison_in_words
+from xdynamics.evidence.comparing.causes import _flat, _short, cause_of, independent
+from xdynamics.evidence.comparing.comparison import _between, _counts, _difference, _parted, _times
+from xdynamics.evidence.comparing.comparison_summary import lines_of as comparison_in_words
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.evidence.observables import comparable, modes_behind, observe
@@ -393,12 +384,12 @@ def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
 def test_a_cause_is_the_first_of_what_differs() -> None:
     """Assert the order from the model to settings, how many more there are, and settings that follow from others left out."""
     nothing: dict[str, Any] = dict.fromkeys(("model", "parameters", "initial", "settings"), "") | {"identical": False}
-    assert _cause(nothing) == "nothing that is recorded differs but the numbers"
-    assert _cause(nothing | {"identical": True, "model": "x"}) == ""
-    assert _cause(nothing | {"initial": "y: 1 | 2", "settings": "a: 1 | 2"}) == "initial: y: 1 | 2"
-    assert _cause(nothing | {"parameters": "k: 1 | 2\nm: 1 | 3\nc: 0 | 1"}) == "parameters: k: 1 | 2, and 2 more"
-    assert _own(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
-    assert _own(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
+    assert cause_of(nothing) == "nothing that is recorded differs but the numbers"
+    assert cause_of(nothing | {"identical": True, "model": "x"}) == ""
+    assert cause_of(nothing | {"initial": "y: 1 | 2", "settings": "a: 1 | 2"}) == "initial: y: 1 | 2"
+    assert cause_of(nothing | {"parameters": "k: 1 | 2\nm: 1 | 3\nc: 0 | 1"}) == "parameters: k: 1 | 2, and 2 more"
+    assert independent(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
+    assert independent(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
     assert (_short("a" * 60), _short("a" * 61)) == ("a" * 60, "a" * 57 + "…")
     assert list(_flat("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [("m.value", "2 kg"), ("m.u", "1"), ("n.a", "1")]  # fmt: skip
 

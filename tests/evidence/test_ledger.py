@@ -14,17 +14,9 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.evidence.validating.ledger import (
-    FAILED,
-    PASSED,
-    REFUSED,
-    VERDICTS,
-    Marched,
-    Row,
-    _times_in_words,
-    lines_of,
-    validate,
-)
+from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
+from xdynamics.evidence.validating.ledger import validate
+from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, Row, lines_of
 from xdynamics.expressions import parse
 from xdynamics.model.parts import Validation
 from xdynamics.record.flag_words import words_of
@@ -176,10 +168,10 @@ def test_a_model_says_its_own_closed_forms(tmp_path: Path) -> None:
 EPS = float(np.finfo(float).eps)
 
 
-def falling_from(second: float) -> Marched:
+def falling_from(second: float) -> CaseRuns:
     """A fall of 1 m that begins at some time, by Verlet's method, which is exact: y = h - g (t - t0)**2/2, in mm."""
     text = OWN.replace("[events.ground]", f't = "{second!r} s"\n[events.ground]').replace('until = "1 s"', f'until = "{second + 1!r} s"')  # fmt: skip
-    return Marched(xd.Model.from_text(text), "velocity_verlet", own=False)
+    return CaseRuns(xd.Model.from_text(text), "velocity_verlet", own=False)
 
 
 def closed(expression: str, quantity: str = "y", times: tuple[float, ...] = (), bound: Any = "rounding", event: str = "", occurrence: int = 1) -> Validation:  # fmt: skip
@@ -270,15 +262,15 @@ def test_methods_refuse_what_they_do_not_claim() -> None:
         ("rk4", closed("h"), ""), ("rk4", closed("h", event="ground"), ""), ("moreau_jean", closed("h", event="ground"), "the method locates no events"),
         ("moreau_jean", closed("h"), ""),
     ):  # fmt: skip
-        refusal = Marched(model, name, own=False).refusal(case)
+        refusal = CaseRuns(model, name, own=False).refusal(case)
         assert refusal.endswith(said)
         assert bool(refusal) is bool(said)
     for name, part in (("forward_euler", 20), ("velocity_verlet", 4), ("rk4", 1)):
-        assert Marched(model, name, own=True).asked["step"] == pytest.approx(0.1 / part)
-        assert "step" not in Marched(model, name, own=False).asked
-    assert _times_in_words(closed("h", times=(0.5, 1.25)), model) == "t = 0.5, 1.25 s"
-    assert _times_in_words(closed("h"), model) == "accepted states up to 1 s"
-    assert _times_in_words(closed("h", bound="band"), model) == "the last tenth of accepted states up to 1 s"
+        assert CaseRuns(model, name, own=True).asked["step"] == pytest.approx(0.1 / part)
+        assert "step" not in CaseRuns(model, name, own=False).asked
+    assert times_in_words(closed("h", times=(0.5, 1.25)), model) == "t = 0.5, 1.25 s"
+    assert times_in_words(closed("h"), model) == "accepted states up to 1 s"
+    assert times_in_words(closed("h", bound="band"), model) == "the last tenth of accepted states up to 1 s"
 
 
 def test_a_ledger_in_words() -> None:

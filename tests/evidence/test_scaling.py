@@ -12,10 +12,10 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.evidence.comparing.comparison import lines_of
+from xdynamics.evidence.comparing.comparison_summary import lines_of
 from xdynamics.evidence.diagnosing.diagnosis import lines_of as lines_of_diagnosis
 from xdynamics.evidence.scaling import over, scale_of, scaled
-from xdynamics.evidence.validating.ledger import lines_of as lines_of_ledger
+from xdynamics.evidence.validating.ledger_rows import lines_of as lines_of_ledger
 
 
 def swing(amplitude: float = 1.0, middle: float = 0.0, unit: str = "m", step: float = 0.05, until: float = 3.0, k: float = 4.0) -> xr.Dataset:  # fmt: skip

@@ -110,3 +110,6 @@ def known_to(value: float, doubt: float) -> str:
 
 def _unit(units: object) -> str:
     return "" if str(units) == "1" else f" {units}"
+
+
+SUMMARIES = {"budget": lines_of}

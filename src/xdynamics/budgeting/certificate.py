@@ -19,8 +19,8 @@ from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.stages import Stage, Task, lazy
-from xdynamics.evidence.validating.ledger import VERDICTS as CASES
 from xdynamics.evidence.validating.ledger import own_ledger, validate
+from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
@@ -295,3 +295,6 @@ def lines_of(found: xr.Dataset) -> list[str]:
     lines.append(f"model     sha256 {found.attrs['model_digest']}; method {found.attrs['solver_method']}")
     lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
     return lines
+
+
+SUMMARIES = {CERTIFICATE: lines_of}

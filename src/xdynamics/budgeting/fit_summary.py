@@ -67,3 +67,6 @@ def _judged(square: float, freedom: int) -> str:
     if above > 1.0 - 1e-3:
         return f"the uncertainties are larger than the residuals (a smaller one has the probability {1.0 - above:.1g})"
     return f"a larger one has the probability {np.round(above, 3):g}"
+
+
+SUMMARIES = {"fit": lines_of}

@@ -201,8 +201,8 @@ def diagnose(
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
     """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""
-    from xdynamics.evidence.validating.ledger import FAILED, lines_of
     from xdynamics.evidence.validating.ledger import validate as validated
+    from xdynamics.evidence.validating.ledger_rows import FAILED, lines_of
 
     _check(output)
     model = changed_model(model_file, ()) if model_file else None
@@ -231,7 +231,7 @@ def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: 
     """
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparing.comparison import compare as compared
-    from xdynamics.evidence.comparing.comparison import lines_of
+    from xdynamics.evidence.comparing.comparison_summary import lines_of
     from xdynamics.record.flag_words import time_unit
     from xdynamics.units import time_in
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -31,23 +30,6 @@ from xdynamics.units import unit_suffix
 from xdynamics.units.digits import digits, known_part
 
 FEW_EVENTS = 4  # of one name, that are listed one by one
-# kind of evidence -> the room that says what it tells
-TOLD = {
-    "companion": "evidence.companion",
-    "comparison": "evidence.comparing.comparison",
-    "diagnosis": "evidence.diagnosing.diagnosis",
-    "ledger": "evidence.validating.ledger",
-    "limiting case": "evidence.validating.limiting",
-    "refinement": "evidence.refining.refinement",
-    "budget": "budgeting.budget_summary",
-    "certificate": "budgeting.certificate",
-    "fit": "budgeting.fit_summary",
-    "sweep": "sweeping.sweep_summary",
-    **dict.fromkeys(
-        ("contrast", "convergence", "influences", "precision", "sensitivities", "sobol indices"),
-        "sweeping.survey_summary",
-    ),
-}
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
@@ -112,8 +94,31 @@ def _evidence(evidence: xr.Dataset) -> Iterator[str]:
     yield str(evidence.attrs.get("title", kind))
     if kind != SWEEP:
         yield f"kind      {said_of(evidence.attrs)}"
-    if kind in TOLD:
-        yield from import_module(f"xdynamics.{TOLD[kind]}").lines_of(evidence)
+    lines_of = next((module.SUMMARIES[kind] for module in _summarising() if kind in module.SUMMARIES), None)
+    if lines_of is not None:
+        yield from lines_of(evidence)
+
+
+def _summarising() -> Iterator[Any]:
+    """Yield the modules that summarise evidence by its kind; each is imported when those before it do not have it."""
+    from xdynamics.sweeping import survey_summary, sweep_summary
+
+    yield from (survey_summary, sweep_summary)
+    from xdynamics.budgeting import budget_summary, fit_summary
+
+    yield from (budget_summary, fit_summary)
+    from xdynamics.evidence.comparing import comparison_summary
+    from xdynamics.evidence.validating import ledger_rows, limiting
+
+    yield from (comparison_summary, ledger_rows, limiting)
+    from xdynamics.evidence import companion
+    from xdynamics.evidence.diagnosing import diagnosis
+    from xdynamics.evidence.refining import refinement
+
+    yield from (companion, diagnosis, refinement)
+    from xdynamics.budgeting import certificate
+
+    yield certificate
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:

@@ -315,3 +315,6 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(error)))}g}{unit}, off by"
             f" {float(error):.2g}{unit}"
         )
+
+
+SUMMARIES = {"companion": lines_of}

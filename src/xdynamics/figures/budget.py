@@ -11,13 +11,12 @@ import xarray as xr
 from xdynamics.budgeting.budget_summary import doubt_of
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.figures.marks import COLOURS, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-HEIGHT = 4.2  # inches of a panel
 SPAN = 1e6  # over which bars are drawn: smaller terms have none
 COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
@@ -98,3 +97,6 @@ def _intervals(budget: xr.Dataset, axes: Axes) -> None:
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     axes.set_title(f"{coverage:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
+
+
+PAGE = Page(("budget", "certificate"), panels_of, foot_of, height=4.2)

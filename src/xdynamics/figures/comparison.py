@@ -12,13 +12,12 @@ from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_PANELS = 12
 FEW = 100  # points up to which each is a dot
 
 
@@ -106,3 +105,6 @@ def _apart(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     scale = comparison.get(schema.scale("difference", name))
     suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
     axes.set_title(words(f"{comparison[f'difference_{name}'].attrs['long_name']}{suffix}"), loc="left", fontsize=10)
+
+
+PAGE = Page(("comparison",), panels_of, foot_of, most_panels=12)

@@ -13,7 +13,7 @@ from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import cycles_said
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import CYCLE, FINITE_TIME_GROWTH, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 
 if TYPE_CHECKING:
@@ -103,3 +103,6 @@ def _residual(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
     scale = diagnosis.get(schema.scale(*name.split("_", 1)))
     suffix = "" if scale is None else f"; scale {float(scale):.3g} {scale.attrs['units']}".removesuffix(" 1")
     axes.set_title(words(f"{variable.attrs['long_name']}{suffix}"), loc="left", fontsize=10)
+
+
+PAGE = Page(("diagnosis",), panels_of, foot_of)

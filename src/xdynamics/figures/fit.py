@@ -9,14 +9,13 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.figures.marks import COLOURS, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT_TIME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 RESIDUAL, MEASURED, DOUBT = "residual_", "measured_", "measured_uncertainty_"
-MOST_PANELS = 8
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
@@ -62,3 +61,6 @@ def _residuals(fit: xr.Dataset, name: str, axes: Axes) -> None:
     axes.axhline(0.0, color=COLOURS[0], linewidth=1.0)
     axes.set(xlabel=timed(fit[AT_TIME]), ylabel=words(f"measured minus fitted ({fit[name].attrs['units']})"))
     axes.set_title(words(f"residuals of {name}"), loc="left", fontsize=10)
+
+
+PAGE = Page(("fit",), panels_of, foot_of, most_panels=8)

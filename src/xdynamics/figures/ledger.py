@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.figures.marks import words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 SHADES = ("#dfe7f2", "#b9cce4", "#8fb0d6")  # of a residual far below its bound, near it, close to it
 FAILED, REFUSED = "#c8452f", "#f1f1f1"
 NEAR, CLOSE = 1e-3, 0.3  # residual over bound
-HEIGHT = 7.5  # inches of the table
 
 
 def panels_of(ledger: xr.Dataset) -> list[Panel]:
@@ -59,3 +58,6 @@ def _table(ledger: xr.Dataset, axes: Axes) -> None:
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
     axes.grid(visible=False)
+
+
+PAGE = Page(("ledger",), panels_of, foot_of, height=7.5)

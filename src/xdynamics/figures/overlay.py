@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.faults import InputError
 from xdynamics.figures import diagnosis, refinement
 from xdynamics.figures.marks import COLOURS, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Several = Mapping[str, xr.Dataset]
 
-MARKERS, MOST_PANELS = "os^Dv<>P", refinement.MOST_PANELS
+MARKERS = "os^Dv<>P"
 
 
 def panels_of(found: Several) -> list[Panel]:
@@ -122,3 +122,6 @@ def _along_cycles(records: Several, name: str, axes: Axes) -> None:
     axes.set(xlabel=timed(first["cycle_time"], f"time at the end of the {CYCLE}"), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
+
+
+PAGE = Page((), panels_of, foot_of, most_panels=refinement.PAGE.most_panels)

@@ -9,23 +9,17 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
-from xdynamics.figures.sheet import DPI, HEIGHT, check_path, lit, sheet, write
+from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-PAGES: dict[str, Any] = {
-    "budget": budget,
-    "certificate": budget,
-    "comparison": comparison,
-    "diagnosis": diagnosis,
-    "fit": fit,
-    "ledger": ledger,
-    "precision": precision,
-    "refinement": refinement,
-    "sweep": sweep,
+PAGES = {
+    kind: module.PAGE
+    for module in (budget, comparison, diagnosis, fit, ledger, precision, refinement, sweep)
+    for kind in module.PAGE.kinds
 }
 
 
@@ -71,26 +65,25 @@ def plot(
         kind = str(record.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
             raise InputError(f"a {kind} has no figure; what it found is told by `xdynamics show`")
-        page, title = PAGES.get(kind, run), str(record.attrs.get("title", "run"))
+        page, title = PAGES.get(kind, run.PAGE), str(record.attrs.get("title", "run"))
     else:
-        page, title = overlay, f"{', '.join(record)}, side by side"
+        page, title = overlay.PAGE, f"{', '.join(record)}, side by side"
     others = (
         [beside]
         if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns")
         else [*beside]
     )
-    if page is not run and (only is not None or others):
+    if page is not run.PAGE and (only is not None or others):
         raise InputError("only and beside are for figures of a run")
     _check(size, dpi)
     wanted = [only] if isinstance(only, str) else only
-    options: dict[str, Any] = {"only": wanted, "beside": others} if page is run else {}
+    options: dict[str, Any] = {"only": wanted, "beside": others} if page is run.PAGE else {}
     panels, foot = page.panels_of(record, **options), page.foot_of(record)
-    most = getattr(page, "MOST_PANELS", len(panels))
-    if len(panels) > most:
-        panels, foot = panels[:most], f"the first {most} of {len(panels)} panels; {foot}"
-    height = page.height_of(len(panels)) if hasattr(page, "height_of") else float(getattr(page, "HEIGHT", HEIGHT))
+    if len(panels) > page.most_panels:
+        foot = f"the first {page.most_panels} of {len(panels)} panels; {foot}"
+        panels = panels[: page.most_panels]
     with lit(dark=dark):
-        figure = sheet(panels, title, foot, height, size)
+        figure = sheet(panels, title, foot, page.height_of(len(panels)), size)
         if path is not None:
             write(figure, Path(path), dpi)
     return figure

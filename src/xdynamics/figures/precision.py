@@ -10,14 +10,13 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.figures.marks import COLOURS, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_PANELS, MARKERS = 6, "os^Dv<>P"
+MARKERS = "os^Dv<>P"
 EVALUATIONS, OFF = "run_force_evaluations", "off_"
-HEIGHT = 3.8
 
 
 def panels_of(found: xr.Dataset) -> list[Panel]:
@@ -58,3 +57,6 @@ def _work(precision: xr.Dataset, name: str, axes: Axes) -> None:
     axes.set_title(words(name.removeprefix(OFF)), loc="left", fontsize=10)
     if others:
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
+
+
+PAGE = Page(("precision",), panels_of, foot_of, most_panels=6, height=3.8)

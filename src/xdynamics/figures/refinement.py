@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_PLACES = 4  # of one number, in one panel
-MOST_PANELS = 12
 FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not drawn
 
 
@@ -101,3 +100,6 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     value = float(variable.values.reshape(varied.size, -1)[-1, 0])
     axes.set_title(words(f"{name}{first} = {value:.9g} {units}{omitted}"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
+
+
+PAGE = Page(("refinement",), panels_of, foot_of, most_panels=12)

@@ -11,7 +11,7 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
 from xdynamics.figures import control, energy, lines, plane
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.record import check
 from xdynamics.record.kinds import is_whole, rows_apart, said_of_log
@@ -201,3 +201,6 @@ def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
     for name in names:
         groups.setdefault(run[name].attrs["units"], []).append(name)
     return list(groups.values())
+
+
+PAGE = Page((), panels_of, foot_of)

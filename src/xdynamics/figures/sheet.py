@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +39,34 @@ DARK: Any = {
     "ytick.color": "#cfd3da",
 }
 _BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit after a label
+
+
+@dataclass(frozen=True)
+class Page:
+    """How records of some kinds are drawn.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Of evidence, as its attribute names them.
+    panels_of, foot_of : callable
+        The panels of a record, and the text below them.
+    most_panels : int
+        More are left out.
+    height, alone : float
+        Inches of a panel, and of one that is alone on its sheet, if that has more.
+    """
+
+    kinds: tuple[str, ...]
+    panels_of: Callable[..., list[Panel]]
+    foot_of: Callable[..., str]
+    most_panels: int = 1 << 10
+    height: float = HEIGHT
+    alone: float = 0.0
+
+    def height_of(self, panels: int) -> float:
+        """Return the height of each of so many panels."""
+        return max(self.height, self.alone) if panels == 1 else self.height
 
 
 def sheet(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
-from xdynamics.figures.sheet import Panel
+from xdynamics.figures.sheet import Page, Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.collection import AXES, AXIS, settings_said
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Values = NDArray[Any]
 
-MOST_PANELS, MOST_LINES = 8, 8
+MOST_LINES = 8
 SHADES = "cividis"
 FAR = 3.0  # times the span of nearly all values, from which on a few do not set the colours
 FEW = 12  # whole numbers up to which each has a colour of its own
@@ -34,7 +34,6 @@ BANDS = ("#dbe6f3", "#a9c4e2")
 BAD = "#c8452f"
 DASHES = ("-", "--", ":", "-.")
 LARGE = 20_000  # members from which on points are small
-HEIGHT, ALONE = 3.6, 7.0  # inches of a panel, and of one that is alone on its sheet
 
 
 def panels_of(sweep: xr.Dataset) -> list[Panel]:
@@ -57,11 +56,6 @@ def foot_of(sweep: xr.Dataset) -> str:
     uncontrolled = int(np.count_nonzero(sweep[UNCONTROLLED].values))
     note = f"; of {uncontrolled} absolute tolerances may have let pass 3 % of a variable" if uncontrolled else ""
     return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}"
-
-
-def height_of(panels: int) -> float:
-    """Return how many inches high a panel is among so many."""
-    return ALONE if panels == 1 else HEIGHT
 
 
 def _axes(sweep: xr.Dataset) -> list[str]:
@@ -293,3 +287,6 @@ def _said(part: xr.Dataset, shown: list[str]) -> str:
                 text if coordinate.dtype.kind not in "fi" else f"{name} = {text}{'' if units == '1' else f' {units}'}"
             )
     return f", {', '.join(settings)}" if settings else ""
+
+
+PAGE = Page(("sweep",), panels_of, foot_of, most_panels=8, height=3.6, alone=7.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xdynamics.record.flag_words import words_of
-from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 MOST = 16
 
 
-def lines_of(found: xr.Dataset) -> list[str]:
+def _first_lines(lines_of: Callable[[xr.Dataset], Iterable[str]], survey: xr.Dataset) -> list[str]:
     """Summarise a survey; of a long one the first lines."""
-    lines = list(_TOLD[str(found.attrs[EVIDENCE])](found))
+    lines = list(lines_of(survey))
     return lines if len(lines) <= MOST else [*lines[:MOST], f"… and {len(lines) - MOST} more"]
 
 
@@ -101,11 +101,14 @@ def _indices(survey: xr.Dataset) -> Iterator[str]:
         yield f"{name}: {', '.join(shares)}"
 
 
-_TOLD: dict[str, Callable[[xr.Dataset], Iterator[str]]] = {
-    "contrast": _contrast,
-    "sensitivities": _sensitivities,
-    "influences": _influences,
-    "convergence": _convergence,
-    "precision": _precision,
-    "sobol indices": _indices,
+SUMMARIES = {
+    kind: partial(_first_lines, lines_of)
+    for kind, lines_of in {
+        "contrast": _contrast,
+        "sensitivities": _sensitivities,
+        "influences": _influences,
+        "convergence": _convergence,
+        "precision": _precision,
+        "sobol indices": _indices,
+    }.items()
 }

@@ -84,3 +84,6 @@ def _kept(sweep: xr.Dataset) -> Iterator[str]:
         yield f"{name} from {finite.min():.9g} to {finite.max():.9g}{unit}{missing}"
     if len(names) > MOST:
         yield f"… and {len(names) - MOST} more variables"
+
+
+SUMMARIES = {"sweep": lines_of}

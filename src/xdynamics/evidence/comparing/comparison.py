@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from xdynamics import archive, schema
 from xdynamics.dynamics.shortened_steps import model_of, wanted_times
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
+from xdynamics.evidence.comparing.causes import cause_of, models_apart
+from xdynamics.evidence.comparing.comparison_summary import ROLE
 from xdynamics.evidence.comparing.measured import is_measured, residuals
 from xdynamics.evidence.event_matching import Rows, matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
-from xdynamics.faults import InputError, escaped
-from xdynamics.model.text_limits import parsed
+from xdynamics.faults import InputError
 from xdynamics.record import check
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_evidence, rows_apart, said_of
@@ -30,27 +31,9 @@ from xdynamics.units import parse_unit, unit_suffix
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
-ROLE = "difference"
 NONE = np.zeros(0, np.int64)  # events
-SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries
 EPS = float(np.finfo(float).eps)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
-# settings that follow from the model, the method and how its steps are chosen
-FOLLOWING = (
-    "title",
-    "summary",
-    "source",
-    "model_digest",
-    "force_digest",
-    "run_outcome_text",
-    "solver_order",
-    "solver_update_equations",
-    "solver_update_order",
-    "solver_reference",
-    "solver_last_step",
-    "solver_first_step",
-    "solver_rtol_used",
-)
 
 
 def compare(
@@ -131,12 +114,12 @@ def compare(
     table = bitwise(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
     events = {str(name): entry for name, entry in _events(first, second)}
-    attributes = table.attrs | _models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
+    attributes = table.attrs | models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
     attributes |= {
         "events": "\n".join(_counts(first, second)),
         "parted": _parted(variables, first, names, _between(first, second, at)),
     }
-    attributes |= {"cause": _cause(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     return exhibit("comparison", title, digests, variables | events, attributes)
 
 
@@ -288,34 +271,6 @@ def _counts(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
             yield f"{name}: {counts[0]} | {counts[1]}"
 
 
-def _models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
-    """List by name and value what differs between two models: parameters, initial values, and the rest."""
-    models = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
-    differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
-    for name in dict.fromkeys([*models[0], *models[1]]):
-        values = [model.get(name, "absent") for model in models]
-        section, _, rest = name.partition(".")
-        if values[0] != values[1] and section not in ("name", "description", "run"):
-            heading, key = (section, rest) if section in SECTIONS else ("model", name)
-            differences[heading].append(
-                escaped(f"{key.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}")
-            )
-    return {name: "\n".join(lines) for name, lines in differences.items()}
-
-
-def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Flatten a model's text into dotted names and values."""
-    if isinstance(value, Mapping) and {"value", "unit"} <= set(value):  # one quantity, however it is written
-        value = {key: entry for key, entry in value.items() if key != "unit"} | {
-            "value": f"{value['value']} {value['unit']}"
-        }
-    if isinstance(value, Mapping):
-        for key, entry in value.items():
-            yield from _flat(f"{name}.{key}" if name else str(key), entry)
-    else:
-        yield name, str(value)
-
-
 def _parted(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
     """Describe when a quantity is first further apart than interpolation and rounding can be."""
     times, earliest, sentence = variables[AT_TIME][1], np.inf, ""
@@ -346,77 +301,3 @@ def _between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bo
             if abs(first_time - second_time) <= width:
                 inside |= (at >= min(first_time, second_time) - width) & (at <= max(first_time, second_time) + width)
     return inside
-
-
-def _cause(attributes: Mapping[str, Any]) -> str:
-    """Name the likely cause of a difference: the first thing that differs, from the model to the settings."""
-    if attributes["identical"]:
-        return ""
-    for what in ("model", "parameters", "initial", "settings"):
-        if attributes[what]:
-            lines = _own(str(attributes[what]).splitlines())
-            return f"{what}: {lines[0]}" + (f", and {len(lines) - 1} more" if len(lines) > 1 else "")
-    return "nothing that is recorded differs but the numbers"
-
-
-def _own(lines: list[str]) -> list[str]:
-    """Drop settings that follow from others, or that only one of two kinds of step control has."""
-    names = [line.partition(":")[0] for line in lines]
-    return [
-        setting
-        for setting, name in zip(lines, names, strict=True)
-        if name not in FOLLOWING and "'absent'" not in setting
-    ] or lines
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else text[:57] + "…"
-
-
-def lines_of(table: xr.Dataset) -> list[str]:
-    """Describe the result of `compare`, line by line."""
-    if "identical" not in table.attrs:
-        left_out = str(table.attrs.get("data_left_out", ""))
-        return [*_largest(table), *([f"left out  {left_out}: nothing that the run has"] if left_out else [])]
-    if table.attrs["identical"]:
-        return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
-    differing = int((table["same"] == 0).sum())
-    lines = [f"{differing} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
-    for what, word in {"model": "model", "parameters": "parameter", "initial": "initial", "events": "events"}.items():
-        lines += [f"{word:<10}{line}" for line in table.attrs[what].splitlines()]
-    lines += [f"setting   {line}" for line in _own(table.attrs["settings"].splitlines())]
-    lines += [f"cause     {table.attrs['cause']}", f"times     {table.sizes[AT]} at which both are known"]
-    lines.append(f"parted    {table.attrs['parted'] or 'nowhere by more than interpolation can be off'}")
-    return [*lines, *_largest(table)]
-
-
-def _largest(table: xr.Dataset) -> Iterator[str]:
-    for name, variable in table.data_vars.items():
-        if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
-            worst = int(np.nanargmax(np.abs(variable.values)))
-            where = (
-                f"at t = {float(table[AT_TIME][worst]):.9g}{unit_suffix(time_unit(table))}"
-                if variable.dims == (AT,)
-                else f"occurrence {worst + 1}"
-            )
-            kind, _, quantity = str(name).partition("_")
-            yield (
-                f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']}"
-                f" {where}{_over_scale(table, kind, quantity, worst)}"
-            )
-        elif variable.attrs.get("role") == "residual" and not variable.dims:
-            scale = (
-                f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
-            )
-            yield (
-                f"{name} ="
-                f" {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
-            )
-
-
-def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:
-    """Describe a difference relative to its scale."""
-    scale = table[schema.scale(kind, name)]
-    units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
-    value = float(table[schema.scaled(f"{kind}_{name}")][place])
-    return f", scaled {value:.3g} by {float(scale):.3g}{units}"

@@ -540,3 +540,6 @@ def _scale_in_words(diagnosis: xr.Dataset, norm: str) -> str:
     """Write the scale of a residual's norm."""
     scale = diagnosis[schema.scale("residual", norm.partition("_residual_")[2])]
     return f"{float(scale):.6g}{'' if scale.attrs['units'] == '1' else ' ' + scale.attrs['units']}"
+
+
+SUMMARIES = {"diagnosis": lines_of}

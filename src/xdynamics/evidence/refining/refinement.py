@@ -277,3 +277,6 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         )
     if places == [OCCURRENCE] and count > MOST_SHOWN:
         yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"
+
+
+SUMMARIES = {"refinement": lines_of}

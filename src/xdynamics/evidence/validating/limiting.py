@@ -190,3 +190,6 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
             yield (
                 f"{name} at t = {time:.9g}{unit_suffix(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
             )
+
+
+SUMMARIES = {"limiting case": lines_of}

@@ -1,0 +1,82 @@
+"""What two runs differ by besides their numbers: models, settings, and the likely cause of a difference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import xarray as xr
+
+from xdynamics.faults import escaped
+from xdynamics.model.text_limits import parsed
+
+SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries
+# settings that follow from the model, the method and how its steps are chosen
+FOLLOWING = (
+    "title",
+    "summary",
+    "source",
+    "model_digest",
+    "force_digest",
+    "run_outcome_text",
+    "solver_order",
+    "solver_update_equations",
+    "solver_update_order",
+    "solver_reference",
+    "solver_last_step",
+    "solver_first_step",
+    "solver_rtol_used",
+)
+
+
+def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
+    """List by name and value what differs between two models: parameters, initial values, and the rest."""
+    models = [dict(_flat("", parsed(str(run["model_toml"].values)))) for run in (first, second)]
+    differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
+    for name in dict.fromkeys([*models[0], *models[1]]):
+        values = [model.get(name, "absent") for model in models]
+        section, _, rest = name.partition(".")
+        if values[0] != values[1] and section not in ("name", "description", "run"):
+            heading, key = (section, rest) if section in SECTIONS else ("model", name)
+            differences[heading].append(
+                escaped(f"{key.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}")
+            )
+    return {name: "\n".join(lines) for name, lines in differences.items()}
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Flatten a model's text into dotted names and values."""
+    if isinstance(value, Mapping) and {"value", "unit"} <= set(value):  # one quantity, however it is written
+        value = {key: entry for key, entry in value.items() if key != "unit"} | {
+            "value": f"{value['value']} {value['unit']}"
+        }
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _flat(f"{name}.{key}" if name else str(key), entry)
+    else:
+        yield name, str(value)
+
+
+def cause_of(attributes: Mapping[str, Any]) -> str:
+    """Name the likely cause of a difference: the first thing that differs, from the model to the settings."""
+    if attributes["identical"]:
+        return ""
+    for what in ("model", "parameters", "initial", "settings"):
+        if attributes[what]:
+            lines = independent(str(attributes[what]).splitlines())
+            return f"{what}: {lines[0]}" + (f", and {len(lines) - 1} more" if len(lines) > 1 else "")
+    return "nothing that is recorded differs but the numbers"
+
+
+def independent(lines: list[str]) -> list[str]:
+    """Drop settings that follow from others, or that only one of two kinds of step control has."""
+    names = [line.partition(":")[0] for line in lines]
+    return [
+        setting
+        for setting, name in zip(lines, names, strict=True)
+        if name not in FOLLOWING and "'absent'" not in setting
+    ] or lines
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else text[:57] + "…"

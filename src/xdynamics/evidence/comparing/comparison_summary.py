@@ -1,0 +1,68 @@
+"""Comparisons, in lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from xdynamics import schema
+from xdynamics.evidence.comparing.causes import independent
+from xdynamics.record.flag_words import time_unit
+from xdynamics.schema import AT, AT_TIME
+from xdynamics.units import unit_suffix
+
+ROLE = "difference"
+
+
+def lines_of(table: xr.Dataset) -> list[str]:
+    """Describe the result of `compare`, line by line."""
+    if "identical" not in table.attrs:
+        left_out = str(table.attrs.get("data_left_out", ""))
+        return [*_largest(table), *([f"left out  {left_out}: nothing that the run has"] if left_out else [])]
+    if table.attrs["identical"]:
+        return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
+    differing = int((table["same"] == 0).sum())
+    lines = [f"{differing} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
+    for what, word in {"model": "model", "parameters": "parameter", "initial": "initial", "events": "events"}.items():
+        lines += [f"{word:<10}{line}" for line in table.attrs[what].splitlines()]
+    lines += [f"setting   {line}" for line in independent(table.attrs["settings"].splitlines())]
+    lines += [f"cause     {table.attrs['cause']}", f"times     {table.sizes[AT]} at which both are known"]
+    lines.append(f"parted    {table.attrs['parted'] or 'nowhere by more than interpolation can be off'}")
+    return [*lines, *_largest(table)]
+
+
+def _largest(table: xr.Dataset) -> Iterator[str]:
+    for name, variable in table.data_vars.items():
+        if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
+            worst = int(np.nanargmax(np.abs(variable.values)))
+            where = (
+                f"at t = {float(table[AT_TIME][worst]):.9g}{unit_suffix(time_unit(table))}"
+                if variable.dims == (AT,)
+                else f"occurrence {worst + 1}"
+            )
+            kind, _, quantity = str(name).partition("_")
+            yield (
+                f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']}"
+                f" {where}{_over_scale(table, kind, quantity, worst)}"
+            )
+        elif variable.attrs.get("role") == "residual" and not variable.dims:
+            scale = (
+                f", scaled {float(table[schema.scaled(str(name))]):.3g}" if schema.scaled(str(name)) in table else ""
+            )
+            yield (
+                f"{name} ="
+                f" {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
+            )
+
+
+def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:
+    """Describe a difference relative to its scale."""
+    scale = table[schema.scale(kind, name)]
+    units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
+    value = float(table[schema.scaled(f"{kind}_{name}")][place])
+    return f", scaled {value:.3g} by {float(scale):.3g}{units}"
+
+
+SUMMARIES = {"comparison": lines_of}

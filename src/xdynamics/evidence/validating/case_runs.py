@@ -1,0 +1,266 @@
+"""The runs of one case of the ledger by one method: their residuals from closed forms, and the bounds of these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive
+from xdynamics.evidence.event_matching import met
+from xdynamics.evidence.observables import observables_of, observe
+from xdynamics.evidence.runs import march
+from xdynamics.evidence.scaling import scale_of
+from xdynamics.evidence.validating.ledger_rows import Row
+from xdynamics.expressions import dimension_of, text_of
+from xdynamics.faults import InputError
+from xdynamics.march.outcomes import GOOD
+from xdynamics.methods import METHODS
+from xdynamics.methods.steppers import DIFFERENCES, TimeStepping
+from xdynamics.model import Model
+from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
+from xdynamics.model.motion import constants, evaluated_many
+from xdynamics.model.parts import Validation
+from xdynamics.record.flag_words import time_unit
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import STEPS, velocity
+from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+SLACK = 0.5  # of an order, by which halved steps may fall short: a defect costs a whole order
+FINER = {1: 1 / 20, 2: 1 / 4, 3: 1 / 2}  # times the step of a case, by the order of a method
+NEAR = 1e-12  # of the span: accepted times that agree but for rounding
+TENTH = 10  # a band is compared between the first and the last tenth
+BAND_AT_MOST, ORDER_AT_MOST = 0.2, 0.5  # of the largest value, the most that a bound may be
+WIDER = 1.5  # times its first part, the most that a band may be in its last one
+
+
+class CaseRuns:
+    """The runs of one model by one method, each marched when first needed."""
+
+    def __init__(self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march) -> None:
+        self.model, self.method, self.marched = model, METHODS[method], marched
+        refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
+        self.refused = by_differences
+        self.asked: dict[str, Any] = {"method": method}
+        if refused and not by_differences:
+            self.asked["jacobian"] = DIFFERENCES
+        if own:  # the ledger's cases: with steps so small that a low order is accurate too
+            self.asked["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(self.method.order, 1.0)
+
+    def refusal(self, case: Validation) -> str:
+        """Return why a case does not apply to the method; empty if it does."""
+        if self.refused:
+            return f"the method refuses: {'; '.join(self.refused)}"
+        if case.bound == BAND and not self.method.symplectic:
+            return "the method is not symplectic: it claims no band"
+        if case.event and isinstance(self.method.stepper, TimeStepping):
+            return "the method locates no events"
+        return ""
+
+    @cached_property
+    def run(self) -> xr.Dataset:
+        """The run with the steps of the model's `[run]`."""
+        return self.marched(self.model, **self.asked)
+
+    @cached_property
+    def coarse(self) -> xr.Dataset:
+        """The run with twice the step.
+
+        Raises
+        ------
+        InputError
+            If the run has chosen steps.
+        """
+        if self.run.attrs["solver_step_control"] != "fixed":
+            raise InputError(
+                f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones"
+            )
+        return self.marched(self.model, **self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
+
+    @cached_property
+    def unscaled(self) -> xr.Dataset:
+        """The run without scales."""
+        settings = {key: value for key, value in self.model.run.items() if key != "scales"}
+        return self.marched(self.model, **settings | self.asked | {"scales": {}})
+
+    def filled(self, row: Row, case: Validation) -> Row:
+        """Return a line with its residual, bound and scale.
+
+        Raises
+        ------
+        InputError
+            If the closed form or the run does not fit the case.
+        """
+        run = self.run
+        row = replace(row, units=_units(run, case), run=archive.digest_of_run(run))
+        self.check_dimension(case, row.units)
+        end = float(run["time"][-1])
+        if run.attrs["run_outcome"] not in GOOD or max(case.times, default=end) > end:
+            why = f"the run ended before: {run.attrs['run_outcome_text']}"
+            return replace(row, residual=np.inf, bound=0.0, note=why)
+        if not case.event and not case.times:
+            row = replace(
+                row,
+                where=(
+                    f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to"
+                    f" {end:.9g}{unit_suffix(time_unit(run))}"
+                ),
+            )
+        try:
+            residual, expected = self.residual(run, case), self.expected(run, case)
+            if case.bound == BAND:
+                part = max(1, len(residual) // TENTH)
+                most = BAND_AT_MOST * float(np.max(np.abs(run[case.quantity])))
+                bound = min(WIDER * float(np.max(residual[:part])), most) + self.rounding(case)
+                residual, expected = residual[-part:], expected[-part:]
+            else:
+                bound = self.bound(case)
+        except LookupError as error:
+            return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
+        if case.bound == UNSCALED:
+            here, there = (np.asarray(record[case.quantity]) for record in (run, self.unscaled))
+            if here.shape != there.shape:
+                return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
+            residual, expected = np.abs(here - there), there
+        scale = float(scale_of(expected, residual))  # where 0 is expected, the residual is the computed value
+        return replace(row, residual=float(np.max(residual)), bound=bound, scale=scale)
+
+    def check_dimension(self, case: Validation, units: str) -> None:
+        """Refuse a closed form in another unit than the quantity it is compared with.
+
+        Raises
+        ------
+        InputError
+            Naming both.
+        """
+        dimension = dimension_of(self.model.expanded(case.expression), self.model.dimensions)
+        if dimension != parse_unit(units).dimension:
+            raise InputError(
+                f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of"
+                f" '{case.quantity}'"
+            )
+
+    def bound(self, case: Validation) -> float:
+        """Return the most that a residual may be, in the record's unit."""
+        if isinstance(case.bound, Quantity):
+            return float(case.bound.si / parse_unit(_units(self.run, case)).factor)
+        if case.bound == UNSCALED:
+            return 2.0 * self.rounding(case)
+        by_order = case.bound == ORDER or exact_from(case.bound) > self.method.order
+        if not by_order:
+            return self.rounding(case)
+        halved = float(2.0 ** (self.method.order - SLACK))
+        most = ORDER_AT_MOST * float(np.max(np.abs(self.true(self.run, case))))
+        return min(float(np.max(self.residual(self.coarse, case))) / halved, most) + self.rounding(case)
+
+    def rounding(self, case: Validation) -> float:
+        """Return a bound of the rounding error, plus the uncertainty of location at an event."""
+        run, name = self.run, case.quantity
+        steps, span = run.sizes[STEPS], float(run["time"][-1] - run["time"][0])
+        size = float(np.max(np.abs(run["time" if name == "t" else name])))
+        if name in self.model.coordinates:
+            size += span * float(np.max(np.abs(run[velocity(name)])))
+        error = (self.method.evaluations + 2) * steps * EPS * size
+        if case.event:
+            k, row = _met(run, case)
+            uncertainty = float(run["event_time_uncertainty"][k])
+            rates = {
+                **{coordinate: velocity(coordinate) for coordinate in self.model.coordinates},
+                **{velocity(coordinate): f"a_{coordinate}" for coordinate in self.model.coordinates},
+            }
+            error += (
+                uncertainty
+                if name == "t"
+                else uncertainty * abs(float(run[rates[name]][row - 1]))
+                if name in rates
+                else 0.0
+            )
+        return error
+
+    def residual(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return absolute differences from the closed form, in the record's unit.
+
+        Raises
+        ------
+        LookupError
+            If the event was not met that often.
+        """
+        name, times = case.quantity, self._times(run, case)
+        if case.event:
+            values = times if name == "t" else run[name].values[_met(run, case)[1] :][:1]
+        elif case.times:
+            values = self._at(run, name, times)
+        else:
+            values = run[name].values
+        return np.abs(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
+
+    def _times(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return the times at which a closed form is compared."""
+        if case.event:
+            return np.asarray(run["event_time"].values[_met(run, case)[0] :][:1])
+        return np.array(case.times) if case.times else np.asarray(run["time"].values)
+
+    def true(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return the closed form at the times of a case, or all along the run, in the record's unit."""
+        times = np.array(case.times) if case.times else run["time"].values
+        return self._exact(case, times) / float(parse_unit(_units(run, case)).factor)
+
+    def expected(self, run: xr.Dataset, case: Validation) -> Floats:
+        """Return the closed form where it is compared, in the record's unit; a time counts from the start."""
+        origin = float(run["time"][0]) if case.quantity == "t" else 0.0
+        return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
+
+    def _exact(self, case: Validation, times: Floats) -> Floats:
+        tree = self.model.expanded(case.expression)
+        return np.broadcast_to(
+            evaluated_many(self.model, [tree], {"t": times}, constants(self.model), ())[0], times.shape
+        )
+
+    def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
+        """Return a quantity at times; quantities that are not observables are known at accepted times only."""
+        if name in observables_of(self.model):
+            return observe(run, self.model, [name], times)[name][0]
+        accepted = run["time"].values
+        rows = np.searchsorted(accepted, times + NEAR * (accepted[-1] - accepted[0]), side="right") - 1
+        if (np.abs(accepted[rows] - times) > NEAR * (accepted[-1] - accepted[0])).any():
+            raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
+        values: Floats = run[name].values[rows]
+        return values
+
+
+def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
+    """Return the index of an event, and the row of the state after it."""
+    occurrences = met(run).get(case.event, ())
+    if len(occurrences) < case.occurrence:
+        raise LookupError(f"{case.event} was met {len(occurrences)} times")
+    k = int(occurrences[case.occurrence - 1])
+    return k, int(run["event_row_after"][k])
+
+
+def _units(run: xr.Dataset, case: Validation) -> str:
+    """Return the unit of a quantity in a record."""
+    if case.quantity == "t":
+        return time_unit(run).text
+    if case.quantity not in run.variables or run[case.quantity].dims != (STEPS,):
+        raise InputError(
+            f"quantity '{case.quantity}' is nothing that the run has along '{STEPS}'; name one by quantity = …, without"
+            " it the name of the table is one"
+        )
+    return str(run[case.quantity].attrs["units"])
+
+
+def times_in_words(case: Validation, model: Model) -> str:
+    """Describe the times at which a closed form is compared."""
+    if case.times:
+        return "t = " + ", ".join(f"{time:.9g}" for time in case.times) + unit_suffix(model.time_unit)
+    prefix = "the last tenth of " if case.bound == BAND else ""
+    return f"{prefix}accepted states up to {model.run.get('until', 'the end')}"

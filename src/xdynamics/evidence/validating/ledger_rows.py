@@ -1,0 +1,128 @@
+"""The rows of a validation ledger: one by one, as a Dataset, and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.scaling import ROLE as SCALED
+from xdynamics.evidence.scaling import over
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, flags
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+VERDICTS = ("passed", "failed", "refused")
+PASSED, FAILED, REFUSED = range(len(VERDICTS))
+ROLE = "validation"
+SCALE_RULE = (
+    "largest size of the closed form where it is compared (of an event's time from the start), never its value at one"
+    " time, which may pass zero; where it is 0 throughout, largest size of what was computed"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the ledger."""
+
+    name: str
+    method: str
+    stage: int
+    relation: str
+    observable: str
+    where: str
+    rule: str
+    units: str = "1"
+    norm: str = "largest absolute difference"
+    residual: float = np.nan
+    bound: float = np.nan
+    scale: float = np.nan
+    note: str = ""
+    run: str = ""
+
+    @property
+    def verdict(self) -> int:
+        """Index into `VERDICTS`; a residual of nan has failed."""
+        if self.note and np.isnan(self.bound):
+            return REFUSED
+        return PASSED if self.residual <= self.bound else FAILED
+
+
+def ledger_dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
+    """Return the rows of a ledger as a Dataset, along `case`."""
+    words = {
+        "case_name": ("name", "case and closed form"),
+        "case_method": ("method", "method"),
+        "case_relation": ("relation", "closed form of time and parameters"),
+        "case_observable": ("observable", "what is compared"),
+        "case_where": ("where", "where it is compared"),
+        "case_norm": ("norm", "norm of the residual"),
+        "case_units": ("units", "unit of residual and bound"),
+        "case_bound_rule": ("rule", "how the bound is derived"),
+        "case_note": ("note", "why a case was refused, or what was missing"),
+        "case_run": ("run", "content digest of the run"),
+    }
+    variables: dict[str, Any] = {
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE))
+        for name, (key, long_name) in words.items()
+    }
+    numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
+    variables |= {
+        "case_stage": (
+            (CASE,),
+            np.array([row.stage for row in rows]),
+            about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
+        ),
+        "residual": (
+            (CASE,),
+            np.array([row.residual for row in rows]),
+            numbers | {"long_name": "largest difference from the closed form"},
+        ),
+        "bound": ((CASE,), np.array([row.bound for row in rows]), numbers | {"long_name": "the most that it may be"}),
+        RESIDUAL_SCALE: ((CASE,), np.array([row.scale for row in rows]), numbers | {"long_name": SCALE_RULE}),
+        SCALED_RESIDUAL: (
+            (CASE,),
+            over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T),
+            about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
+        ),
+        "verdict": (
+            (CASE,),
+            np.array([row.verdict for row in rows], np.int8),
+            about("1", "what became of the case", "flag") | flags(dict(enumerate(VERDICTS))),
+        ),
+    }
+    runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
+    return exhibit("ledger", title, runs, variables, {})
+
+
+def lines_of(ledger: xr.Dataset) -> Iterator[str]:
+    """Describe a ledger line by line: each failed case, and how many passed."""
+    words = words_of(ledger["verdict"])
+    for k, word in enumerate(words):
+        entry = {
+            name: str(ledger[f"case_{name}"][k].item())
+            for name in ("name", "method", "observable", "where", "units", "note")
+        }
+        if word == "failed":
+            residual, bound, scale, over_scale = (
+                float(ledger[name][k]) for name in ("residual", "bound", RESIDUAL_SCALE, SCALED_RESIDUAL)
+            )
+            numbers = f"residual {residual:.3g} {entry['units']}, bound {bound:.3g} {entry['units']}"
+            numbers += f", scaled {over_scale:.3g} by {scale:.3g} {entry['units']}" if np.isfinite(scale) else ""
+            yield (
+                f"failed    {entry['name']} by {entry['method']}: {entry['observable']}, {entry['where']}:"
+                f" {numbers}{'; ' if entry['note'] else ''}{entry['note']}"
+            )
+        elif word == "refused" and not int(ledger["case_stage"][k]):
+            yield f"refused   {entry['name']} by {entry['method']}: {entry['note']}"
+    counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
+    methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)
+    yield f"ledger    {len(words)} cases of {len(methods)} methods: {counts}"
+
+
+SUMMARIES = {"ledger": lines_of}
