@@ -227,7 +227,8 @@ TOUCHED = {
         "test_signs.py -k drift or band or amplitude or turns or behind or ahead or residual or uncertainty_of",
         "test_cycles.py -k every_number",
         "test_thinning.py -k kept_rows or missing_columns",
-        "test_diagnosis.py -k verlet or lazy or wrong or references or residuals or observables or ellipse or saved",
+        "test_chunks.py -k diagnosis",
+        "test_diagnosis.py -k verlet or wrong or references or residuals or observables or ellipse or saved",
     ),
     "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),
     "evidence/refining/family.py": (

@@ -12,8 +12,10 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
+from cases.problems import MODELS
+from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing import diagnosis
-from xdynamics.evidence.diagnosing.cycles import Cycles, _chosen, _risen, _turned, cycles
+from xdynamics.evidence.diagnosing.cycles import Cycles, Turns, _chosen, _risen, _turned, cycles
 
 
 class Swing:
@@ -114,26 +116,43 @@ def test_the_level_is_chosen_for_the_swings_and_said(case: int) -> None:
     assert not doubt or f"has {swing.maxima} maxima and rises through the level" in doubt
 
 
+def rows_of(**columns: Any) -> Chunks:
+    """Rows of an oscillator that never was, in chunks of two."""
+    run = xr.Dataset({name: ("step", np.asarray(values, float)) for name, values in columns.items()})
+    return Chunks(run.chunk(step=2), xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"))
+
+
 @pytest.mark.parametrize(("dip", "turns"), [(1.1e-6, [1, -3, 4, -6]), (1.9e-6, [1, -3, 4, -6]), (0.9e-6, [1, 4, -6])])
 def test_swings_of_less_than_a_millionth_are_none(dip: float, turns: list[int]) -> None:
     """Assert maxima positive and minima negative; one between two swings of less than a millionth of the range is left out."""
     values = np.array([0.0, 1.0, 1.0 - dip, 1.0, 1.0 - dip, 0.0, 0.5])
-    assert _turned(values, np.array([1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0])).tolist() == turns
+    turned = _turned(rows_of(x=values, v_x=[1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0]), "x")
+    assert turned.rows.tolist() == turns
+    assert turned.values.tolist() == values[np.abs(turns)].tolist()
 
 
 def test_a_level_is_the_first_that_swings_rise_through() -> None:
     """Assert 0, the middle of the range, that of the smallest swing, or what is risen through oftenest, with as many rises."""
     time = np.arange(9.0)
     turns, zigzag = np.arange(1, 8), np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
-    assert _chosen(zigzag, time, turns, 3) == (0.0, "zero")
-    assert _chosen(5.0 + zigzag, time, turns, 3) == (5.0, "the middle of the range")
+
+    def chosen(values: Any, rows: Any, maxima: int) -> tuple[float, str]:
+        turned = Turns(rows, values[rows], float(values.min()), float(values.max()))
+        return _chosen(rows_of(x=values, time=time[: len(values)]), "x", turned, maxima)
+
+    assert chosen(zigzag, turns, 3) == (0.0, "zero")
+    assert chosen(5.0 + zigzag, turns, 3) == (5.0, "the middle of the range")
     high = np.array([0.0, 8.0, 7.0, 8.0, 7.0, 8.0, 7.0, 8.0, 6.5])
-    assert _chosen(high, time, turns, 4) == (7.5, "the middle of the smallest swing")
-    assert _chosen(high, time, turns[:1], 4)[0] == 4.0
-    assert _chosen(high[:2], time[:2], turns[:0], 0) == (4.0, "the middle of the range")
-    assert _risen(high, time, 7.5).tolist() == [0, 2, 4, 6]
-    assert _risen(high, np.array([0, 0, 1, 2, 2, 3, 4, 5, 6.0]), 7.0).tolist() == []
-    assert _risen(np.array([7.0, 8.0, 6.0, 7.0]), time[:4], 7.0).tolist() == [2]
+    assert chosen(high, turns, 4) == (7.5, "the middle of the smallest swing")
+    assert chosen(high, turns[:1], 4)[0] == 4.0
+    assert chosen(high[:2], turns[:0], 0) == (4.0, "the middle of the range")
+
+    def risen(values: Any, times: Any, level: float) -> list[int]:
+        return _risen(rows_of(x=values, time=times), "x", [level])[0].tolist()
+
+    assert risen(high, time, 7.5) == [0, 2, 4, 6]
+    assert risen(high, [0, 0, 1, 2, 2, 3, 4, 5, 6.0], 7.0) == []
+    assert risen([7.0, 8.0, 6.0, 7.0], time[:4], 7.0) == [2]
 
 
 @pytest.mark.parametrize(("rises", "maxima", "times"), [(0, 2, "never"), (1, 3, "once"), (2, 4, "2 times"), (2, 3, ""), (0, 1, ""), (0, 0, "")])  # fmt: skip
@@ -201,7 +220,7 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
 
         other = xr.Dataset({"time": ("step", [0.0, companions_end])})
         stub: Any = type("Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside)})()
-        return float(diagnosis._believed(run, stub)["believed_until"][1])
+        return float(diagnosis._believed(Chunks.of(run), stub)["believed_until"][1])
 
     times = run.time.values
     monkeypatch.setattr(diagnosis, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))

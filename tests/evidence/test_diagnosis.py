@@ -195,16 +195,6 @@ def test_bounces_that_only_one_run_has() -> None:
     assert found.event_time_global_error.size == run.sizes["event"]
 
 
-def test_lazy_runs_have_lazy_bands(tmp_path: Path) -> None:
-    """Assert that of dask arrays bands are computed when they are asked for."""
-    run = marched()
-    xd.save(run, tmp_path / "run.nc")
-    found = xd.diagnose(xd.open_run(tmp_path / "run.nc").chunk(step=100))
-    assert found.energy_band.chunks is not None
-    assert float(found.energy_band.compute()) == float(np.ptp(run.total_energy.values))
-    assert float(found.maximum_x.compute()) == float(run.x.max())
-
-
 def test_saved_shown_and_drawn(tmp_path: Path) -> None:
     """Assert that a diagnosis is an archive, and has a figure where there are cycles."""
     found = xd.diagnose(marched(), exact={"x": "cos(2*t/second)*metre"})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 SMALLEST = 1e-6  # of the range: a smaller rise and fall is not a swing
 TURNS = 60  # of a search: at least every eighth one halves the bracket
@@ -73,7 +75,7 @@ class Cycles:
 
 
 def cycles(
-    run: xr.Dataset,
+    run: xr.Dataset | Chunks,
     name: str,
     *,
     level: float | None = None,
@@ -83,8 +85,8 @@ def cycles(
 
     Parameters
     ----------
-    run : xarray.Dataset
-        A run record.
+    run : xarray.Dataset, or Chunks
+        A run record, or its rows.
     name : str
         A coordinate.
     level : float, optional
@@ -97,43 +99,73 @@ def cycles(
     InputError
         If there is no such coordinate.
     """
-    if name not in run.variables or run[name].attrs.get("role") != "coordinate":
+    rows = Chunks.of(run, functions)
+    record = rows.run
+    if name not in record.variables or record[name].attrs.get("role") != "coordinate":
         coordinates = [
             str(coordinate)
-            for coordinate, variable in run.data_vars.items()
+            for coordinate, variable in record.data_vars.items()
             if variable.attrs.get("role") == "coordinate"
         ]
         raise InputError(f"'{name}' is no coordinate of the run; there are {', '.join(coordinates) or 'none'}")
-    values, time = np.asarray(run[name]), np.asarray(run["time"])
-    turns = _turned(values, np.asarray(run[schema.velocity(name)]))
-    maxima, rule = int(np.count_nonzero(turns > 0)), "given"
+    turns = _turned(rows, name)
+    maxima, rule = int(np.count_nonzero(turns.rows > 0)), "given"
     if level is None:
-        level, rule = _chosen(values, time, np.abs(turns), maxima)
-    rows = _risen(values, time, level)
-    located = _located(run, name, level, rows, functions) if rows.size else (np.zeros(0), np.zeros(0))
+        level, rule = _chosen(rows, name, turns, maxima)
+    risen = _risen(rows, name, [level])[0]
+    located = _located(rows, name, level, risen, functions) if risen.size else (np.zeros(0), np.zeros(0))
     return Cycles(name, level, *located, rule, maxima)
 
 
-def _turned(values: Floats, speeds: Floats) -> NDArray[np.int64]:
-    """Return the rows from which a velocity has another sign than before: positive for a maximum, else negative."""
-    moving = np.flatnonzero(speeds)
-    up = speeds[moving] > 0.0
-    places = np.flatnonzero(up[:-1] != up[1:])
-    rows = moving[places + 1]
-    swings = np.abs(np.diff(np.concatenate([values[:1], values[rows], values[-1:]])))
-    large = np.maximum(swings[:-1], swings[1:]) > SMALLEST * float(np.ptp(values))
-    signed_rows: NDArray[np.int64] = np.where(up[places], rows, -rows)[large]
-    return signed_rows
+@dataclass(frozen=True)
+class Turns:
+    """Where a velocity has another sign than before, if the swing to or from there is large enough.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (n,)
+        The first rows with the other sign: positive for a maximum, else negative.
+    values : ndarray, shape (n,)
+        Of the coordinate in these rows.
+    low, high : float
+        The range of the coordinate in the run.
+    """
+
+    rows: Rows
+    values: Floats
+    low: float
+    high: float
 
 
-def _chosen(values: Floats, time: Floats, turns: NDArray[np.int64], maxima: int) -> tuple[float, str]:
+def _turned(rows: Chunks, name: str) -> Turns:
+    """Find where a coordinate turns, at accepted states."""
+    found, values, low, high = [np.zeros(0, np.int64)], [np.zeros(0)], np.inf, -np.inf
+    rising: list[bool] = []  # in the last row so far that moves
+    speed = schema.velocity(name)
+    for part in rows.parts(name, speed):
+        here, moving = part.own(name), np.flatnonzero(part.own(speed))
+        up = np.concatenate([np.array(rising, bool), part.own(speed)[moving] > 0.0])
+        places = np.flatnonzero(up[:-1] != up[1:])
+        turned = moving[places + 1 - len(rising)]
+        found.append(np.where(up[places], part.first + turned, -part.first - turned))
+        values.append(here[turned])
+        rising = up[-1:].tolist()
+        low, high = np.minimum(low, here.min()), np.maximum(high, here.max())
+    turns = np.concatenate(values)
+    first, last = rows.at(name, [0, rows.size - 1])
+    swings = np.abs(np.diff(np.concatenate([[first], turns, [last]])))
+    large = np.maximum(swings[:-1], swings[1:]) > SMALLEST * float(high - low)
+    return Turns(np.concatenate(found)[large], turns[large], float(low), float(high))
+
+
+def _chosen(rows: Chunks, name: str, turns: Turns, maxima: int) -> tuple[float, str]:
     """Choose a level that cycles rise through; see `cycles`."""
-    levels = {"zero": 0.0, "the middle of the range": float(np.min(values) + np.max(values)) / 2.0}
-    ends = values[turns]
+    levels = {"zero": 0.0, "the middle of the range": float(turns.low + turns.high) / 2.0}
+    ends = turns.values
     if ends.size > 1:
         least = int(np.argmin(np.abs(np.diff(ends))))
         levels["the middle of the smallest swing"] = float(ends[least] + ends[least + 1]) / 2.0
-    counts = {rule: len(_risen(values, time, level)) for rule, level in levels.items()}
+    counts = dict(zip(levels, map(len, _risen(rows, name, [*levels.values()])), strict=True))
     enough = [rule for rule, count in counts.items() if count > 1 and 2 * count >= maxima]
     rule = enough[0] if enough else max(counts, key=lambda candidate: counts[candidate])
     if not enough and counts[rule] == counts["the middle of the range"]:
@@ -141,24 +173,29 @@ def _chosen(values: Floats, time: Floats, turns: NDArray[np.int64], maxima: int)
     return levels[rule], rule
 
 
-def _risen(values: Floats, time: Floats, level: float) -> NDArray[np.int64]:
-    """Return the rows from which a step rises through a level; a start on the level is not a crossing."""
-    rows: NDArray[np.int64] = np.flatnonzero((values[:-1] < level) & (values[1:] >= level) & (np.diff(time) > 0))
-    return rows
+def _risen(rows: Chunks, name: str, levels: Sequence[float]) -> list[Rows]:
+    """Return for each level the rows from which a step rises through it; a start on the level is not a crossing."""
+    risen: list[list[Rows]] = [[] for _ in levels]
+    for part in rows.parts(name, "time"):
+        values, time, numbers = part.columns[name], part.columns["time"], part.numbers
+        inside = (numbers[:-1] >= part.first) & (np.diff(time) > 0)
+        for found, level in zip(risen, levels, strict=True):
+            found.append(numbers[:-1][inside & (values[:-1] < level) & (values[1:] >= level)])
+    return [np.concatenate(found) for found in risen]
 
 
 def _located(
-    run: xr.Dataset,
+    rows: Chunks,
     name: str,
     level: float,
-    rows: NDArray[np.int64],
+    risen: Rows,
     functions: Mapping[str, Callable[..., float]] | None,
 ) -> tuple[Floats, Floats]:
     """Locate all crossings at once, by Newton steps that stay inside brackets, and by bisection."""
-    time = np.asarray(run["time"])
+    run, _ = rows.near(np.concatenate([risen, risen + 1]))
+    (low, high), (before, after) = (rows.at(column, np.stack([risen, risen + 1])) for column in ("time", name))
     speed = schema.velocity(name)
-    low, high = time[rows], time[rows + 1]
-    here = low + (high - low) * (level - (y := np.asarray(run[name]))[rows]) / (y[rows + 1] - y[rows])
+    here = low + (high - low) * (level - before) / (after - before)
     for turn in range(TURNS):
         at = sample(run, here, side="before", functions=functions)
         off, slope = at[name].values - level, at[speed].values

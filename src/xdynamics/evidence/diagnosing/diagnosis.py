@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import reduce
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -12,41 +11,39 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.shortened_steps import model_of, sampled
+from xdynamics.evidence.chunks import Chunks, with_roles
 from xdynamics.evidence.companion import Companion, check_whole, companion_of, global_error
 from xdynamics.evidence.diagnosing import chaos
+from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conserved, spans
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, cycles
 from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.observables import comparable, evaluated_on, tree_of
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import scale_of, scaled
-from xdynamics.expressions import Binary, Name, Node, dimension_of, free_names, parse
+from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record import check, check_kind
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, STEPS
-from xdynamics.units import Unit, parse_quantity, parse_unit, spell, time_in, unit_suffix
+from xdynamics.units import Unit, parse_quantity, parse_unit, time_in, unit_suffix
 from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
 Functions = Mapping[str, Callable[..., float]]
 
-ROLE = "diagnostic"
 BELIEVED = 0.1  # of the range of a quantity: the largest error with which it is still believed
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that is the reference of phases
 PARTS = 64  # of a cycle, from which its area is computed
-MEANT = 512  # of a cycle, from which a mean is computed, in addition to accepted states
 LOOKED_AT = 400  # times at which a run is compared with its companion
 KEPT = ("solver_method", "solver_step", "solver_rtol", "model_digest")  # attributes of the run
 UNTOLD, LONGEST = 6, 9  # digits in lines: of numbers without an uncertainty, and at most of those with one
-BANDED = ("energy", "observable")  # roles of quantities that may be conserved
 
 
 def diagnose(
@@ -65,7 +62,8 @@ def diagnose(
     Parameters
     ----------
     run : xarray.Dataset
-        A run record. On dask arrays, bands and sampled extremes are lazy, and nothing else is returned.
+        A run record. Of one in chunks each chunk is read once, in order; columns that are needed again are kept as long
+        as they take no more MB than $XDYNAMICS_REMEMBERED_LIMIT (256), and else read again.
     of : str, optional
         The coordinate whose cycles are counted; by default the first one.
     level : str or float, optional
@@ -123,18 +121,17 @@ def diagnose(
     check_every_row(run.attrs, "a diagnosis")
     check_every_column(run.attrs, "a diagnosis")
     title, digest = f"diagnosis of {run.attrs['title']}", archive.digest_of_run(run)
-    if any(run[name].chunks is not None for name in run.data_vars):
-        if lyapunov is not False:
-            raise InputError("Lyapunov exponents need a run in memory, and this one is read in chunks; load() it first")
-        return exhibit("diagnosis", title, [digest], dict(_bands(run)), {})
     model = model_of(run, functions)
+    rows = Chunks(run, model)
+    if lyapunov is not False and rows.is_stored:
+        raise InputError("Lyapunov exponents need a run in memory, and this one is read in chunks; load() it first")
     attributes: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
     if reference is not None:
         check_whole(run)  # cycles are counted from the start
     tighter = companion_of(run, functions) if companion else None
-    variables = dict(_bands(run))
-    counted = _cycles(run, of, level, functions)
-    variables |= dict(_conserved(run, model, counted, functions))
+    variables = dict(bands(rows))
+    counted = _cycles(rows, of, level, functions)
+    variables |= dict(conserved(rows, counted, functions))
     if counted is not None:
         attributes |= {
             "coordinate": counted.name,
@@ -144,15 +141,15 @@ def diagnose(
         attributes |= {"level_rule": counted.rule, "maxima": counted.maxima}
         attributes |= {"cycle_doubt": counted.doubt} if counted.doubt else {}
         ideal, source = _reference(counted, reference, time_unit(run), tighter, functions)
-        turns = _turns(run, counted.name, functions)
-        variables |= _along_cycles(run, counted, ideal, turns, functions) | turns
+        turns = _turns(rows, counted.name, functions)
+        variables |= _along_cycles(rows, counted, ideal, turns, functions) | turns
         attributes["reference"] = source
-    variables |= extremes_of(run, sought(run), functions)
-    variables |= dict(_residuals(run, model, {} if exact is None else exact))
+    variables |= extremes_of(rows, sought(run), functions)
+    variables |= dict(_residuals(rows, {} if exact is None else exact))
     if exact:
-        variables["time"] = ((STEPS,), np.asarray(run["time"]), dict(run["time"].attrs))
+        variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))
     if tighter is not None:
-        variables |= _believed(run, tighter)
+        variables |= _believed(rows, tighter)
         attributes["companion"] = tighter.said
     digests = [digest, *([archive.digest_of_run(tighter.run)] if tighter is not None else [])]
     if lyapunov is not False:
@@ -161,108 +158,10 @@ def diagnose(
     return exhibit("diagnosis", title, digests, variables, attributes)
 
 
-def _bands(run: xr.Dataset) -> Iterator[tuple[str, Any]]:
-    """Yield the range of quantities that may be conserved; on dask arrays lazily, with extremes of the state."""
-    for name in _with_roles(run, BANDED):
-        variable, units = run[name].variable, str(run[name].attrs["units"])
-        yield (
-            _band(name),
-            (
-                (),
-                (variable.max() - variable.min()).data,
-                about(units, f"largest less least {name} of the accepted states", ROLE),
-            ),
-        )
-    if any(run[name].chunks is not None for name in run.data_vars):
-        for name in _with_roles(run, ("coordinate", "velocity", "state")):
-            variable, units = run[name].variable, str(run[name].attrs["units"])
-            for word, value in (("maximum", variable.max()), ("minimum", variable.min())):
-                yield (
-                    f"{word}_{name}",
-                    ((), value.data, about(units, f"{word} of {name} among the accepted states", ROLE)),
-                )
-
-
-def _band(name: str) -> str:
-    return "energy_band" if name == "total_energy" else f"band_{name}"
-
-
-def _conserved(
-    run: xr.Dataset, model: Model, counted: Cycles | None, functions: Functions | None
-) -> Iterator[tuple[str, Any]]:
-    """Yield the drift of quantities that may be conserved, and ranges and drifts of momenta."""
-    observables = comparable(model)
-    for name in _with_roles(run, BANDED):
-        units, tree = parse_unit(str(run[name].attrs["units"])), tree_of(model, name) if name in observables else None
-        drift, rule = _drift(run, model, np.asarray(run[name]) * float(units.factor), tree, counted, functions)
-        key = "energy_drift" if name == "total_energy" else f"drift_{name}"
-        yield key, ((), drift / float(units.factor), about(units.text, f"{name}: {rule}", ROLE))
-    coordinates = list(model.coordinates)
-    if not coordinates or model.python_functions:
-        return
-    rows, time = np.arange(run.sizes[STEPS]), np.asarray(run["time"])
-    states = {name: np.asarray(run[name]) for name in model.units}
-    entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
-    for i, name in enumerate(coordinates):
-        terms: list[Node] = [
-            Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i
-        ]
-        tree = reduce(lambda left, right: Binary("+", left, right), terms)
-        (momentum,) = evaluated_on(run, model, [tree], states, time, rows)
-        mass = dimension_of(model.expanded(model.statement.mass_entries[i, i]), model.dimensions)
-        units = spell(mass * model.dimensions[schema.velocity(name)])
-        drift, rule = _drift(run, model, momentum, tree, counted, functions)
-        yield (
-            f"band_momentum_{name}",
-            ((), float(np.ptp(momentum)), about(units.text, f"largest less least momentum of {name}, (M v)", ROLE)),
-        )
-        yield f"drift_momentum_{name}", ((), drift, about(units.text, f"momentum of {name}: {rule}", ROLE))
-
-
-def _drift(
-    run: xr.Dataset,
-    model: Model,
-    values: Floats,
-    tree: Node | None,
-    counted: Cycles | None,
-    functions: Functions | None,
-) -> tuple[float, str]:
-    """Return the drift of a quantity, averaged over a cycle where there are cycles, and its rule in words."""
-    if counted is None or len(counted.times) < 3:
-        return float(values[-1] - values[0]), "at the end less at the start"
-    ends = counted.times.tolist()
-    first, last = (_mean(run, model, values, tree, (a, b), functions) for a, b in (ends[:2], ends[-2:]))
-    return last - first, "mean over the last cycle less that over the first"
-
-
-def _mean(
-    run: xr.Dataset,
-    model: Model,
-    values: Floats,
-    tree: Node | None,
-    span: tuple[float, float],
-    functions: Functions | None,
-) -> float:
-    """Return the mean over time, by the trapezoidal rule over accepted states and states between them."""
-    (begin, end), time = span, np.asarray(run["time"])
-    inner = np.flatnonzero((time > begin) & (time < end))
-    times = np.linspace(begin, end, MEANT + 1)
-    if tree is None:
-        between, rows = np.interp(times, time, values), np.searchsorted(time, times, side="right") - 1
-    else:
-        states = sampled(run, times, after=True, rule=REINTEGRATE, functions=functions)
-        rows = np.asarray(states["row"])
-        (between,) = evaluated_on(
-            run, model, [tree], {name: np.asarray(states[name]) for name in model.units}, times, rows
-        )
-    order = np.lexsort((np.concatenate([rows + 0.5, inner]), np.concatenate([times, time[inner]])))
-    t, y = (np.concatenate(pair)[order] for pair in ((times, time[inner]), (between, values[inner])))
-    return float(np.trapezoid(y, t) / (end - begin))
-
-
-def _cycles(run: xr.Dataset, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
+def _cycles(rows: Chunks, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
     """Count the cycles of one coordinate."""
-    names = _with_roles(run, ("coordinate",))
+    run = rows.run
+    names = with_roles(run, ("coordinate",))
     if of is None and not names:
         return None
     name = of or names[0]
@@ -272,7 +171,7 @@ def _cycles(run: xr.Dataset, of: str | None, level: Any, functions: Functions | 
         if isinstance(level, str) and quantity.unit.dimension != unit.dimension:
             raise InputError(f"level is {level!r}, needs the unit '{unit.text}' of '{name}'")
         level = quantity.si / float(unit.factor) if isinstance(level, str) else quantity.value
-    return cycles(run, name, level=level, functions=functions)
+    return cycles(rows, name, level=level, functions=functions)
 
 
 def _reference(
@@ -325,16 +224,20 @@ def _filled(values: Floats, size: int) -> Floats:
 
 
 def _along_cycles(
-    run: xr.Dataset, counted: Cycles, reference: Floats, turns: Mapping[str, Any], functions: Functions | None
+    rows: Chunks, counted: Cycles, reference: Floats, turns: Mapping[str, Any], functions: Functions | None
 ) -> dict[str, Any]:
     """Return the variables along `cycle`."""
-    name, spans = counted.name, counted.periods
+    run, name, spans = rows.run, counted.name, counted.periods
     # the mean over equal parts of a whole period is as accurate as its samples: the area is the integral of v**2
     parts = counted.times[:-1] + spans * (np.arange(PARTS) / PARTS)[:, None]
-    states = sampled(run, parts.ravel(), after=True, rule=REINTEGRATE, functions=functions)
-    positions, speeds = (
-        np.asarray(states[variable]).reshape(parts.shape) for variable in (name, schema.velocity(name))
-    )
+    positions, speeds = np.zeros((2, *parts.shape))
+    for stretch, here in rows.stretches():
+        time = np.asarray(stretch["time"])
+        inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
+        if not inside.any():
+            continue
+        states = sampled(stretch, parts[inside], after=True, rule=REINTEGRATE, functions=functions)
+        positions[inside], speeds[inside] = (np.asarray(states[column]) for column in (name, schema.velocity(name)))
     area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
     amplitude = np.ptp(positions, axis=0) / 2.0 if spans.size else np.zeros(0)
     for k, (begin, end) in enumerate(pairwise(np.searchsorted(turns["turning_time"][1], counted.times).tolist())):
@@ -375,24 +278,25 @@ def _along_cycles(
     }
 
 
-def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str, Any]:
+def _turns(rows: Chunks, name: str, functions: Functions | None) -> dict[str, Any]:
     """Locate where a coordinate turns: its velocity passes zero within a step."""
-    time, v = np.asarray(run["time"]), np.asarray(run[schema.velocity(name)])
-    rows = np.flatnonzero((v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
-    low, high, sign = time[rows], time[rows + 1], np.sign(v[rows])
-    for _ in range(60 if rows.size else 0):
+    speed, turned, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
+    for part in rows.parts("time", speed):
+        time, v, numbers = part.columns["time"], part.columns[speed], part.numbers
+        passed = np.flatnonzero((numbers[:-1] >= part.first) & (v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
+        turned.append(numbers[passed])
+        signs.append(np.sign(v[passed]))
+    before, sign = np.concatenate(turned), np.concatenate(signs)
+    low, high = rows.at("time", np.stack([before, before + 1]))
+    run, _ = rows.near(np.concatenate([before, before + 1]))
+    for _ in range(60 if before.size else 0):
         middle = (low + high) / 2.0
-        before = (
-            sign
-            * np.asarray(
-                sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)[schema.velocity(name)]
-            )
-            > 0.0
-        )
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
+        states = sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)
+        same = sign * np.asarray(states[speed]) > 0.0
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
     points = (
         np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name])
-        if rows.size
+        if before.size
         else np.zeros(0)
     )
     units = str(run[name].attrs["units"])
@@ -406,15 +310,16 @@ def _turns(run: xr.Dataset, name: str, functions: Functions | None) -> dict[str,
     }
 
 
-def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+def _residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
     """Yield the residuals of a run against closed forms at its accepted states."""
     if not isinstance(exact, Mapping):
         raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
+    run, model = rows.run, rows.model
     for name, text in exact.items():
         if name not in model.units or name not in run.variables:
             raise InputError(f"exact names '{name}'; there are {', '.join(model.units)}")
-        expected = closed_form(run, model, name, text)
-        residual = np.asarray(run[name]) - expected
+        computed, expected = _beside_closed_form(rows, name, text)
+        residual = computed - expected
         units = str(run[name].attrs["units"])
         yield f"residual_{name}", ((STEPS,), residual, about(units, f"{name} less {text}", "residual"))
         yield (
@@ -430,19 +335,19 @@ def _residuals(run: xr.Dataset, model: Model, exact: Mapping[str, str]) -> Itera
             ),
         )
         scale_text = f"largest size of {text} at the accepted times; where that is 0, of {name} as computed"
-        scale = scale_of(expected, np.asarray(run[name]))
+        scale = scale_of(expected, computed)
         yield from scaled("residual", name, residual, scale, (STEPS,), units, scale_text, ("largest", "rms")).items()
 
 
-def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
-    """Evaluate an expression of time and parameters at the accepted times, in the unit of a variable.
+def _beside_closed_form(rows: Chunks, name: str, text: str) -> tuple[Floats, Floats]:
+    """Return a variable, and an expression of time and parameters in its unit, at the accepted times.
 
     Raises
     ------
     InputError
         If the expression cannot be read, reads anything else, or has another dimension.
     """
-    ledger = Ledger(f"exact '{name}'")
+    ledger, model = Ledger(f"exact '{name}'"), rows.model
     with ledger.entry(repr(text)[:60]):
         tree = model.expanded(parse(text))
         dimension = dimension_of(tree, model.dimensions)
@@ -451,43 +356,53 @@ def closed_form(run: xr.Dataset, model: Model, name: str, text: str) -> Floats:
         if dimension != model.units[name].dimension:
             raise InputError(f"has units '{dimension}', needs '{model.units[name].text}'")
     ledger.settle()
-    times = np.asarray(run["time"])
-    state = {variable: np.asarray(run[variable]) * float(unit.factor) for variable, unit in model.units.items()} | {
-        "t": times
-    }
-    values = evaluated_many(model, [tree], state, constants(model), tables_of(model))[0]
-    return np.broadcast_to(values, times.shape) / float(model.units[name].factor)
+    computed, expected = np.zeros((2, rows.size))
+    for part in rows.parts("time", *model.units):
+        times, here = part.own("time"), slice(part.first, part.first + part.count)
+        state = {variable: part.own(variable) * float(unit.factor) for variable, unit in model.units.items()}
+        values = evaluated_many(model, [tree], state | {"t": times}, constants(model), tables_of(model))[0]
+        computed[here], expected[here] = (
+            part.own(name),
+            np.broadcast_to(values, times.shape) / float(model.units[name].factor),
+        )
+    return computed, expected
 
 
-def _believed(run: xr.Dataset, tighter: Companion) -> dict[str, Any]:
+def _believed(rows: Chunks, tighter: Companion) -> dict[str, Any]:
     """Return the time up to which every coordinate, velocity and state is known to a tenth of its range."""
-    time = np.asarray(run["time"])
-    end = min(float(time[-1]), float(tighter.run["time"][-1]))
-    # next to an event the two runs may be on different sides of it, however well they agree
-    calm = np.flatnonzero(
-        ~np.isin(np.asarray(run["row_kind"]), (schema.EVENT_BEFORE, schema.EVENT_AFTER)) & (time <= end)
-    )
-    rows = calm[np.unique(np.linspace(0, len(calm) - 1, LOOKED_AT).astype(np.int64))]
-    states = tighter.beside(sampled(run, time[rows], after=True, rule=REINTEGRATE, functions=tighter.functions))
-    names = _with_roles(run, ("coordinate", "velocity", "state"))
-    lost = np.zeros(rows.size, bool)
-    for name in names:
-        span = float(np.ptp(np.asarray(run[name])))
+    run = rows.run
+    end = min(float(rows.at("time", rows.size - 1)), float(tighter.run["time"][-1]))
+    looked_at = _evenly(lambda: _calm(rows, end))
+    times = rows.at("time", looked_at)
+    near, _ = rows.near(looked_at)
+    states = tighter.beside(sampled(near, times, after=True, rule=REINTEGRATE, functions=tighter.functions))
+    lost = np.zeros(times.size, bool)
+    for name, (least, most) in spans(rows, with_roles(run, ("coordinate", "velocity", "state"))).items():
+        span = most - least
         lost |= np.abs(np.asarray(states[global_error(name)])) > BELIEVED * span if span > 0.0 else False
     stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
-    until = float(time[rows[int(np.argmax(stays))]]) if stays.any() else end
+    until = float(times[int(np.argmax(stays))]) if stays.any() else end
     long_name = (
         "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
     )
     return {"believed_until": ((), until, about(time_unit(run).text, long_name, ROLE))}
 
 
-def _with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
-    return [
-        str(name)
-        for name, variable in run.data_vars.items()
-        if variable.attrs.get("role") in roles and variable.dims == (STEPS,)
-    ]
+def _calm(rows: Chunks, end: float) -> Iterator[Rows]:
+    """Yield the rows up to a time that are at no event: there two runs may be on different sides, however well they agree."""
+    for part in rows.parts("time", "row_kind"):
+        at_event = np.isin(part.own("row_kind"), (schema.EVENT_BEFORE, schema.EVENT_AFTER))
+        yield part.first + np.flatnonzero(~at_event & (part.own("time") <= end))
+
+
+def _evenly(parts: Callable[[], Iterable[Rows]]) -> Rows:
+    """Choose some of all rows, evenly by their number."""
+    count = sum(part.size for part in parts())
+    places, passed, chosen = np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(np.int64)), 0, []
+    for part in parts():
+        chosen.append(part[places[(places >= passed) & (places < passed + part.size)] - passed])
+        passed += part.size
+    return np.concatenate(chosen)
 
 
 def cycles_said(found: xr.Dataset) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import model_of, sampled
-from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
+from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.evidence.chunks import Chunks, Part
+from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
 from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -53,12 +55,14 @@ class Extreme(NamedTuple):
     uncertainty: float
 
 
-def extreme(run: xr.Dataset, name: str, sign: float, functions: Functions | None) -> Extreme:
+def extreme(run: xr.Dataset | Chunks, name: str, sign: float, functions: Functions | None) -> Extreme:
     """Find the largest value of a quantity, or with a sign of -1 the least; see `extremes`."""
     return extremes(run, [(name, sign)], functions)[0]
 
 
-def extremes(run: xr.Dataset, wanted: Sequence[tuple[str, float]], functions: Functions | None) -> list[Extreme]:
+def extremes(
+    run: xr.Dataset | Chunks, wanted: Sequence[tuple[str, float]], functions: Functions | None
+) -> list[Extreme]:
     """Find the largest values of quantities, or with a sign of -1 the least.
 
     A state at an event that is above all others is taken as it is. Otherwise the steps to and from each row that is not
@@ -67,47 +71,112 @@ def extremes(run: xr.Dataset, wanted: Sequence[tuple[str, float]], functions: Fu
     written in Python, only accepted states are used, except for states that steps integrate: the uncertainty is then
     how far the parabola through the largest value and its neighbours rises above it.
     """
-    model = model_of(run, functions)
-    searches = [_begun(run, model, name, sign) for name, sign in wanted]
+    rows = Chunks.of(run, functions)
+    model, found = rows.model, [_Heights(name, sign) for name, sign in wanted]
+    for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
+        for heights in found:
+            heights.rise(part)
+    near, places_near = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
+    ends = np.cumsum([heights.rows.size for heights in found])
+    factors = {name: _factor(rows.run, name) for name, _ in wanted}
+    searches = [
+        _begun(rows, near, heights, here) for heights, here in zip(found, np.split(places_near, ends[:-1]), strict=True)
+    ]
     while True:
         places = [search.places() for _, search in searches]
         if not any(item.size for item in places):
             break
         ends = np.cumsum([0, *(item.size for item in places)])
-        states = sampled(run, np.concatenate(places), after=False, rule=REINTEGRATE, functions=functions)
+        states = sampled(near, np.concatenate(places), after=False, rule=REINTEGRATE, functions=functions)
         for k, ((name, _), (_, search)) in enumerate(zip(wanted, searches, strict=True)):
             if places[k].size:
                 here = states.isel({schema.AT: slice(ends[k], ends[k + 1])})
-                search.narrow(*_with_rates(run, model, name, here))
+                search.narrow(*_with_rates(near, model, name, factors[name], here))
     results = [_settled(*item) for item in searches]
     for k, (name, _) in enumerate(wanted):
         if results[k].rule == INTERPOLATED:
-            uncertainty = float(between(run, model, name, np.array([results[k].time]), functions)[1][0])
-            results[k] = results[k]._replace(uncertainty=uncertainty)
+            off = _between(near, model, name, factors[name], np.array([results[k].time]), functions)[1]
+            results[k] = results[k]._replace(uncertainty=float(off[0]))
     return results
 
 
-def _begun(run: xr.Dataset, model: Model, name: str, sign: float) -> tuple[Extreme, Summits]:
-    """Return the best accepted state, and the search of the steps around each row not lower than its neighbours."""
-    values, time = np.asarray(run[name]), np.asarray(run["time"])
-    row = int(np.nanargmax(sign * values))
-    at_event = int(run["row_kind"][row]) in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
-    best, first = (
-        Extreme(float(values[row]), float(time[row]), LOCATED if at_event else SAMPLED, 0.0),
-        np.array([0, len(time)]),
-    )
-    rows, members = humps(sign * values, time, first, *crests(sign * values, first))
-    if run[name].attrs["role"] not in STATES and model.python_functions:
-        best = best._replace(uncertainty=0.0 if at_event else beyond(values, time, row))
-        rows, members = rows[:0], members[:0]
-    neighbours = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
+@dataclass
+class _Heights:
+    """The highest rows of one quantity, and its humps, of the parts of a run so far.
+
+    Attributes
+    ----------
+    name : str
+    sign : float
+        1 for the largest values, -1 for the least.
+    best : (float, float, int)
+        The largest value times the sign, its time, and what kind of row it is in.
+    above : float
+        How far the parabola through it and its neighbours exceeds it.
+    rows, values, times : ndarray, shape (3, k)
+        Of each hump: the row before, its own, the row after; the highest of them where there are many.
+    """
+
+    name: str
+    sign: float
+    best: tuple[float, float, int] = (np.nan, np.nan, schema.INITIAL)
+    above: float = 0.0
+    rows: Rows = field(default_factory=lambda: np.zeros((3, 0), np.int64))
+    values: Floats = field(default_factory=lambda: np.zeros((3, 0)))
+    times: Floats = field(default_factory=lambda: np.zeros((3, 0)))
+
+    def rise(self, part: Part) -> None:
+        """Take further rows."""
+        values, time = part.columns[self.name], part.columns["time"]
+        signed, own = self.sign * values, slice(part.before, part.before + part.count)
+        if not np.isnan(signed[own]).all():
+            top = part.before + int(np.nanargmax(signed[own]))
+            if not signed[top] <= self.best[0]:
+                self.best = float(signed[top]), float(time[top]), int(part.columns["row_kind"][top])
+                self.above = beyond(values, time, top)
+        every = np.array([0, len(time)])
+        rows, members = crests(signed, every)
+        inside = (rows >= own.start) & (rows < own.stop)
+        rows, _ = humps(signed, time, every, rows[inside], members[inside])
+        here = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, len(time) - 1)])
+        self.rows = np.concatenate([self.rows, part.numbers[here]], axis=1)
+        self.values, self.times = (
+            np.concatenate(pair, axis=1) for pair in ((self.values, values[here]), (self.times, time[here]))
+        )
+        if self.rows.shape[1] > MOST_HUMPS:
+            highest = np.lexsort((self.rows[1], self.sign * self.values[1]))[-MOST_HUMPS:]
+            kept = np.sort(highest)
+            self.rows, self.values, self.times = self.rows[:, kept], self.values[:, kept], self.times[:, kept]
+
+
+def _begun(rows: Chunks, near: xr.Dataset, heights: _Heights, places: Rows) -> tuple[Extreme, Summits]:
+    """Return the best accepted state, and the search of the steps around each hump, whose rows are at places near it."""
+    name, sign, model = heights.name, heights.sign, rows.model
+    top, time, kind = heights.best
+    at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
+    best = Extreme(sign * top, time, LOCATED if at_event else SAMPLED, 0.0)
+    values, times = heights.values, heights.times
+    if rows.run[name].attrs["role"] not in STATES and model.python_functions:
+        best = best._replace(uncertainty=0.0 if at_event else heights.above)
+        values, times, places = values[:, :0], times[:, :0], places[:0]
     tree, rates = rate_tree(model, name), None
     if tree is not None:
-        states = {variable: np.asarray(run[variable])[neighbours.ravel()] for variable in model.units}
-        rates = evaluated_on(run, model, [tree], states, time[neighbours.ravel()], neighbours.ravel())[0].reshape(
-            neighbours.shape
-        ) / _factor(run, name)
-    search = summits(sign, np.array([best.value]), np.array([best.time]), values, time, first, rates, rows, members)
+        states = {variable: np.asarray(near[variable])[places] for variable in model.units}
+        rates = evaluated_on(near, model, [tree], states, times.ravel(), places)[0].reshape(values.shape)
+        rates = rates / _factor(rows.run, name)
+    # the rows of a hump, one after the other
+    middles = 1 + 3 * np.arange(values.shape[1])
+    search = summits(
+        sign,
+        np.array([best.value]),
+        np.array([best.time]),
+        values.T.ravel(),
+        times.T.ravel(),
+        np.array([0, values.size]),
+        rates,
+        middles,
+        np.zeros(middles.size, np.int64),
+    )
     return best, search
 
 
@@ -121,17 +190,17 @@ def _factor(run: xr.Dataset, name: str) -> float:
     return float(parse_unit(str(run[name].attrs["units"])).factor)
 
 
-def _with_rates(run: xr.Dataset, model: Model, name: str, states: xr.Dataset) -> tuple[Floats, Floats]:
+def _with_rates(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset) -> tuple[Floats, Floats]:
     """Return a quantity on states inside steps, and its rate; where no rate is known, the quantity twice."""
-    values, tree = _values(run, model, name, states), rate_tree(model, name)
+    values, tree = _values(run, model, name, factor, states), rate_tree(model, name)
     if tree is None:
         return values, values
     state = {variable: np.asarray(states[variable]) for variable in model.units}
     times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
-    return values, evaluated_on(run, model, [tree], state, times, rows)[0] / _factor(run, name)
+    return values, evaluated_on(run, model, [tree], state, times, rows)[0] / factor
 
 
-def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved: str = "") -> Floats:
+def _values(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset, moved: str = "") -> Floats:
     """Return a quantity on states inside steps; with one variable moved by its interpolation error, if named."""
     if name in model.units and not moved:
         return np.asarray(states[name])
@@ -139,19 +208,26 @@ def _values(run: xr.Dataset, model: Model, name: str, states: xr.Dataset, moved:
     if moved:
         state[moved] = state[moved] + np.asarray(states[schema.error(moved)])
     times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
-    return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / _factor(run, name)
+    return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / factor
 
 
 def between(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
+    return _between(run, model, name, _factor(run, name), times, functions)
+
+
+def _between(
+    run: xr.Dataset, model: Model, name: str, factor: float, times: Floats, functions: Functions | None
+) -> tuple[Floats, Floats]:
+    """Return the same where the unit's factor is given: the quantity itself need not be in the record."""
     states = sampled(run, times, after=False, rule=REINTEGRATE, functions=functions)
-    values = _values(run, model, name, states)
+    values = _values(run, model, name, factor, states)
     if name in model.units:
         return values, np.abs(np.asarray(states[schema.error(name)]))
     uncertain = [variable for variable in model.units if np.asarray(states[schema.error(variable)]).any()]
-    moved = (np.abs(_values(run, model, name, states, variable) - values) for variable in uncertain)
+    moved = (np.abs(_values(run, model, name, factor, states, variable) - values) for variable in uncertain)
     return values, sum(moved, np.zeros(values.shape))
 
 
@@ -178,12 +254,13 @@ def sought(run: xr.Dataset) -> list[str]:
     return names if len(names) <= MOST_NAMES else [name for name in names if along[name] in STATES]
 
 
-def extremes_of(run: xr.Dataset, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:
+def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:
     """Return the largest and the least value of quantities as variables of a Dataset."""
+    run = rows.run
     variables: dict[str, tuple[Any, ...]] = {}
     rules, time_unit = schema.flags(dict(enumerate(RULES))), str(run["time"].attrs["units"])
     wanted = [(name, sign) for name in names for sign in (1.0, -1.0)]
-    for (name, sign), result in zip(wanted, extremes(run, wanted, functions), strict=True):
+    for (name, sign), result in zip(wanted, extremes(rows, wanted, functions), strict=True):
         units, word, adjective = (
             str(run[name].attrs["units"]),
             *(("maximum", "largest") if sign > 0 else ("minimum", "least")),
