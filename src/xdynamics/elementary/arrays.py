@@ -16,6 +16,7 @@ from xdynamics.elementary.sets import SETS
 
 Floats = NDArray[np.float64]
 
+FEW = 8  # numbers, up to which a function is applied to one after the other: the same bits, without arrays' overhead
 DEPENDENT = 1e-14  # of a column: a smaller remainder beside the preceding columns counts as zero
 
 
@@ -135,7 +136,10 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
 def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
     """Apply an elementary function of a set to numbers or arrays that broadcast together."""
     arrays = np.broadcast_arrays(*(np.asarray(argument, float) for argument in given))
+    function, shape = SETS[math_functions][name], arrays[0].shape
+    if arrays[0].size <= FEW:
+        columns = (array.ravel().tolist() for array in arrays)
+        return np.array([function(*numbers) for numbers in zip(*columns, strict=True)], float).reshape(shape)
     with np.errstate(all="ignore"):
-        # comparisons of zero-dimensional arrays give scalars, not arrays
-        values: Floats = np.reshape(SETS[math_functions][name](*map(np.atleast_1d, arrays)), arrays[0].shape)
+        values: Floats = function(*arrays)
     return values
