@@ -223,19 +223,34 @@ def test_rocket_burns_what_it_has() -> None:
 def archived(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A saved run of every model."""
     path = tmp_path_factory.mktemp("archives") / f"{request.param}.nc"
-    xd.save(xd.simulate(model(request.param), until=min(2.0, 60.0)), path)
+    xd.save(xd.simulate(model(request.param), until=2.0), path)
     return path
 
 
-def test_archive_reproduces_and_passes_cf(archived: Path) -> None:
-    """Assert of every model: verified, reproduced bit for bit, clean under the strict CF check."""
+def test_an_archive_reproduces(archived: Path) -> None:
+    """Assert of every model: verified, and reproduced bit for bit."""
     assert xd.reproduce(archived).attrs["identical"] == 1
+
+
+def test_archives_pass_cf(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Assert that archives are clean under the strict CF check: so many that every kind of variable is among them, or all.
+
+    A kind is the dimensions and the names of the attributes. The checker's time goes with the cube of the variables, so
+    the small archives come first; with --whole all models are checked.
+    """
     checker = Path(sys.executable).with_name("compliance-checker")
-    if checker.exists():
-        report = subprocess.run(
-            [checker, "-t", "cf:1.11", "-c", "strict", archived], capture_output=True, text=True, check=False
-        )
-        assert "All tests passed!" in report.stdout, report.stdout
+    if not checker.exists():
+        pytest.skip("there is no compliance-checker here")
+    runs = sorted((xd.simulate(model(name), until=2.0) for name in NAMES), key=lambda run: len(run.variables))
+    met: set[tuple[tuple[str, ...], ...]] = set()
+    for k, run in enumerate(runs):
+        kinds = {(tuple(map(str, item.dims)), tuple(sorted(item.attrs))) for item in run.variables.values()}
+        if request.config.getoption("--whole") or kinds - met:
+            xd.save(run, tmp_path / f"{k}.nc")
+        met |= kinds
+    command = [checker, "-t", "cf:1.11", "-c", "strict", *sorted(tmp_path.iterdir())]
+    report = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    assert report.count("All tests passed!") == len(list(tmp_path.iterdir())), report
 
 
 def test_archive_is_read_by_ncdump(archived: Path) -> None:

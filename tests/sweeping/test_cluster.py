@@ -55,11 +55,10 @@ def test_two_processes_give_the_same_bits(here: xr.Dataset, tmp_path: Path) -> N
             assert_same(xd.sweep(model, AXES, members_per_task=20, path=tmp_path / "s", **ASKED), here)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path, seed: int) -> None:
+def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
     """Assert that kill -9 at random moments loses no finished block, and that the catalogue is that of a run without."""
     program = PROGRAM.format(axes=AXES, asked=ASKED)
-    kills(program, tmp_path / "s", random.Random(seed), most=3)
+    kills(program, tmp_path / "s", random.Random(0), most=3)
     found = xd.open_sweep(tmp_path / "s")
     assert_same(found, here)
     digests = found.run_digest.values.astype(str).ravel()

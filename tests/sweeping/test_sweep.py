@@ -525,15 +525,19 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(one.stem for one in MODELS.glob("*.toml")))
 @pytest.mark.filterwarnings("ignore::xdynamics.AccuracyWarning")
-def test_every_model_of_the_data_folder(name: str) -> None:
-    """Assert a member's states at times, and the largest of each variable, against its run by `sample` and `diagnose`."""
+def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureRequest) -> None:
+    """Assert a member's states at times, and the largest of each variable, against its run by `sample` and `diagnose`.
+
+    Over 0.7 s, or with --whole over 2 s.
+    """
+    until = 2.0 if request.config.getoption("--whole") else 0.7
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     parameter, used = next(iter(model.parameters)), list(model.units)
     value = model.parameters[parameter].quantity.value
-    asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}
+    asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-7, "until": until}
     keep = [*used, *(f"maximum_{one}" for one in used)]
     found = xd.sweep(
-        model, {parameter: [0.97 * value, value]}, keep=keep, times=np.linspace(0.0, 2.0, 5), check=1.0, **asked
+        model, {parameter: [0.97 * value, value]}, keep=keep, times=np.linspace(0.0, until, 5), check=1.0, **asked
     ).compute()
     run = xd.simulate(model, **asked)
     times = found.at_time.values[found.at_time.values <= float(run.time[-1])]
