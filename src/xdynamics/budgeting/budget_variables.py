@@ -18,8 +18,7 @@ from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
 from xdynamics.evidence.refining.levels import STEPS
 from xdynamics.model import Model
 from xdynamics.schema import BOUNDS, LEVEL, flags
-from xdynamics.sweeping.ensemble_analysis import quotient
-from xdynamics.units import BASE, Unit
+from xdynamics.units import BASE, Unit, quotient
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.growth import Law, Rows
+from xdynamics.dynamics.growth_arrays import Law, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.dynamics.variational import Along, Equations, NotVariedError, touches

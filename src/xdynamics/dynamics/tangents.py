@@ -13,7 +13,8 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.dynamics import growth
-from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES, Grown, Rows, Scheme, Tangent
+from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES
+from xdynamics.dynamics.growth_arrays import Grown, Rows, Scheme, Tangent
 from xdynamics.dynamics.path import Path
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU

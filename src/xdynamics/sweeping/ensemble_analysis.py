@@ -18,7 +18,7 @@ from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_
 from xdynamics.sweeping.kept_quantities import EVENT_COUNT
 from xdynamics.sweeping.labels import place_on
 from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, ended
-from xdynamics.units import parse_unit
+from xdynamics.units import quotient
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -340,16 +340,6 @@ def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
 
 def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
     return about(str(sweep[name].attrs["units"]), description, ROLE)
-
-
-def quotient(unit: str, by: str) -> str:
-    """Spell one unit over another."""
-    inverse = []
-    for factor in by.split() if by != "1" else ():
-        name = factor.rstrip("-0123456789")
-        power = int(factor[len(name) :] or 1)
-        inverse.append(f"{name}{-power}")
-    return parse_unit(" ".join(factor for factor in (unit, *inverse) if factor != "1") or "1").text
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:

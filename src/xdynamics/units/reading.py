@@ -163,3 +163,13 @@ def _quantity(value: float, unit: str, shown: str) -> Quantity:
     if not isfinite(value):
         raise InputError(f"quantity {shown} is not finite")
     return Quantity(value, parse_unit(unit))
+
+
+def quotient(unit: str, by: str) -> str:
+    """Spell one unit over another."""
+    inverse = []
+    for factor in by.split() if by != "1" else ():
+        name = factor.rstrip("-0123456789")
+        power = int(factor[len(name) :] or 1)
+        inverse.append(f"{name}{-power}")
+    return parse_unit(" ".join(factor for factor in (unit, *inverse) if factor != "1") or "1").text

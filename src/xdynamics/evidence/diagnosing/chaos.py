@@ -22,6 +22,18 @@ ROLE = "diagnostic"
 CERTAIN = 2.0  # uncertainties by which an exponent has to exceed 0 for a time to follow from it
 GROWN = 1000.0  # least growth for that: a smaller one cannot be distinguished from growth by a power of time
 IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` reports
+LONG_NAMES = {
+    LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
+    LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
+    LYAPUNOV: f"the largest of {LYAPUNOVS}",
+    LYAPUNOV_TIME: (
+        f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold"
+    ),
+    FINITE_TIME_GROWTH: (
+        "logarithm of how much the change of the start that grows most has grown at the end of the run,"
+        " each variable in units of its range, over the run's time; transients are in it"
+    ),
+}
 
 
 def lyapunov(
@@ -56,18 +68,6 @@ def lyapunov(
         "pieces": exponents.pieces,
         "variables": exponents.variables,
     }
-    long_names = {
-        LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
-        LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
-        LYAPUNOV: f"the largest of {LYAPUNOVS}",
-        LYAPUNOV_TIME: (
-            f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold"
-        ),
-        FINITE_TIME_GROWTH: (
-            "logarithm of how much the change of the start that grows most has grown at the end of the run,"
-            " each variable in units of its range, over the run's time; transients are in it"
-        ),
-    }
     numbers: dict[str, Any] = {
         LYAPUNOVS: exponents.values,
         LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
@@ -80,7 +80,7 @@ def lyapunov(
         units = unit if name == LYAPUNOV_TIME else per_time
         role = "error" if name == LYAPUNOV_UNCERTAINTY else ROLE
         extra = rule if name == LYAPUNOVS else {}
-        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, long_names[name], role) | extra)
+        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, LONG_NAMES[name], role) | extra)
     return variables
 
 

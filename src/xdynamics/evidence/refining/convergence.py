@@ -305,6 +305,12 @@ def judge(
             SAFETY * _left(values, steps, min(observed, trusted)) + remainder,
             INDEX,
         )
+    return _unsteady(values, steps, formal, cautious, remainder)
+
+
+def _unsteady(values: Floats, steps: Floats, formal: float, cautious: float, remainder: float) -> Judged:
+    """Judge values whose observed order is not that of the method: by a fit, where there are levels enough for one."""
+    last = float(abs(values[-1] - values[-2]))
     before = np.abs(np.diff(values))[:-1]
     falls = not before.size or last < np.nanmax(before) / 2.0
     verdict = PRE_ASYMPTOTIC if falls else NOT_CONVERGING
