@@ -14,7 +14,7 @@ from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
 from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
-from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_ROW, HAPPEN, KINDS, NOW, PLAN, SUBSTEP, WATCH, Run
+from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_PHASE, EVENT_ROW, NOW, PLAN, SUBSTEP, WATCH, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
 
@@ -64,10 +64,7 @@ def made_by_hand(n: int = 1, columns: int = 6, **arrays: Any) -> Run:
         "unknowns": (0, 3),
         "entries": (0, 4),
     }
-    made = {
-        name: np.zeros(shapes.get(name, sizes.get(name, 0)), dtype)
-        for name, (dtype, _) in ((one, KINDS[kind]) for one, kind in ARRAYS.items())
-    }
+    made = {name: np.zeros(shapes.get(name, sizes.get(name, 0)), array.kind.elements) for name, array in ARRAYS.items()}
     run = Run(**made | arrays)
     run.plan[0].used, run.plan[0].state, run.plan[0].coordinates = 2 * n, 3 * n, n
     run.plan[0].end, run.plan[0].most_steps = 10.0, 1e6
@@ -176,7 +173,7 @@ def entries() -> Any:
 
     from xdynamics.march import trial_step
 
-    found = np.zeros(HAPPEN + 1, np.int64)
+    found = np.zeros(EVENT_PHASE + 1, np.int64)
     found[SUBSTEP] = max(PLAIN, default=0) + 1
     PLAIN[int(found[SUBSTEP])] = plain(trial_step.part_of_step)
     return found

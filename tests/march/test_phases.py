@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cases.plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import acceptance, control, loop, trial_step
-from xdynamics.march.events import root_finding, transition, zero_tests
+from xdynamics.march.events import arming, event_rows, root_finding, transition, zero_tests
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -383,7 +383,7 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     run = dropped(stops)
     found(run, 1.5)
     run.located[0].landing = acceptance.AT_GRID
-    for phase, name in ((transition.note_events, "uncertainty"), (transition.rearm, "arm")):
+    for phase, name in ((event_rows.note_events, "uncertainty"), (arming.rearm, "arm")):
         monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
     plain(transition.hand_over)(run)
     assert run.now[0].evaluations == run.now[0].trials

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from xdynamics.expressions import free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.contacts.active_set import FLAT
-from xdynamics.march.contacts.delassus import GAP_OF, MOST, NUMBERS, RATE, SIZE, SLIDING
+from xdynamics.march.contacts.delassus import ABSENT, SLIDING
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
@@ -31,22 +29,23 @@ _REMEDY = "; a smaller coefficient of friction, or a compliant contact force, ha
 def dispute(march: March) -> str:
     """Name the contact without a solution, from the march's last state."""
     all_reactions, run = reactions(march.model), march.run
-    numbers = run.links[: NUMBERS * len(all_reactions)].reshape(-1, NUMBERS)
     if int(march.now.status) == CONTACT_PENETRATED:
-        return _penetrated(march, numbers[:, GAP_OF].tolist())
+        return _penetrated(march, run.links["gap"].tolist())
     if why := undefined(march):
         return why
     for k, reaction in enumerate(all_reactions):
         touch = run.touches[k]
-        if touch.near and not _grams(march)[k, k] > FLAT * touch.steepest:
+        if touch.near and not run.delassus[k, k] > FLAT * touch.steepest:
             return (
                 f"the gap of contact '{reaction.owner}' closes where its gradient vanishes, which is its normal; write"
                 " a gap that passes zero with a slope"
             )
-    for reaction, size in zip(all_reactions, numbers[:, SIZE].tolist(), strict=True):
+    for reaction, size in zip(all_reactions, run.links["size"].tolist(), strict=True):
         if reaction.sort == NORMAL and not 0.0 <= size <= 1.0:
             return f"the restitution of contact '{reaction.owner}' is {size:.6g}, and needs to be from 0 to 1"
-    for reaction, size, static in zip(all_reactions, numbers[:, SIZE].tolist(), numbers[:, MOST].tolist(), strict=True):
+    for reaction, size, static in zip(
+        all_reactions, run.links["size"].tolist(), run.links["most"].tolist(), strict=True
+    ):
         if reaction.sort != NORMAL and not size >= 0.0:
             return f"the friction of '{reaction.owner}' is {size:.6g} while it slips, and needs to be non-negative"
         if reaction.sort != NORMAL and not static >= size:
@@ -54,13 +53,15 @@ def dispute(march: March) -> str:
                 f"the friction of '{reaction.owner}' sticks with {static:.6g} and slips with {size:.6g}: static is at"
                 " least kinetic"
             )
-    if why := _struck_together(march, numbers[:, RATE].tolist()):
+    if why := _struck_together(march, run.links["rate"].tolist()):
         return why
     for k, reaction in enumerate(all_reactions):
         if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
             return painleve(reaction, float(run.touches[k].coefficient))
     held = ", ".join(
-        f"'{reaction.owner}'" for reaction, touch in zip(all_reactions, run.touches, strict=True) if touch.part
+        f"'{reaction.owner}'"
+        for reaction, touch in zip(all_reactions, run.touches, strict=True)
+        if touch.part != ABSENT
     )
     return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
 
@@ -94,12 +95,6 @@ def undefined(march: March) -> str:
     return ""
 
 
-def _grams(march: March) -> NDArray[Any]:
-    m = len(march.run.touches)
-    matrix: NDArray[Any] = march.run.links[NUMBERS * m : NUMBERS * m + m * m].reshape(m, m)
-    return matrix
-
-
 def painleve(one: Reaction, coefficient: float) -> str:
     """Return the message that friction is too large for a unique solution."""
     return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
@@ -107,9 +102,9 @@ def painleve(one: Reaction, coefficient: float) -> str:
 
 def _pressed_apart(march: March, k: int) -> bool:
     """Whether the normal force of a sliding contact, its friction included, pushes the bodies apart."""
-    touch, grams = march.run.touches[k], _grams(march)
+    touch, delassus = march.run.touches[k], march.run.delassus
     normal = int(march.run.reactions[k].normal)
-    return bool(grams[normal, normal] - touch.way * touch.coefficient * grams[normal, k] > 0.0)
+    return bool(delassus[normal, normal] - touch.way * touch.coefficient * delassus[normal, k] > 0.0)
 
 
 def inconsistency(march: March) -> str:

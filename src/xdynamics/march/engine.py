@@ -14,8 +14,9 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
 from xdynamics.march import entries, loop, trial_step
-from xdynamics.march.contacts import dispatch
-from xdynamics.march.events import enclosures, transition
+from xdynamics.march.contacts import dispatch as contact_dispatch
+from xdynamics.march.events import dispatch as event_dispatch
+from xdynamics.march.events import enclosures
 from xdynamics.march.lane_rows import gather_rows
 from xdynamics.march.lanes import march_lanes
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
@@ -54,7 +55,7 @@ class Watchers(NamedTuple):
 
     enclose: int  # `enclosures.enclose_between`
     substep: int  # `trial_step.part_of_step`
-    happen: int  # `transition.happen`
+    watch: int  # `events.dispatch.watch`
 
 
 _KEYS = count(-1, -1)  # of entries where nothing is compiled
@@ -126,10 +127,10 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, LANES = (
         (
             (enclosures.enclose_between, types.void(*[types.int64] * 6)),
             (trial_step.part_of_step, _ENTERED),
-            (transition.happen, _ENTERED),
+            (event_dispatch.watch, _ENTERED),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 15, ((dispatch.touch, _ENTERED),)),
+    EnginePart("contacts", "contacts and friction", 15, ((contact_dispatch.touch, _ENTERED),)),
     EnginePart(
         "lanes",
         "marches side by side",

@@ -18,7 +18,20 @@ from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.perturbation import follow
-from xdynamics.march.run import BEGUN, HAPPEN, INFORM, KEPT, PIECE, SETTLE, SIDES, TOUCH, TOUCHED, TRIAL, WATCH, Run
+from xdynamics.march.run import (
+    BEGUN,
+    CONTACT_PHASE,
+    EVENT_PHASE,
+    INFORM,
+    KEPT,
+    PIECE,
+    SETTLE,
+    TAKE_SIDES,
+    TOUCH,
+    TRIAL,
+    WATCH,
+    Run,
+)
 from xdynamics.march.tolerance_sizes import derivatives, fastest_rate, natural_sizes
 from xdynamics.march.trial_step import copy, propose_apart
 
@@ -304,7 +317,7 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool) -> None:
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
-        entered_by(run.functions[TOUCHED], run, t, SETTLE)
+        entered_by(run.functions[CONTACT_PHASE], run, t, SETTLE)
 
 
 @shared
@@ -314,7 +327,7 @@ def stand(run: Run, t: float) -> None:
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
     if run.plan[0].switches > 0:
-        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
 
 
 @shared
@@ -322,7 +335,7 @@ def enter_here(run: Run, t: float) -> None:
     """Set forces, sides and contacts to a time and the state in `y`."""
     stand(run, t)
     if run.plan[0].reactions > 0:
-        entered_by(run.functions[TOUCHED], run, t, INFORM)
+        entered_by(run.functions[CONTACT_PHASE], run, t, INFORM)
     evaluate(run, t, run.y)
 
 

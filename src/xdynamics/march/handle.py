@@ -34,7 +34,7 @@ from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, KINDS
 
 LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
-SEEN_BY_LAWS = ("Floats", "Whole", "Columns")  # kinds that programs read or write
+SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "Links")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
 _WORD = ir.IntType(64)
@@ -54,8 +54,7 @@ class ArrayType(types.Type):
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}")
         self.kind = kind
-        dtype, self.ndim = KINDS[kind]
-        self.numpy = np.dtype(dtype)
+        self.numpy, self.ndim = np.dtype(KINDS[kind].elements), KINDS[kind].dimensions
         self.element = RowType(kind) if self.numpy.names else from_dtype(self.numpy)
 
 
@@ -65,7 +64,7 @@ class RowType(types.Type):
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}.row")
         self.kind = kind
-        self.numpy = np.dtype(KINDS[kind][0])
+        self.numpy = np.dtype(KINDS[kind].elements)
         self.record = from_dtype(self.numpy)
 
     def can_convert_to(self, _context: Any, other: Any) -> Any:
@@ -75,7 +74,7 @@ class RowType(types.Type):
 
 RUN = RunType()
 _KINDS = {kind: ArrayType(kind) for kind in KINDS}
-_ARRAYS = {name: _KINDS[kind] for name, kind in ARRAYS.items()}
+_ARRAYS = {name: _KINDS[array.kind.name] for name, array in ARRAYS.items()}
 _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 
 

@@ -16,7 +16,6 @@ from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.program import AT
-from xdynamics.march.contacts.delassus import NUMBERS
 from xdynamics.march.engine import contacts, watchers
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
@@ -28,6 +27,7 @@ from xdynamics.march.run import (
     DETECTOR,
     HOLD,
     KEPT,
+    LINK,
     NOW,
     PIECE,
     PLAN,
@@ -290,7 +290,7 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         "entry": np.zeros(2 * n if m else 0),
         "balance": np.zeros(BALANCE),
         **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
-        "links": np.zeros(NUMBERS * m + m * m + 2 * m * n),
+        **_linked(m, n),
         "problem": np.zeros((unknowns, 2 * unknowns + 2)),
         "basis": np.zeros(unknowns, np.int64),
         "solution": np.zeros(unknowns),
@@ -298,6 +298,20 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         "square": np.zeros(m * m),
         "column": np.zeros(m),
         "chosen": np.zeros(m, np.int64),
+    }
+
+
+def _linked(m: int, n: int) -> dict[str, NDArray[Any]]:
+    """Return the contact tables of m reactions and n coordinates, and their parts as `model.reactions.table` lists them."""
+    width = len(LINK.names or ())
+    tables = np.zeros((width + m + 2 * n) * m)
+    numbers, delassus, directions, responses = np.split(tables, np.cumsum([width * m, m * m, m * n]))
+    return {
+        "contact_tables": tables,
+        "links": numbers.view(LINK),
+        "delassus": delassus.reshape(m, m),
+        "directions": directions.reshape(m, n),
+        "responses": responses.reshape(m, n),
     }
 
 

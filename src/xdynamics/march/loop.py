@@ -1,4 +1,4 @@
-"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `events.transition` takes over.
+"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `events.dispatch` takes over.
 
 Each phase is a procedure on a run and states only what changes. Compiled once for all models: the code of a model and
 a method is called by the addresses in `run.law`.
@@ -24,15 +24,22 @@ from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import called, entered_by, run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
-    BEGIN,
     NONFINITE_OBSERVABLE,
     RUNNING,
     SOUND,
     STEP_LIMIT,
     STEP_TOO_SMALL,
 )
-from xdynamics.march.run import BEGIN as TOUCHES
-from xdynamics.march.run import BEGUN, HAPPEN, SIDES, TOUCHED, Run
+from xdynamics.march.run import (
+    BEGIN_CONTACTS,
+    BEGIN_EVENTS,
+    BEGUN,
+    CONTACT_PHASE,
+    EVENT_PHASE,
+    FIND_EVENTS,
+    TAKE_SIDES,
+    Run,
+)
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (
@@ -78,7 +85,8 @@ def march(address: Any, rows: int) -> None:
         propose(run, run.trial[0].t, run.trial[0].h)
         reason = judge(run)
         if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not quiet(run))):
-            entered_by(run.functions[HAPPEN], run, 0.0, reason)
+            run.piece[0].verdict = reason
+            entered_by(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
             reason = run.piece[0].verdict
         if reason == SOUND:
             accept(run)
@@ -94,11 +102,11 @@ def start(run: Run) -> None:
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
     if plan.switches > 0:
-        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
-        entered_by(run.functions[TOUCHED], run, now.t, TOUCHES)
+        entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
     if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed
-        entered_by(run.functions[HAPPEN], run, 0.0, SIDES)
+        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     run.at[T] = now.t
@@ -106,7 +114,7 @@ def start(run: Run) -> None:
     sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
     if run.detectors.shape[0] > 0:
-        entered_by(run.functions[HAPPEN], run, 0.0, BEGIN)
+        entered_by(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)

@@ -11,72 +11,16 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels.program import REGIME
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import CHANGING, Run
+from xdynamics.march.run import ARRAYS, CHANGING, Lifetime, Run
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
-# after a node forces are evaluated anew, and a method starts as at the beginning: none of these are needed
-_OF_A_STEP = (
-    "at",
-    "z",
-    "e",
-    "region",
-    "piece",
-    "resets",
-    "near",
-    "full",
-    "full_e",
-    "near_g",
-    "far",
-    "far_g",
-    "entered",
-    "pending",
-    "branches",
-    "under",
-    "over",
-    "flaws",
-    "samples",
-    "w",
-    "trial",
-    "located",
-    "g1",
-    "half",
-    "whole",
-    "located_z",
-    "located_e",
-    "located_g",
-    "located_samples",
-    "slopes",
-    "places",
-    "matrix",
-    "right",
-    "kept",
-    "stage",
-    "shifted",
-    "stages",
-    "turned",
-    "defects",
-    "past",
-    "pivots",
-    "links",
-    "problem",
-    "basis",
-    "solution",
-    "effects",
-    "square",
-    "column",
-    "chosen",
-    "entry",
-    "approach",
-    "slowed",
-    "pulled",
-    "balance",
-)
 _OF_CONTACTS = ("modes", "touches")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
-AT_END = tuple(name for name in CHANGING if name not in (*_OF_A_STEP, *LATER))
+# after a node forces are evaluated anew, and a method starts as at the beginning
+AT_END = tuple(name for name in CHANGING if ARRAYS[name].lifetime == Lifetime.LASTING and name not in LATER)
 
 
 def arrays_of(run: Run) -> dict[str, Array]:

@@ -15,7 +15,6 @@ from xdynamics.schema import (
 )
 
 SOUND, RUNNING = -1, -1
-BEGIN = -2  # in place of a reason: the march begins
 # ends of a run without a rejected trial; numbered after the reasons of trials
 (
     COMPLETED,

@@ -6,7 +6,8 @@ read and set as ``run.now[0].t``. The bytes of everything except the log and add
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from enum import Enum
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,10 @@ BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
 REACTION = _record("tolerance rest_height", "role normal law")
+# A reaction at a state: the gap of a contact, the rate of the gap or of the slip, the acceleration without reactions;
+# `size` and `most` are the coefficient of friction, or the force, in slip and at most in stick, or `size` that of
+# restitution.
+LINK = _record("gap rate free size most", "")
 # What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest effect
 # of a unit of it on its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how
 # fast it opened last, and `since` when, `lost` the energy that an impact takes, or bounces that are skipped, `bounce`
@@ -83,17 +88,18 @@ REACTION = _record("tolerance rest_height", "role normal law")
 # (`contacts.delassus.ABSENT`, …), the rate or acceleration it starts from, its known part, coefficient and bound of
 # friction, scale, place among the unknowns, its force or impulse and the resulting rate or acceleration, all impulses
 # of an impact and the rate after them; `near` is 1 where a contact touches, `hit` is the detector that met it, `held`
-# what it did before the event, `slack` the uncertainty of a rate.
+# what it did before the event, `slack` the uncertainty of a rate; `way` is the direction of slip, and of a contact
+# whether its bounces have been examined.
 TOUCH = _record(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
     " slack rate total",
     "state part place way hit near held",
 )
 # Entries of the engine, after the operations on intervals in `functions`.
-ENCLOSE, SUBSTEP, HAPPEN, TOUCHED = (2 * len(RULES) + i for i in range(4))
+ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE = (2 * len(RULES) + i for i in range(4))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
-BEGIN, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
-SIDES = -3  # in place of a reason: find the side of each switch on which the march is
+BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS = range(3)  # what `events.dispatch` is to do
+BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
@@ -109,77 +115,59 @@ EVENT_ROW = _record(
 BASE = _record("", "rows trials events samples")
 
 
-Floats = NDArray[np.float64]
-Columns = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Lists = NDArray[np.int64]
-Flags = NDArray[np.int8]
-Plans = NDArray[Any]
-Nows = NDArray[Any]
-Trials = NDArray[Any]
-Detectors = NDArray[Any]
-Solves = NDArray[Any]
-Kepts = NDArray[Any]
-Watches = NDArray[Any]
-Pieces = NDArray[Any]
-Bases = NDArray[Any]
-Reactions = NDArray[Any]
-Touches = NDArray[Any]
-TrialRows = NDArray[Any]
-EventRows = NDArray[Any]
-KINDS: dict[str, tuple[Any, int]] = {  # of the arrays of a run: elements, dimensions
-    "Floats": ("f8", 1),
-    "Columns": ("f8", 2),
-    "Whole": ("i8", 1),
-    "Lists": ("i8", 2),
-    "Flags": ("i1", 2),
-    "Plans": (PLAN, 1),
-    "Nows": (NOW, 1),
-    "Trials": (TRIAL, 1),
-    "Detectors": (DETECTOR, 1),
-    "Solves": (EQUATIONS, 1),
-    "Reactions": (REACTION, 1),
-    "Touches": (TOUCH, 1),
-    "Watches": (WATCH, 1),
-    "Pieces": (PIECE, 1),
-    "Kepts": (KEPT, 1),
-    "Bases": (BASE, 1),
-    "TrialRows": (TRIAL_ROW, 1),
-    "EventRows": (EVENT_ROW, 1),
-}
-FLEETING = (
-    "law",
-    "functions",
-    "base",
-)  # not part of the memory, like everything that begins with log_: addresses belong to a process
-# given by the model and the settings, or computed from the rest when needed
-FIXED = (
-    "plan",
-    "p",
-    "tables",
-    "of_time",
-    "leaves",
-    "reactions",
-    "wanted",
-    "atol",
-    "followers",
-    "kinds",
-    "tops",
-    "probe",
-    "turning",
-    "nodes",
-    "snaps",
-    "grid",
-    "steps",
-    "detectors",
-    "targets",
-    "rows",
-    "numbers",
-    "parts",
-    "equations",
-    "unknowns",
-    "entries",
-)
+class Kind(NamedTuple):
+    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart."""
+
+    name: str
+    elements: Any
+    dimensions: int = 1
+
+
+class Lifetime(Enum):
+    """How long an array lives, and whose it is."""
+
+    LASTING = "it is part of the memory to continue from, even after the end"
+    PASSING = "it belongs to a step: part of the memory within a march, but after a node nothing needs it"
+    GIVEN = "by the model and the settings: runs side by side share it"
+    OWN = "given to a run by itself"
+    SCRATCH = "computed where it is needed"
+    ADDRESS = "it belongs to a process: runs side by side share it"
+    LOG = "lent to the run until it is full"
+
+
+class Within(NamedTuple):
+    """The array that another one is a part of."""
+
+    owner: str
+
+
+T = TypeVar("T")
+Passing = Annotated[T, Lifetime.PASSING]
+Given = Annotated[T, Lifetime.GIVEN]
+Own = Annotated[T, Lifetime.OWN]
+Scratch = Annotated[T, Lifetime.SCRATCH]
+Address = Annotated[T, Lifetime.ADDRESS]
+Log = Annotated[T, Lifetime.LOG]
+
+Floats = Annotated[NDArray[np.float64], Kind("Floats", "f8")]
+Columns = Annotated[NDArray[np.float64], Kind("Columns", "f8", 2)]
+Whole = Annotated[NDArray[np.int64], Kind("Whole", "i8")]
+Lists = Annotated[NDArray[np.int64], Kind("Lists", "i8", 2)]
+Flags = Annotated[NDArray[np.int8], Kind("Flags", "i1", 2)]
+Plans = Annotated[NDArray[Any], Kind("Plans", PLAN)]
+Nows = Annotated[NDArray[Any], Kind("Nows", NOW)]
+Trials = Annotated[NDArray[Any], Kind("Trials", TRIAL)]
+Detectors = Annotated[NDArray[Any], Kind("Detectors", DETECTOR)]
+Solves = Annotated[NDArray[Any], Kind("Solves", EQUATIONS)]
+Kepts = Annotated[NDArray[Any], Kind("Kepts", KEPT)]
+Watches = Annotated[NDArray[Any], Kind("Watches", WATCH)]
+Pieces = Annotated[NDArray[Any], Kind("Pieces", PIECE)]
+Bases = Annotated[NDArray[Any], Kind("Bases", BASE)]
+Reactions = Annotated[NDArray[Any], Kind("Reactions", REACTION)]
+Links = Annotated[NDArray[Any], Kind("Links", LINK)]
+Touches = Annotated[NDArray[Any], Kind("Touches", TOUCH)]
+TrialRows = Annotated[NDArray[Any], Kind("TrialRows", TRIAL_ROW)]
+EventRows = Annotated[NDArray[Any], Kind("EventRows", EVENT_ROW)]
 
 
 class Twins(NamedTuple):
@@ -200,105 +188,115 @@ class Run:
     """
 
     # given to laws, in the order of `program.TABLE`
-    at: Floats  # `program.AT`: what a law reads of a step
+    at: Passing[Floats]  # `program.AT`: what a law reads of a step
     y: Floats  # the state at now.t
-    p: Floats  # parameters, unit constants, pi
-    tables: Floats
-    places: Whole  # of the tables, and the current piece of a drive of time
-    z: Floats  # the state that the trial led to
-    e: Floats  # its error
-    samples: Floats  # force evaluations of the trial, one after the other
-    w: Floats  # vectors of an implicit method; of `march.implicit.radau` the states of its stages and the derivatives
-    log_rows: Columns  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
+    p: Own[Floats]  # parameters, unit constants, pi
+    tables: Given[Floats]
+    places: Passing[Whole]  # of the tables, and the current piece of a drive of time
+    z: Passing[Floats]  # the state that the trial led to
+    e: Passing[Floats]  # its error
+    samples: Passing[Floats]  # force evaluations of the trial, one after the other
+    w: Passing[
+        Floats
+    ]  # vectors of an implicit method; of `march.implicit.radau` its stages' states and the derivatives
+    log_rows: Log[Columns]  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     # used by the march alone
-    plan: Plans
+    plan: Own[Plans]
     now: Nows
-    trial: Trials
-    located: Trials  # the trial that ends at an event
+    trial: Passing[Trials]
+    located: Passing[Trials]  # the trial that ends at an event
     g: Floats  # event functions at y
-    g1: Floats  # at z
-    region: Floats  # `events.event_free_region`; of its box the sort, the coordinate or row, the place of its bounds
-    leaves: Lists
-    half: Floats  # the state after half a step
-    whole: Floats  # the state after a whole one, to judge two halves
-    located_z: Floats
-    located_e: Floats
-    located_g: Floats
-    located_samples: Floats
+    g1: Passing[Floats]  # at z
+    region: Passing[Floats]  # see `events.event_free_region`
+    leaves: Given[Lists]  # of its box the sort, the coordinate or row, the place of its bounds
+    half: Passing[Floats]  # the state after half a step
+    whole: Passing[Floats]  # the state after a whole one, to judge two halves
+    located_z: Passing[Floats]
+    located_e: Passing[Floats]
+    located_g: Passing[Floats]
+    located_samples: Passing[Floats]
     watches: Watches
-    resets: Floats  # values to which events set the state
-    targets: Lists  # event and place in the state of each
-    piece: Pieces
-    near: Floats  # states and event functions at the ends of a piece
-    full: Floats  # the state at the end of the trial in which events are looked for, `piece.full` long
-    full_e: Floats  # its error
-    near_g: Floats
-    far: Floats
-    far_g: Floats
-    entered: Floats  # the side of every event function where the piece begins
-    pending: Floats  # how long before the step its zero may be, where the march landed on another event near it
-    branches: Columns  # right ends of pieces still to be searched: step, state, event functions
-    rows: Lists  # by `kernels.interval_program`: the event functions, to be computed with intervals
-    numbers: Floats
-    parts: Whole
-    under: Floats  # the intervals
-    over: Floats
-    flaws: Whole
-    wanted: Whole  # 1 where an interval is needed
-    slopes: Floats  # time derivatives of the event functions
-    reactions: Reactions
+    resets: Passing[Floats]  # values to which events set the state
+    targets: Given[Lists]  # event and place in the state of each
+    piece: Passing[Pieces]
+    near: Passing[Floats]  # states and event functions at the ends of a piece
+    full: Passing[Floats]  # the state at the end of the trial in which events are looked for, `piece.full` long
+    full_e: Passing[Floats]  # its error
+    near_g: Passing[Floats]
+    far: Passing[Floats]
+    far_g: Passing[Floats]
+    entered: Passing[Floats]  # the side of every event function where the piece begins
+    pending: Passing[
+        Floats
+    ]  # how long before the step its zero may be, where the march landed on another event near it
+    branches: Passing[Columns]  # right ends of pieces still to be searched: step, state, event functions
+    rows: Given[Lists]  # by `kernels.interval_program`: the event functions, to be computed with intervals
+    numbers: Given[Floats]
+    parts: Given[Whole]
+    under: Passing[Floats]  # the intervals
+    over: Passing[Floats]
+    flaws: Passing[Whole]
+    wanted: Scratch[Whole]  # 1 where an interval is needed
+    slopes: Passing[Floats]  # time derivatives of the event functions
+    reactions: Given[Reactions]
     touches: Touches
     swiftest: Floats  # the largest sum of the terms of each reaction's rate so far, at events
-    entry: Floats  # positions and velocities before contacts act at an event
-    approach: Floats  # rate of each reaction there
-    slowed: Floats  # rate that holding removed from each
-    pulled: Floats  # the impulse that did so
-    balance: Floats  # their effect as the guards see it; see `march.contacts.balance`
+    entry: Passing[Floats]  # positions and velocities before contacts act at an event
+    approach: Passing[Floats]  # rate of each reaction there
+    slowed: Passing[Floats]  # rate that holding removed from each
+    pulled: Passing[Floats]  # the impulse that did so
+    balance: Passing[Floats]  # their effect as the guards see it; see `march.contacts.balance`
     lingering: Floats  # gap up to which an open contact counts as closed
-    modes: Floats  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
-    links: Floats  # contact tables at a state, one after the other; see `march.contacts.delassus`
-    problem: Columns  # a complementarity problem; see `march.contacts.complementarity`
-    basis: Whole  # of the problem
-    solution: Floats
-    effects: Columns  # contribution of each unknown to each reaction
-    square: Floats  # a linear system, and which reactions are in it
-    column: Floats
-    chosen: Whole
-    of_time: Whole  # drives of time
-    atol: Floats
-    followers: Whole  # 1 where the tolerance follows the size of its variable
-    kinds: Whole  # kind of each variable; coordinates, velocities, states of one dimension share one
-    tops: Floats  # the largest of each kind, then of their slopes
+    modes: Annotated[
+        Floats, Within("p")
+    ]  # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
+    contact_tables: Passing[Floats]  # contacts and friction at a state, as `model.reactions.table` lists it; its parts:
+    links: Annotated[Links, Within("contact_tables")]
+    delassus: Annotated[Columns, Within("contact_tables")]  # (k, j): effect of a unit of j on the rate of k
+    directions: Annotated[Columns, Within("contact_tables")]  # derivative of a reaction's rate by each velocity
+    responses: Annotated[Columns, Within("contact_tables")]  # effect of a unit of a reaction on each acceleration
+    problem: Passing[Columns]  # a complementarity problem; see `march.contacts.complementarity`
+    basis: Passing[Whole]  # of the problem
+    solution: Passing[Floats]
+    effects: Passing[Columns]  # contribution of each unknown to each reaction
+    square: Passing[Floats]  # a linear system, and which reactions are in it
+    column: Passing[Floats]
+    chosen: Passing[Whole]
+    of_time: Given[Whole]  # drives of time
+    atol: Own[Floats]
+    followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
+    kinds: Given[Whole]  # kind of each variable; coordinates, velocities, states of one dimension share one
+    tops: Scratch[Floats]  # the largest of each kind, then of their slopes
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
-    probe: Floats  # a state at which forces are evaluated only for scales
-    turning: Floats  # sizes, slopes and directions for that; see `tolerance_sizes`
-    nodes: Floats  # times to land on between start and end
-    snaps: Floats  # how far a grid time may differ from each, and from the end, by rounding alone
-    grid: Floats  # times of a given grid
-    steps: Floats  # the step to each of them
-    detectors: Detectors
-    matrix: Floats
-    right: Floats
-    equations: Solves
-    unknowns: Lists
-    entries: Lists
-    kept: Kepts
-    stage: Floats  # a state at which forces are evaluated
-    shifted: Floats  # a state next to it, for differences
-    stages: Floats  # Z: increments of the stages, one after the other
-    turned: Floats  # W: the same in transformed variables
-    defects: Floats  # residuals of the transformed equations, and the resulting corrections
-    past: Floats  # differences of the previous step's collocation polynomial
-    pivots: Whole  # of the real system, then of the complex one: rows exchanged, first and last rows of columns
-    law: Whole  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
-    functions: Whole  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
-    base: Bases  # the counts of `now` at the log's first row
-    log_flags: Flags  # kind, regime
-    log_samples: Columns  # `Layout.sample`: time, step, stage, state, results
-    log_trials: TrialRows
-    log_events: EventRows
-    log_rates: Columns  # of observables at the events
-    log_impulses: Columns  # of contacts at the events, by coordinate; energy that an impact took, offsets of positions
+    probe: Scratch[Floats]  # a state at which forces are evaluated only for scales
+    turning: Scratch[Floats]  # sizes, slopes and directions for that; see `tolerance_sizes`
+    nodes: Given[Floats]  # times to land on between start and end
+    snaps: Given[Floats]  # how far a grid time may differ from each, and from the end, by rounding alone
+    grid: Given[Floats]  # times of a given grid
+    steps: Given[Floats]  # the step to each of them
+    detectors: Given[Detectors]
+    matrix: Passing[Floats]
+    right: Passing[Floats]
+    equations: Given[Solves]
+    unknowns: Given[Lists]
+    entries: Given[Lists]
+    kept: Passing[Kepts]
+    stage: Passing[Floats]  # a state at which forces are evaluated
+    shifted: Passing[Floats]  # a state next to it, for differences
+    stages: Passing[Floats]  # Z: increments of the stages, one after the other
+    turned: Passing[Floats]  # W: the same in transformed variables
+    defects: Passing[Floats]  # residuals of the transformed equations, and the resulting corrections
+    past: Passing[Floats]  # differences of the previous step's collocation polynomial
+    pivots: Passing[Whole]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
+    law: Address[Whole]  # addresses; the last is that of what solves the equations of a step, 0 where nothing is solved
+    functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
+    base: Log[Bases]  # the counts of `now` at the log's first row
+    log_flags: Log[Flags]  # kind, regime
+    log_samples: Log[Columns]  # `Layout.sample`: time, step, stage, state, results
+    log_trials: Log[TrialRows]
+    log_events: Log[EventRows]
+    log_rates: Log[Columns]  # of observables at the events
+    log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
@@ -307,7 +305,8 @@ class Run:
 
     def twins(self, count: int) -> Twins:
         """Return runs like this one, to be marched side by side: what changes is copied, the rest is shared."""
-        names = [name for name in ARRAYS if name not in SHARED]
+        shared = (Lifetime.GIVEN, Lifetime.ADDRESS)
+        names = [name for name, array in ARRAYS.items() if array.lifetime not in shared and not array.owner]
         arrays = [getattr(self, name) for name in names]
         sizes = np.array([-(-part.nbytes // _ALIGNED) * _ALIGNED for part in arrays])
         offsets = np.concatenate([[0], np.cumsum(sizes)])
@@ -316,9 +315,10 @@ class Run:
             memory[:, begin : begin + part.nbytes] = np.frombuffer(part.tobytes(), np.uint8)
         begins = memory.ctypes.data + memory.shape[1] * np.arange(count)[:, None] + offsets[:-1]
         tables[:, [_PLACES[name] for name in names], 0] = begins
-        # modes are the end of the parameters, not a separate array
-        end = self.p.nbytes - self.modes.nbytes
-        tables[:, _PLACES["modes"], 0] = tables[:, _PLACES["p"], 0] + end
+        for name, array in ARRAYS.items():
+            if array.owner:
+                place, owner = _PLACES[name], _PLACES[array.owner]
+                tables[:, place, 0] += tables[:, owner, 0] - self._table[owner, 0]
         return Twins(tables.ctypes.data + tables[0].nbytes * np.arange(count), memory, tables)
 
     def put(self, **arrays: NDArray[Any]) -> None:
@@ -329,34 +329,32 @@ class Run:
         self._table[places] = [(block.ctypes.data, block.shape[0], block.shape[-1]) for block in arrays.values()]
 
 
-ARRAYS: dict[str, str] = dict(Run.__annotations__)  # name and kind
+class Array(NamedTuple):
+    """What the annotation of an array of a run says."""
+
+    kind: Kind
+    lifetime: Lifetime
+    owner: str  # the array that it is a part of, if any
+
+    @classmethod
+    def read(cls, annotation: Any) -> Array:
+        """Read the marks of an annotation; without a lifetime it is `LASTING`."""
+        kind, *marks = annotation.__metadata__
+        lifetimes = [mark for mark in marks if isinstance(mark, Lifetime)]
+        owners = [mark.owner for mark in marks if isinstance(mark, Within)]
+        return cls(kind, lifetimes[0] if lifetimes else Lifetime.LASTING, owners[0] if owners else "")
+
+
+ARRAYS = {name: Array.read(annotation) for name, annotation in get_type_hints(Run, include_extras=True).items()}
+KINDS = {array.kind.name: array.kind for array in ARRAYS.values()}
 _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 _OF_LAWS = [{"places": "pieces", "log_rows": "rows"}.get(name, name) for name in ARRAYS][: len(TABLE)]
 if tuple(_OF_LAWS) != TABLE:
     raise AssertionError("laws would find other arrays than they look for")
-# of runs side by side; modes are in p
-SHARED = (
-    "tables",
-    "leaves",
-    "of_time",
-    "nodes",
-    "snaps",
-    "grid",
-    "steps",
-    "detectors",
-    "targets",
-    "rows",
-    "numbers",
-    "parts",
-    "reactions",
-    "equations",
-    "unknowns",
-    "entries",
-    "law",
-    "functions",
-    "modes",
-    "followers",
-    "kinds",
-)
 _ALIGNED = 64  # bytes
-CHANGING = tuple(name for name in ARRAYS if name not in {*FLEETING, *FIXED} and not name.startswith("log_"))
+_REMEMBERED = (Lifetime.LASTING, Lifetime.PASSING)
+CHANGING = tuple(  # what a march changes: the memory to continue it; parts of an array are remembered with it
+    name
+    for name, array in ARRAYS.items()
+    if array.lifetime in _REMEMBERED and not (array.owner and ARRAYS[array.owner].lifetime in _REMEMBERED)
+)

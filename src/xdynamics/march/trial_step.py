@@ -14,7 +14,7 @@ from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.handle import called, entered_by, run_at, stepped_by
 from xdynamics.march.log import note_trial
-from xdynamics.march.run import SUBSTEP, TOUCHED, Run
+from xdynamics.march.run import CONTACT_PHASE, SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
@@ -31,7 +31,7 @@ def propose(run: Run, t1: float, h: float) -> None:
     else:
         advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
-        entered_by(run.functions[TOUCHED], run, t1, run.plan[0].contacts)
+        entered_by(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 

@@ -17,7 +17,7 @@ from cases.contacts import ball
 from cases.problems import ROOT
 from xdynamics.march import run as places
 from xdynamics.march.contacts import balance
-from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE
+from xdynamics.march.contacts.delassus import NOISE
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
@@ -134,19 +134,16 @@ def test_contacts_of_version_0_2_are_extended(name: str) -> None:
 def group(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Two coordinates and two contacts by hand; the first is a normal force, and what is read of each stands in lists."""
     about: dict[str, Any] = {
-        RATE: [0.5, -0.25], FREE: [-8.0, 3.0], GAP_OF: [0.0, 9.0], "within": [0.5, 0.1], "spread": [1e-6, 1.0], "size_of_gap": [1e9, 1.0], "brake": [2.0, 0.0],
-        "gram": [[4.0, 1.0], [1.0, 0.5]], "reach": [[2.0, -1.0], [0.5, 3.0]], "row": [[1.0, -1.0], [0.0, 2.0]], "chosen": {True: [0], False: [0, 1]},
+        "within": [0.5, 0.1], "spread": [1e-6, 1.0], "size_of_gap": [1e9, 1.0], "brake": [2.0, 0.0],
+        "chosen": {True: [0], False: [0, 1]},
     }  # fmt: skip
 
     def choose(run: Any, settling: bool) -> int:
         run.chosen[: len(about["chosen"][settling])] = about["chosen"][settling]
         return len(about["chosen"][settling])
 
-    monkeypatch.setattr(balance, "number", lambda _, k, what: about[what][k])
     for name in ("within", "spread", "size_of_gap", "brake"):
         monkeypatch.setattr(balance, name, lambda _, k, name=name: about[name][k])
-    for name in ("gram", "reach", "row"):
-        monkeypatch.setattr(balance, name, lambda _, k, i, name=name: about[name][k][i])
     monkeypatch.setattr(balance, "choose", choose)
     monkeypatch.setattr(balance, "examine", plain("examine"))
     touches = np.array([SimpleNamespace(total=0.0, lost=0.0, slack=0.0, hit=-1) for _ in "ab"])
@@ -155,6 +152,8 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Any:
         entry=np.zeros(4), z=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), pulled=np.ones(2), slowed=np.ones(2), approach=np.zeros(2), chosen=np.zeros(2, int),
         balance=np.full(places.BALANCE, 7.0), now=[SimpleNamespace(events=4, status=0, h=0.0)], base=[SimpleNamespace(events=1)], trial=[SimpleNamespace(h=0.125)],
         log_impulses=np.zeros((3, 4)), about=about,
+        links=np.array([(0.0, 0.5, -8.0, 0.0, 0.0), (9.0, -0.25, 3.0, 0.0, 0.0)], places.LINK),
+        delassus=np.array([[4.0, 1.0], [1.0, 0.5]]), responses=np.array([[2.0, -1.0], [0.5, 3.0]]), directions=np.array([[1.0, -1.0], [0.0, 2.0]]),
     )  # fmt: skip
     plain("open_balance")(run)
     return run
@@ -196,12 +195,12 @@ def test_parts_impulses_take_their_mean_rate(group: Any) -> None:
     group.approach[:] = -1.0, 3.0
     group.touches[0].total = 4.0
     far = 1e9 * NOISE + 8.0 * 0.25
-    group.about[GAP_OF][0] = -2.0 * far
+    group.links["gap"][0] = -2.0 * far
     plain("weigh_impulses")(group)
     assert group.balance[places.TAKEN] == -4.0 * (-1.0 + 0.5) / 2.0
     assert group.balance[places.TERMS] == 4.0 * (1.0 + 0.5)
     assert group.balance[places.GUARD] == places.KEPT_ALL
-    group.about[GAP_OF][0] = -2.001 * far
+    group.links["gap"][0] = -2.001 * far
     plain("weigh_impulses")(group)
     assert broken(group) == (places.APART, 0.0, pytest.approx(2.001 * far), pytest.approx(2.0 * far))
     plain("open_balance")(group)

@@ -10,7 +10,7 @@ import pytest
 
 from cases.plain import Seen, plain, watching
 from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
-from xdynamics.march.events import isolation, zero_tests
+from xdynamics.march.events import arming, isolation, zero_tests
 from xdynamics.march.events.zero_tests import CLEAR, CROSSED, ENDED, FORCED, MONOTONE, MURKY, NONE, OPEN, TOUCHED
 from xdynamics.march.run import ENCLOSE, TOUCH, Run
 from xdynamics.model.detectors import GAP, OCCASION
@@ -265,7 +265,7 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
         doubted(monkeypatch, isolation.arm, murk)(run, 0, value)
         assert (run.watches[0].armed, run.watches[0].ever) == (armed, ever)
     run.watches["armed"], run.watches["began"] = -1, 1
-    plain(isolation.forget)(run)
+    plain(arming.forget)(run)
     assert run.watches[0].armed == 1
 
 

@@ -11,18 +11,11 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.delassus import (
     ABSENT,
-    FREE,
-    GAP_OF,
     GRIPPING,
     KNOWN,
-    MOST,
     NOISE,
     PRESSING,
-    RATE,
-    SIZE,
     SLIDING,
-    gram,
-    number,
     slips,
     solve_reactions,
     terms,
@@ -56,9 +49,9 @@ def derive(run: Run) -> bool:
 def assign(run: Run, k: int) -> None:
     """Give a reaction its part among the forces."""
     touch, reaction = run.touches[k], run.reactions[k]
-    rate = number(run, k, RATE)
+    rate = run.links[k].rate
     still = abs(rate) <= touch.slack
-    touch.origin, touch.known, touch.part = number(run, k, FREE), 0.0, ABSENT
+    touch.origin, touch.known, touch.part = run.links[k].free, 0.0, ABSENT
     if reaction.role == NORMAL:
         settles = touch.state == SETTLING and touch.near and touch.hit != PULL
         # a method of low order may close a gap that, by its velocities, opens
@@ -74,15 +67,12 @@ def assign(run: Run, k: int) -> None:
     elif touch.hit == SLIP:
         still = True
     if still:
-        touch.part, touch.coefficient, touch.bound = (
-            GRIPPING,
-            number(run, k, MOST),
-            0.0 if reaction.role == TANGENT else number(run, k, MOST),
-        )
+        touch.part, touch.coefficient = GRIPPING, run.links[k].most
+        touch.bound = 0.0 if reaction.role == TANGENT else run.links[k].most
     elif reaction.role == TANGENT:
-        touch.part, touch.coefficient = SLIDING, number(run, k, SIZE)
+        touch.part, touch.coefficient = SLIDING, run.links[k].size
     else:
-        touch.part, touch.known = KNOWN, -touch.way * number(run, k, SIZE)
+        touch.part, touch.known = KNOWN, -touch.way * run.links[k].size
 
 
 @shared
@@ -97,9 +87,9 @@ def sensible(run: Run) -> bool:
     valid = True
     for k in range(run.touches.shape[0]):
         if run.touches[k].near:
-            valid = valid and gram(run, k, k) > FLAT * run.touches[k].steepest
+            valid = valid and run.delassus[k, k] > FLAT * run.touches[k].steepest
         if run.reactions[k].role != NORMAL:
-            size, most = number(run, k, SIZE), number(run, k, MOST)
+            size, most = run.links[k].size, run.links[k].most
             valid = valid and size >= 0.0 and most >= size
     return valid
 
@@ -111,7 +101,7 @@ def solvable(run: Run) -> bool:
         touch = run.touches[k]
         if touch.part == SLIDING:
             normal = run.reactions[k].normal
-            if not gram(run, normal, normal) - touch.way * touch.coefficient * gram(run, normal, k) > 0.0:
+            if not run.delassus[normal, normal] - touch.way * touch.coefficient * run.delassus[normal, k] > 0.0:
                 return False
     return True
 
@@ -172,12 +162,12 @@ def relieve(run: Run) -> None:
     count = choose(run, True)
     for i in range(count):
         for j in range(i + 1):
-            total = gram(run, run.chosen[i], run.chosen[j])
+            total = run.delassus[run.chosen[i], run.chosen[j]]
             for k in range(j):
                 total -= run.square[i * count + k] * run.square[j * count + k] * run.column[k]
             if i != j:
                 run.square[i * count + j] = total / run.column[j] if run.column[j] > 0.0 else 0.0
-            elif total > ALIKE * gram(run, run.chosen[i], run.chosen[i]):
+            elif total > ALIKE * run.delassus[run.chosen[i], run.chosen[i]]:
                 run.column[i] = total
             else:
                 run.column[i] = 0.0
@@ -192,7 +182,7 @@ def lingers(run: Run, k: int) -> bool:
     that is pulled open starts with no rate and no acceleration, too, but leaves for good.
     """
     touch, h = run.touches[k], usual_step(run)
-    touches = touch.state == OPEN and touch.near == 1 and touch.hit != PULL and abs(number(run, k, RATE)) <= touch.slack
+    touches = touch.state == OPEN and touch.near == 1 and touch.hit != PULL and abs(run.links[k].rate) <= touch.slack
     return bool(touches and abs(touch.after) * h * h <= spread(run, k))
 
 
@@ -209,7 +199,7 @@ def wake(run: Run, i: int) -> None:
         run.lingering[detector.reaction] = spread(run, detector.reaction) if lingers(run, detector.reaction) else 0.0
         watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
         if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
-            watch.floor = max(watch.floor, 2.0 * abs(number(run, detector.reaction, GAP_OF)))
+            watch.floor = max(watch.floor, 2.0 * abs(run.links[detector.reaction].gap))
     elif detector.role == PULL:
         awake = state != OPEN
     elif detector.role == LIMIT:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, gram, number, reach, row
+from xdynamics.march.contacts.delassus import NOISE
 from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
 from xdynamics.march.contacts.projection import choose
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
@@ -44,7 +44,7 @@ def open_balance(run: Run) -> None:
     for i in range(2 * run.plan[0].coordinates):
         run.entry[i] = run.z[i]
     for k in range(run.touches.shape[0]):
-        run.pulled[k], run.slowed[k], run.approach[k] = 0.0, 0.0, number(run, k, RATE)
+        run.pulled[k], run.slowed[k], run.approach[k] = 0.0, 0.0, run.links[k].rate
     run.balance[GUARD] = KEPT_ALL
     for i in range(TAKEN, BALANCE):
         run.balance[i] = 0.0
@@ -61,15 +61,15 @@ def examine(run: Run, guard: int, owner: int, figure: float, bound: float) -> No
 def weigh_impulses(run: Run) -> None:
     """Check the gaps of contacts that acted, and sum the energy that impulses took; links are those after them."""
     for k in range(run.touches.shape[0]):
-        touch, after = run.touches[k], number(run, k, RATE)
+        touch, after = run.touches[k], run.links[k].rate
         if touch.total == 0.0:
             continue
         run.balance[TAKEN] -= touch.total * (run.approach[k] + after) / 2.0
         run.balance[TERMS] += abs(touch.total) * (abs(run.approach[k]) + abs(after))
         if run.reactions[k].role == NORMAL:
             width = within(run, k)  # of its bracket, on which the rate itself changes, too
-            far = max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(number(run, k, FREE)) * width * width
-            examine(run, APART, k, abs(number(run, k, GAP_OF)), 2.0 * far)
+            far = max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(run.links[k].free) * width * width
+            examine(run, APART, k, abs(run.links[k].gap), 2.0 * far)
 
 
 @shared
@@ -77,10 +77,10 @@ def weigh_rates(run: Run) -> None:
     """Check the rates that were taken from resting contacts, and sticking friction, with no impulse recorded."""
     for i in range(choose(run, False)):
         k = run.chosen[i]
-        touch, free = run.touches[k], abs(number(run, k, FREE))
+        touch, free = run.touches[k], abs(run.links[k].free)
         slow = touch.slack + (free + brake(run, k)) * within(run, k)
         if touch.lost > 0.0:  # skipped bounces, whose energy is recorded
-            slow += sqrt(2.0 * gram(run, k, k) * touch.lost)
+            slow += sqrt(2.0 * run.delassus[k, k] * touch.lost)
         if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `active_set.assign`
             slow += free * run.trial[0].h
         examine(run, SLOWED, k, abs(run.slowed[k]), 4.0 * slow)
@@ -97,7 +97,7 @@ def weigh_positions(run: Run, settling: bool) -> None:
     for i in range(run.plan[0].coordinates):
         most = 0.0
         for j in range(count):
-            most += abs(reach(run, run.chosen[j], i)) / gram(run, run.chosen[j], run.chosen[j])
+            most += abs(run.responses[run.chosen[j], i]) / run.delassus[run.chosen[j], run.chosen[j]]
         # rows of the inverse of a chain of `count` gaps have sums up to count**2/8 of that of one
         bound = most * farthest * (1.0 + count * count / 4.0)
         examine(run, SHIFTED, i, abs(run.z[i] - run.entry[i]), 2.0 * bound)
@@ -117,7 +117,7 @@ def weigh_energies(run: Run, first: int) -> None:
         for e in range(first, last):
             impulse += run.log_impulses[i, e]
         for k in range(run.touches.shape[0]):
-            impulse += row(run, k, i) * run.pulled[k]
+            impulse += run.directions[k, i] * run.pulled[k]
         before, after = run.entry[n + i], run.z[n + i]
         work += impulse * (before + after) / 2.0
         terms += abs(impulse) * (abs(before) + abs(after))

@@ -20,8 +20,6 @@ from xdynamics.march.run import Run
 from xdynamics.model.reactions import TANGENT
 
 ABSENT, PRESSING, SLIDING, GRIPPING, KNOWN = range(5)
-GAP_OF, RATE, FREE, SIZE, MOST = range(5)  # the numbers of a reaction; `table` of `model.reactions`
-NUMBERS = 5
 NOISE = 64.0 * EPS  # of a sum's terms: what rounding may leave
 
 
@@ -29,34 +27,7 @@ NOISE = 64.0 * EPS  # of a sum's terms: what rounding may leave
 def look_at_links(run: Run, t: float) -> None:
     """Compute gaps, rates, coefficients and matrices at the trial's state."""
     run.at[T] = t
-    called(run.law[TOUCHING], run, run.z, run.links, 0)
-
-
-@shared
-def number(run: Run, k: int, which: int) -> float:
-    """A number of a reaction."""
-    return run.links[NUMBERS * k + which]
-
-
-@shared
-def gram(run: Run, k: int, j: int) -> float:
-    """The effect of a unit of reaction j on the rate, or acceleration, of k."""
-    m = run.touches.shape[0]
-    return run.links[NUMBERS * m + k * m + j]
-
-
-@shared
-def row(run: Run, k: int, i: int) -> float:
-    """The derivative of a reaction's rate by the velocity of coordinate i."""
-    m, n = run.touches.shape[0], run.plan[0].coordinates
-    return run.links[NUMBERS * m + m * m + k * n + i]
-
-
-@shared
-def reach(run: Run, k: int, i: int) -> float:
-    """The effect of a unit of a reaction on the acceleration of coordinate i, or of an impulse on its velocity."""
-    m, n = run.touches.shape[0], run.plan[0].coordinates
-    return run.links[NUMBERS * m + m * m + m * n + k * n + i]
+    called(run.law[TOUCHING], run, run.z, run.contact_tables, 0)
 
 
 @shared
@@ -87,7 +58,7 @@ def gained(run: Run, k: int) -> float:
     """The effect of all reactions just found on the rate, or acceleration, of one."""
     total = 0.0
     for j in range(run.touches.shape[0]):
-        total += gram(run, k, j) * run.touches[j].found
+        total += run.delassus[k, j] * run.touches[j].found
     return total
 
 
@@ -110,7 +81,7 @@ def place_unknowns(run: Run) -> int:
     for k in range(m):
         touch = run.touches[k]
         # a power of two, by which scaling is exact
-        touch.scale = ldexp(1.0, -(frexp(gram(run, k, k))[1] // 2))
+        touch.scale = ldexp(1.0, -(frexp(run.delassus[k, k])[1] // 2))
         touch.place = n
         n += 1 if touch.part == PRESSING else (3 if touch.part == GRIPPING else 0)
     for k in range(m):
@@ -163,7 +134,7 @@ def answer(run: Run, k: int, j: int) -> float:
     """The effect of a unit of unknown j on the rate, or acceleration, of a reaction, both scaled."""
     total = 0.0
     for i in range(run.touches.shape[0]):
-        total += gram(run, k, i) * (run.touches[i].scale * run.effects[i, j])
+        total += run.delassus[k, i] * (run.touches[i].scale * run.effects[i, j])
     return run.touches[k].scale * total
 
 
@@ -172,7 +143,7 @@ def start(run: Run, k: int) -> float:
     """The rate, or acceleration, of a reaction without the unknowns, scaled."""
     total = run.touches[k].origin
     for i in range(run.touches.shape[0]):
-        total += gram(run, k, i) * run.touches[i].known
+        total += run.delassus[k, i] * run.touches[i].known
     return run.touches[k].scale * total
 
 
@@ -188,5 +159,5 @@ def terms(run: Run, k: int) -> float:
     """The size of the terms of a reaction's rate, or acceleration, with all reactions just found."""
     size = abs(run.touches[k].origin)
     for j in range(run.touches.shape[0]):
-        size += abs(gram(run, k, j) * run.touches[j].found)
+        size += abs(run.delassus[k, j] * run.touches[j].found)
     return size

@@ -20,7 +20,7 @@ from xdynamics.march.contacts.balance import (
     weigh_positions,
     weigh_rates,
 )
-from xdynamics.march.contacts.delassus import GAP_OF, gram, look_at_links, number
+from xdynamics.march.contacts.delassus import look_at_links
 from xdynamics.march.contacts.event_rows import note_changes, note_impacts
 from xdynamics.march.contacts.gaps import approaching, hear, measure, spread, width
 from xdynamics.march.contacts.impact import collide, noise
@@ -37,7 +37,7 @@ from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
 
 
-def touch(address: Any, t: float, what: int) -> None:
+def touch(address: Any, t: float, command: int) -> None:
     """Do what contacts need; an entry of the engine.
 
     Parameters
@@ -46,26 +46,26 @@ def touch(address: Any, t: float, what: int) -> None:
         Of a `Run`.
     t : float
         The time of the trial's state; the start's where the march begins.
-    what : int
-        `BEGIN`: find which contacts touch at the start. `HOLD`: put the trial's state back on closed contacts.
+    command : int
+        `BEGIN_CONTACTS`: find which contacts touch at the start. `HOLD`: put the trial's state back on closed contacts.
         `SETTLE`: do so with the state of the march, after an event whose further bounces are skipped. `RESOLVE`: change
         the trial's state by impacts, and determine what contacts do after the events at its end. `INFORM`: pass the
         states of contacts, set by the caller, to the forces. `STEP_IN_TIME`: add what contacts do over a step, for
         Moreau's method. `WEIGH`: check the energies after the events against their rows.
     """
     run = run_at(address)
-    if what == STEP_IN_TIME:
+    if command == STEP_IN_TIME:
         step_in_time(run, t)
-    elif what == HOLD:
+    elif command == HOLD:
         hold(run, t, True)
-    elif what == SETTLE:
+    elif command == SETTLE:
         settle(run, t)
-    elif what == RESOLVE:
+    elif command == RESOLVE:
         resolve(run, t)
-    elif what == WEIGH:
+    elif command == WEIGH:
         weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
         is_broken(run)
-    elif what == INFORM:
+    elif command == INFORM:
         copy(run.y, run.z)
         look_at_links(run, t)
         inform(run)
@@ -82,10 +82,10 @@ def begin(run: Run, t: float) -> None:
         contact = run.touches[k]
         contact.state, contact.limit, contact.lost, contact.hit, contact.known = OPEN, -inf, 0.0, NONE, 0.0
         contact.speed, contact.since, contact.doubt, contact.total, contact.fastest = 0.0, t, 0.0, 0.0, 0.0
-        contact.steepest = gram(run, k, k)
-        contact.largest = max(0.0, number(run, k, GAP_OF))
+        contact.steepest = run.delassus[k, k]
+        contact.largest = max(0.0, run.links[k].gap)
         run.swiftest[k], run.lingering[k] = 0.0, 0.0
-        if run.reactions[k].role == NORMAL and number(run, k, GAP_OF) < -width(run, k):
+        if run.reactions[k].role == NORMAL and run.links[k].gap < -width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         contact.held = OPEN
     if run.plan[0].contacts == STEP_IN_TIME:
@@ -122,7 +122,7 @@ def resolve(run: Run, t: float) -> None:
     measure(run)
     first = first_of_group(run, run.now[0].rows - 1)
     for k in range(run.touches.shape[0]):
-        gap, watched = number(run, k, GAP_OF), run.reactions[k].role == NORMAL and run.touches[k].hit == NONE
+        gap, watched = run.links[k].gap, run.reactions[k].role == NORMAL and run.touches[k].hit == NONE
         if watched and gap < 0.0 and gap < -max(width(run, k), spread(run, k)):
             end(run, CONTACT_PENETRATED)
             return

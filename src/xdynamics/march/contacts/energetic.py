@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import NOISE, SIZE, add_impulses, gained, gram, number
+from xdynamics.march.contacts.delassus import ABSENT, NOISE, PRESSING, add_impulses, gained
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
 
@@ -27,13 +27,13 @@ MOST_PHASES = 8  # compression and restitution, each slipping and then sticking 
 def strike(run: Run) -> bool:
     """Find the impulse of every contact that approaches; whether they are determined."""
     for k in range(run.touches.shape[0]):
-        run.touches[k].part = int(struck(run, k))
+        run.touches[k].part = PRESSING if struck(run, k) else ABSENT
     solved = True
     for k in range(run.touches.shape[0]):
-        if run.touches[k].part:
+        if run.touches[k].part == PRESSING:
             solved = solved and alone(run, k)
     for k in range(run.touches.shape[0]):
-        if run.touches[k].part:
+        if run.touches[k].part == PRESSING:
             solved = solved and strike_one(run, k)
     return solved
 
@@ -50,10 +50,10 @@ def alone(run: Run, k: int) -> bool:
     """Whether a contact that approaches acts on no other one that does."""
     for j in range(run.touches.shape[0]):
         owner = run.reactions[j].normal
-        if owner != k and run.reactions[j].role in (NORMAL, TANGENT) and run.touches[owner].part:
+        if owner != k and run.reactions[j].role in (NORMAL, TANGENT) and run.touches[owner].part == PRESSING:
             for i in range(run.touches.shape[0]):
                 own = i == k or (run.reactions[i].role == TANGENT and run.reactions[i].normal == k)
-                if own and abs(gram(run, j, i)) > NOISE * sqrt(gram(run, j, j) * gram(run, i, i)):
+                if own and abs(run.delassus[j, i]) > NOISE * sqrt(run.delassus[j, j] * run.delassus[i, i]):
                     return False
     return True
 
@@ -80,7 +80,7 @@ def strike_one(run: Run, k: int) -> bool:
         run.touches[j].found = 0.0
     for _ in range(MOST_PHASES):
         ratio, opening, sliding = slopes(run, k, along, slip)
-        if not opening > NOISE * gram(run, k, k) and slip == 0.0:
+        if not opening > NOISE * run.delassus[k, k] and slip == 0.0:
             # sticking holds the gap too, as for a body with one coordinate: nothing moves any more
             return abs(speed) <= NOISE * abs(normal.rate) and add_impulses(run)
         reached, step = 0.0, -speed / opening if opening > 0.0 else inf
@@ -115,14 +115,14 @@ def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, flo
     Friction acts against the slip; without slip it holds or, where it cannot, is at its limit.
     """
     if along == FRICTIONLESS:
-        return 0.0, gram(run, k, k), 0.0
-    most, holding = number(run, along, SIZE), -gram(run, along, k) / gram(run, along, along)
+        return 0.0, run.delassus[k, k], 0.0
+    most, holding = run.links[along].size, -run.delassus[along, k] / run.delassus[along, along]
     ratio = min(max(holding, -most), most)
     if slip != 0.0:
         ratio = -most if slip > 0.0 else most
-    sliding = gram(run, along, k) + gram(run, along, along) * ratio
+    sliding = run.delassus[along, k] + run.delassus[along, along] * ratio
     sticks = slip == 0.0 and ratio == holding
-    return ratio, gram(run, k, k) + gram(run, k, along) * ratio, 0.0 if sticks else sliding
+    return ratio, run.delassus[k, k] + run.delassus[k, along] * ratio, 0.0 if sticks else sliding
 
 
 @shared
@@ -130,7 +130,7 @@ def presses_others(run: Run, k: int) -> bool:
     """Whether the impulses so far make another contact that touches approach."""
     for j in range(run.touches.shape[0]):
         touch = run.touches[j]
-        if j != k and run.reactions[j].role == NORMAL and touch.near and not touch.part:
+        if j != k and run.reactions[j].role == NORMAL and touch.near and touch.part == ABSENT:
             change = gained(run, j)
             if change < 0.0 and touch.rate + change < -max(touch.slack, NOISE * (abs(touch.rate) + abs(change))):
                 return True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import row
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import SKIPPED, Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
@@ -25,7 +24,7 @@ def note_impacts(run: Run, first: int) -> None:
         for j in range(run.touches.shape[0]):
             if j == k or (run.reactions[j].role == TANGENT and run.reactions[j].normal == k):
                 for i in range(n):
-                    run.log_impulses[i, e] += row(run, j, i) * run.touches[j].total
+                    run.log_impulses[i, e] += run.directions[j, i] * run.touches[j].total
                 run.log_impulses[n, e] += run.touches[j].lost
 
 

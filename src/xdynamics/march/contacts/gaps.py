@@ -5,7 +5,7 @@ from __future__ import annotations
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import T
-from xdynamics.march.contacts.delassus import FREE, GAP_OF, NOISE, RATE, SIZE, gram, number, row
+from xdynamics.march.contacts.delassus import NOISE
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
@@ -32,7 +32,7 @@ def hear(run: Run) -> None:
 @shared
 def width(run: Run, k: int) -> float:
     """How wide a gap may be by rounding alone, or by its rate within the time tolerance."""
-    return max(NOISE * size_of_gap(run, k), abs(number(run, k, RATE)) * run.reactions[k].tolerance)
+    return max(NOISE * size_of_gap(run, k), abs(run.links[k].rate) * run.reactions[k].tolerance)
 
 
 @shared
@@ -53,11 +53,11 @@ def within(run: Run, k: int) -> float:
 @shared
 def size_of_gap(run: Run, k: int) -> float:
     """The size of the numbers whose difference a gap is."""
-    size, n = abs(number(run, k, GAP_OF)), run.plan[0].coordinates
-    moved = number(run, k, RATE)  # by time alone
+    size, n = abs(run.links[k].gap), run.plan[0].coordinates
+    moved = run.links[k].rate  # by time alone
     for i in range(n):
-        size += abs(row(run, k, i) * run.z[i])
-        moved -= row(run, k, i) * run.z[n + i]
+        size += abs(run.directions[k, i] * run.z[i])
+        moved -= run.directions[k, i] * run.z[n + i]
     return max(size + abs(moved * run.at[T]), run.touches[k].largest)
 
 
@@ -66,19 +66,19 @@ def measure(run: Run) -> None:
     """Find which contacts touch, and how uncertain rates are."""
     n = run.plan[0].coordinates
     for k in range(run.touches.shape[0]):
-        touch, size = run.touches[k], abs(number(run, k, RATE))
+        touch, size = run.touches[k], abs(run.links[k].rate)
         for i in range(n):
-            size += abs(row(run, k, i) * run.z[n + i])
-        touch.fastest = max(touch.fastest, abs(number(run, k, RATE)))
-        touch.steepest = max(touch.steepest, gram(run, k, k))
+            size += abs(run.directions[k, i] * run.z[n + i])
+        touch.fastest = max(touch.fastest, abs(run.links[k].rate))
+        touch.steepest = max(touch.steepest, run.delassus[k, k])
         run.swiftest[k] = max(run.swiftest[k], size)
         size = max(touch.fastest, run.swiftest[k])
-        touch.slack = max(NOISE * size, (abs(number(run, k, FREE)) + brake(run, k)) * run.reactions[k].tolerance)
+        touch.slack = max(NOISE * size, (abs(run.links[k].free) + brake(run, k)) * run.reactions[k].tolerance)
         touch.near = 0
         if run.reactions[k].role == NORMAL:
-            still = abs(number(run, k, RATE)) <= touch.slack
+            still = abs(run.links[k].rate) <= touch.slack
             reach = max(width(run, k), spread(run, k)) if still else width(run, k)
-            touch.near = int(touch.hit == GAP or number(run, k, GAP_OF) <= reach)
+            touch.near = int(touch.hit == GAP or run.links[k].gap <= reach)
 
 
 @shared
@@ -86,10 +86,10 @@ def brake(run: Run, k: int) -> float:
     """The deceleration of a slip by friction at its limit."""
     if run.reactions[k].role == NORMAL:
         return 0.0
-    force, normal = number(run, k, SIZE), run.reactions[k].normal
+    force, normal = run.links[k].size, run.reactions[k].normal
     if run.reactions[k].role == TANGENT:
-        force *= abs(number(run, normal, FREE)) / gram(run, normal, normal)
-    return force * gram(run, k, k)
+        force *= abs(run.links[normal].free) / run.delassus[normal, normal]
+    return force * run.delassus[k, k]
 
 
 @shared
@@ -97,7 +97,7 @@ def approaching(run: Run) -> bool:
     """Whether a contact that touches approaches."""
     approaches = False
     for k in range(run.touches.shape[0]):
-        approaches = approaches or (run.touches[k].near == 1 and number(run, k, RATE) < -run.touches[k].slack)
+        approaches = approaches or (run.touches[k].near == 1 and run.links[k].rate < -run.touches[k].slack)
     return approaches
 
 

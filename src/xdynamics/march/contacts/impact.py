@@ -10,19 +10,7 @@ after the other in declared order, until none approaches. `energetic`: see `marc
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import (
-    ABSENT,
-    GRIPPING,
-    NOISE,
-    PRESSING,
-    RATE,
-    SIZE,
-    add_impulses,
-    gram,
-    number,
-    reach,
-    solve_reactions,
-)
+from xdynamics.march.contacts.delassus import ABSENT, GRIPPING, NOISE, PRESSING, add_impulses, solve_reactions
 from xdynamics.march.contacts.energetic import strike
 from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
@@ -39,9 +27,9 @@ def collide(run: Run) -> bool:
     law = NEWTON
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        touch.rate, touch.total, touch.known, touch.lost = number(run, k, RATE), 0.0, 0.0, 0.0
+        touch.rate, touch.total, touch.known, touch.lost = run.links[k].rate, 0.0, 0.0, 0.0
         if run.reactions[k].role == NORMAL and touch.near:
-            law, touch.bounce = run.reactions[k].law, number(run, k, SIZE)
+            law, touch.bounce = run.reactions[k].law, run.links[k].size
             if not 0.0 <= touch.bounce <= 1.0:
                 return False
     if law == SEQUENTIAL:
@@ -53,7 +41,7 @@ def collide(run: Run) -> bool:
     if solved:
         for k in range(run.touches.shape[0]):
             for i in range(run.plan[0].coordinates):
-                run.z[run.plan[0].coordinates + i] += reach(run, k, i) * run.touches[k].total
+                run.z[run.plan[0].coordinates + i] += run.responses[k, i] * run.touches[k].total
     return solved
 
 
@@ -122,14 +110,14 @@ def press(run: Run, only: int, share: float) -> bool:
             touch.part = PRESSING
             touch.origin += share * touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT and run.touches[reaction.normal].part == PRESSING:
-            touch.part, touch.coefficient, touch.bound = GRIPPING, number(run, k, SIZE), 0.0
+            touch.part, touch.coefficient, touch.bound = GRIPPING, run.links[k].size, 0.0
     return solve_reactions(run) and add_impulses(run)
 
 
 @shared
 def noise(run: Run, k: int) -> float:
     """How far from zero rounding may leave a rate after an impact."""
-    size = abs(number(run, k, RATE))
+    size = abs(run.links[k].rate)
     for j in range(run.touches.shape[0]):
-        size += abs(gram(run, k, j) * run.touches[j].total)
+        size += abs(run.delassus[k, j] * run.touches[j].total)
     return max(run.touches[k].slack, NOISE * size)

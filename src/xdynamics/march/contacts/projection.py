@@ -11,7 +11,7 @@ from math import inf, nan
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.contacts.delassus import GAP_OF, RATE, gram, look_at_links, number, reach
+from xdynamics.march.contacts.delassus import look_at_links
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import MODES, NORMAL
@@ -51,11 +51,12 @@ def hold_positions(run: Run, t: float, settling: bool) -> bool:
         look_at_links(run, t)
         worst = 0.0
         for i in range(count):
-            worst = max(worst, abs(number(run, run.chosen[i], GAP_OF)))
+            run.column[i] = -run.links[run.chosen[i]].gap
+            worst = max(worst, abs(run.column[i]))
         if worst == 0.0 or not worst < before / 2.0:
             return True
         before = worst
-        if not shift(run, count, GAP_OF, 0):
+        if not shift(run, count, 0):
             return False
     return True
 
@@ -64,21 +65,25 @@ def hold_positions(run: Run, t: float, settling: bool) -> bool:
 def hold_rates(run: Run, t: float, settling: bool) -> bool:
     """Remove the rates of closed contacts and sticking friction."""
     look_at_links(run, t)
-    return shift(run, choose(run, settling), RATE, run.plan[0].coordinates)
+    count = choose(run, settling)
+    for i in range(count):
+        run.column[i] = -run.links[run.chosen[i]].rate
+    if not shift(run, count, run.plan[0].coordinates):
+        return False
+    for i in range(count):  # and by what impulse, for `march.contacts.balance`
+        run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = run.links[run.chosen[i]].rate, run.column[i]
+    return True
 
 
 @shared
-def shift(run: Run, count: int, which: int, first: int) -> bool:
-    """Move positions, or from place `first` on velocities, along the reactions until a number of each is zero."""
+def shift(run: Run, count: int, first: int) -> bool:
+    """Move positions, or from place `first` on velocities, along the reactions by what `column` says of each gap."""
     for i in range(count):
-        run.column[i] = -number(run, run.chosen[i], which)
         for j in range(count):
-            run.square[i * count + j] = gram(run, run.chosen[i], run.chosen[j])
+            run.square[i * count + j] = run.delassus[run.chosen[i], run.chosen[j]]
     if not solve_linear(run.square, run.column, count):
         return False
     for i in range(count):
-        if which == RATE:  # and by what impulse, for `march.contacts.balance`
-            run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = number(run, run.chosen[i], RATE), run.column[i]
         for k in range(run.plan[0].coordinates):
-            run.z[first + k] += reach(run, run.chosen[i], k) * run.column[i]
+            run.z[first + k] += run.responses[run.chosen[i], k] * run.column[i]
     return True

@@ -10,19 +10,7 @@ from math import nan
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.contacts.delassus import (
-    ABSENT,
-    GAP_OF,
-    GRIPPING,
-    PRESSING,
-    RATE,
-    SIZE,
-    look_at_links,
-    number,
-    reach,
-    slips,
-    solve_reactions,
-)
+from xdynamics.march.contacts.delassus import ABSENT, GRIPPING, PRESSING, look_at_links, slips, solve_reactions
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
@@ -47,7 +35,7 @@ def step_in_time(run: Run, t1: float) -> None:
     for i in range(n):
         change = 0.0
         for k in range(run.touches.shape[0]):
-            change += reach(run, k, i) * run.touches[k].found
+            change += run.responses[k, i] * run.touches[k].found
         run.z[i], run.z[n + i] = run.half[i] + h / 2.0 * change, run.half[n + i] + change
     evaluate(run, t1, run.z)
     for k in range(run.touches.shape[0]):
@@ -61,8 +49,8 @@ def close(run: Run) -> None:
     """Find which contacts are closed in the middle of the step, and their coefficients of restitution."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        touch.near = int(run.reactions[k].role == NORMAL and number(run, k, GAP_OF) <= 0.0)
-        touch.rate, touch.bounce, touch.found, touch.known = number(run, k, RATE), number(run, k, SIZE), 0.0, 0.0
+        touch.near = int(run.reactions[k].role == NORMAL and run.links[k].gap <= 0.0)
+        touch.rate, touch.bounce, touch.found, touch.known = run.links[k].rate, run.links[k].size, 0.0, 0.0
 
 
 @shared
@@ -70,16 +58,16 @@ def push(run: Run, h: float) -> bool:
     """Find the impulses of the step; whether they exist."""
     for k in range(run.touches.shape[0]):
         touch, reaction = run.touches[k], run.reactions[k]
-        touch.part, touch.origin, touch.bound = ABSENT, number(run, k, RATE), 0.0
+        touch.part, touch.origin, touch.bound = ABSENT, run.links[k].rate, 0.0
         if reaction.role == NORMAL:
             if touch.near:
                 touch.part = PRESSING
                 touch.origin += touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT:
             if run.touches[reaction.normal].near:
-                touch.part, touch.coefficient = GRIPPING, number(run, k, SIZE)
+                touch.part, touch.coefficient = GRIPPING, run.links[k].size
         else:
-            touch.part, touch.bound = GRIPPING, h * number(run, k, SIZE)
+            touch.part, touch.bound = GRIPPING, h * run.links[k].size
     return solve_reactions(run)
 
 

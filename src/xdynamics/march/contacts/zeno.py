@@ -6,7 +6,7 @@ from math import inf
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.contacts.active_set import derive, inform
-from xdynamics.march.contacts.delassus import NOISE, RATE, SIZE, gram, number
+from xdynamics.march.contacts.delassus import NOISE
 from xdynamics.march.contacts.gaps import BLUR, size_of_gap, struck
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
@@ -31,7 +31,7 @@ def bounce(run: Run, t: float) -> bool:
             leaves = run.reactions[k].role == NORMAL and touch.near == 1 and touch.state == OPEN and touch.hit != PULL
             if leaves and touch.way == 0 and ((impact and ends_soon(run, k, t)) or unseen(run, k, t)):
                 touch.state, changed = SETTLING, True
-                touch.lost = number(run, k, RATE) * number(run, k, RATE) / (2.0 * gram(run, k, k))
+                touch.lost = run.links[k].rate * run.links[k].rate / (2.0 * run.delassus[k, k])
             touch.way = 1 if leaves else touch.way
         if not changed:
             break
@@ -53,11 +53,11 @@ def bounce(run: Run, t: float) -> bool:
 def unseen(run: Run, k: int, t: float) -> bool:
     """Whether a contact would open by less, or for a shorter time, than rounding resolves, and close again."""
     touch = run.touches[k]
-    rate, fall = number(run, k, RATE), -touch.after
+    rate, fall = run.links[k].rate, -touch.after
     low = rate * rate <= 8.0 * NOISE * size_of_gap(run, k) * fall
     if not (fall > 0.0 and (low or abs(rate) <= BLUR * abs(t) * fall)):
         return False
-    share = 1.0 - number(run, k, SIZE)  # by which each remaining bounce is shorter than the last
+    share = 1.0 - run.links[k].size  # by which each remaining bounce is shorter than the last
     touch.limit, touch.doubt = t, 2.0 * abs(rate) / fall / share if share > 0.0 else inf
     return True
 
@@ -71,7 +71,7 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
     rocking block. The uncertainty of the end is how far it is from the one predicted last, or from now.
     """
     touch, reaction = run.touches[k], run.reactions[k]
-    rate, fall = number(run, k, RATE), -touch.after
+    rate, fall = run.links[k].rate, -touch.after
     before, last_duration = touch.speed, t - touch.since
     touch.speed, touch.since = rate, t
     if not (fall > 0.0 and 0.0 < rate < before):

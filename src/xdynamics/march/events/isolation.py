@@ -21,7 +21,6 @@ from xdynamics.march.events.zero_tests import (
     FORCED,
     MONOTONE,
     MURKY,
-    NEAR,
     NONE,
     OPEN,
     TOUCHED,
@@ -42,25 +41,6 @@ from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.march.trial_step import copy, substep
 from xdynamics.model.detectors import GAP
-
-
-@shared
-def arm(run: Run, i: int, value: float) -> None:
-    """Arm an event at once where its function is away from zero, else once the function leaves it."""
-    watch = run.watches[i]
-    if watch.asleep:
-        watch.armed = 0
-        return
-    away = abs(value) > max(murk(run, i, run.z), NEAR * watch.greatest)
-    watch.armed = sign(value) if away else 0
-    watch.ever = max(watch.ever, abs(watch.armed))
-
-
-@shared
-def forget(run: Run) -> None:
-    """Arm every event as it was before a trial that is rejected."""
-    for i in range(run.watches.shape[0]):
-        run.watches[i].armed = run.watches[i].began
 
 
 @shared

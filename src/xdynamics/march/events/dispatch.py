@@ -1,0 +1,131 @@
+"""What the search for events does for a march: at its start, on a trial near a zero, where a state is set.
+
+It is compiled apart from the loop, which calls it by address.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import DETECT
+from xdynamics.kernels.program import T
+from xdynamics.march.acceptance import AT_BORDER, AT_GRID
+from xdynamics.march.events.arming import arm, forget
+from xdynamics.march.events.event_free_region import end_region
+from xdynamics.march.events.isolation import arrives, isolate, quiet
+from xdynamics.march.events.switch_sides import take_sides
+from xdynamics.march.events.transition import hand_over
+from xdynamics.march.events.zero_tests import resolution
+from xdynamics.march.handle import called, run_at
+from xdynamics.march.log import MOST_SUBSTEPS
+from xdynamics.march.outcomes import SOUND
+from xdynamics.march.run import BEGIN_EVENTS, TAKE_SIDES, Run
+from xdynamics.march.trial_step import keep, look, substep, take
+from xdynamics.model.detectors import OCCASION
+from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
+
+
+def watch(address: Any, _number: float, command: int) -> None:
+    """Do what events need; an entry of the engine.
+
+    Parameters
+    ----------
+    address : int
+        Of a `Run`.
+    command : int
+        `BEGIN_EVENTS`: determine on which side of zero every event function is at the start. `TAKE_SIDES`: set the
+        switches hidden in forces to the sides of the march's state. `FIND_EVENTS`: find the first event of the trial
+        and go on after it.
+    """
+    run = run_at(address)
+    if command == TAKE_SIDES:
+        take_sides(run)
+    elif command == BEGIN_EVENTS:
+        begin(run)
+    else:
+        find(run)
+
+
+@shared
+def find(run: Run) -> None:
+    """Find the first event of a trial and go on after it.
+
+    `piece.verdict` is the verdict on the trial: SOUND for one that may be accepted, else why not. Afterwards it is SOUND
+    for a trial to be accepted as it is; or an event was landed on; or it is why the trial is to be rejected.
+    """
+    reason = run.piece[0].verdict
+    run.piece[0].substeps = 0
+    if reason == SOUND:
+        reason = meet(run)
+    if reason in (REASON_DOMAIN, REASON_EVENT_FUNCTION):
+        reason = shrink(run, reason)
+    if reason == REASON_EVENT:
+        reason = hand_over(run)
+    run.piece[0].verdict = reason
+    end_region(run)
+    if run.plan[0].apart == 0:
+        for i in range(run.detectors.shape[0]):
+            run.watches[i].alive = 0
+
+
+@shared
+def begin(run: Run) -> None:
+    """Determine on which side of zero every event function is at the start."""
+    end_region(run)  # the region of an earlier run
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        watch.seen, watch.greatest = 0, 0.0  # left by an earlier run in the same memory
+        watch.ever = int(run.detectors[i].role != OCCASION)
+        arm(run, i, run.g[i])
+
+
+@shared
+def meet(run: Run) -> int:
+    """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
+    now, trial = run.now[0], run.trial[0]
+    growth, final = run.kept[0].growth, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
+    run.at[T] = now.t
+    called(run.law[DETECT], run, run.y, run.g, 0)
+    look(run)
+    keep(run)
+    if trial.unsound_events != 0.0:
+        return REASON_EVENT_FUNCTION
+    if isolate(run, final):
+        return REASON_EVENT
+    take(run)
+    run.kept[0].growth, run.piece[0].cut = growth, int(run.piece[0].substeps > 0)
+    return SOUND
+
+
+@shared
+def shrink(run: Run, reason: int) -> int:
+    """Shorten a trial that leaves the domain of the model to the part inside; an event may be on the border."""
+    now, trial = run.now[0], run.trial[0]
+    whole_step, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
+    tolerance = 2.0 * EPS * max(abs(now.t), abs(now.t + high))
+    for _ in range(MOST_SUBSTEPS // 2):
+        s = (low + high) / 2.0
+        if high - low <= tolerance or not low < s < high:
+            break
+        substep(run, s)
+        sound = trial.iterations >= 0 and trial.unsound == 0.0 and trial.unsound_events == 0.0
+        low, high = (s, high) if sound else (low, s)
+    if low > 0.0:
+        substep(run, low)
+        run.at[T] = now.t
+        called(run.law[DETECT], run, run.y, run.g, 0)
+        trial.landing = AT_BORDER
+        keep(run)
+        quiet(run)
+        if isolate(run, True) or arrives(run):
+            return REASON_EVENT
+        if not run.plan[0].adaptive and low > max(tolerance, resolution(run, 0, low)):
+            take(run)
+            run.piece[0].cut = 1
+            return SOUND
+        forget(run)
+    substep(run, whole_step)
+    trial.t, trial.landing = target, landing
+    return reason

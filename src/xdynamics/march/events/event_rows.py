@@ -1,0 +1,75 @@
+"""Rows of the record about events: when, how uncertain, of which kind, and what they did to the state."""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import SLOPES
+from xdynamics.kernels.program import T
+from xdynamics.march.events.root_finding import kind_of
+from xdynamics.march.events.zero_tests import NONE, uncertainty
+from xdynamics.march.handle import called
+from xdynamics.march.log import first_of_group
+from xdynamics.march.run import Run
+from xdynamics.model.detectors import GRIP, PULL, SLIP
+
+STATE = 2  # of a row of the log, after time and step
+
+
+@shared
+def leave_out(run: Run) -> None:
+    """Ignore that a grip is lost where the contact itself opens."""
+    for i in range(run.detectors.shape[0]):
+        grip = run.detectors[i]
+        if grip.role not in (GRIP, SLIP) or run.watches[i].hit == NONE:
+            continue
+        for j in range(run.detectors.shape[0]):
+            pull = run.detectors[j]
+            opens = pull.role == PULL and run.watches[j].hit != NONE
+            if opens and run.reactions[grip.reaction].normal == pull.reaction:
+                run.watches[i].hit = NONE
+
+
+@shared
+def note_events(run: Run, row: int, substeps: int) -> None:
+    """Write a row for each event that the trial ends at, between the rows `row` and the next."""
+    now, trial = run.now[0], run.trial[0]
+    run.at[T] = trial.t
+    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit == NONE:
+            continue
+        event = run.log_events[now.events - run.base[0].events]
+        left = now.t + watch.left if watch.left > 0.0 else now.t - run.pending[i]
+        event.time, event.left, event.residual, event.slope = trial.t, left, run.g1[i], run.slopes[i]
+        if run.detectors[i].sampled:
+            event.slope = -watch.armed * watch.up
+        event.uncertainty, event.substeps = uncertainty(run, i, run.z), substeps
+        event.interpolation = watch.drift / abs(event.slope) if watch.drift > 0.0 else 0.0
+        event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
+        event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
+        event.direction = -watch.armed
+        watch.seen += 1
+        for k in range(run.log_rates.shape[0]):
+            run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
+        for k in range(run.log_impulses.shape[0]):
+            run.log_impulses[k, now.events - run.base[0].events] = 0.0
+        now.events += 1
+
+
+@shared
+def note_offsets(run: Run, before: int) -> None:
+    """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
+    n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, before)
+    if rows == 0:
+        return
+    owner, last = first, run.now[0].events - run.base[0].events
+    for e in range(first, last):
+        if run.detectors[run.log_events[e].detector].reaction >= 0:
+            owner = e
+            break
+    for i in range(n):
+        offset = run.z[i] - run.log_rows[STATE + i, before - run.base[0].rows]
+        for e in range(first, last):
+            offset -= run.log_impulses[rows - n + i, e]
+        run.log_impulses[rows - n + i, owner] += offset
