@@ -7,16 +7,11 @@ from typing import Any
 import numpy as np
 
 import xdynamics as xd
-from xdynamics.methods.steppers import TimeStepping
 
 G, E = 9.81, 0.9
 FIRST, FORTY_FOURTH, LIMIT = 0.45152364098573090, 8.491374025647689, 8.57894917872888718
 # methods of order one have other flights; implicit ones have no derivatives of contact forces
-FITTING = [
-    name
-    for name, one in xd.METHODS.items()
-    if one.order > 1 and not one.solves and not isinstance(one.stepper, TimeStepping)
-]
+FITTING = [name for name, one in xd.METHODS.items() if one.order > 1 and not one.solves and one.stepper.locates]
 
 
 def asked(method: str, step: float = 0.013, rtol: float = 1e-9) -> dict[str, Any]:

@@ -17,7 +17,6 @@ import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS
 from xdynamics.evidence.refining.convergence import VERDICTS, judge
-from xdynamics.methods.steppers import TimeStepping
 
 STEPS = {1: 0.01, 2: 0.02, 3: 0.05, 4: 0.05, 5: 0.1, 6: 0.2, 8: 0.3}
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
@@ -28,9 +27,7 @@ def verdict(study: Any, name: str, k: int = 0) -> str:
     return VERDICTS[int(study[f"verdict_{name}"][k])]
 
 
-@pytest.mark.parametrize(
-    "method", [name for name, one in xd.METHODS.items() if not isinstance(one.stepper, TimeStepping)]
-)
+@pytest.mark.parametrize("method", [name for name, one in xd.METHODS.items() if one.stepper.locates])
 def test_orders_and_uncertainties_of_every_method(method: str) -> None:
     """Assert that asymptotic numbers have the method's order or a whole one above, and no error is beyond its uncertainty."""
     formal = xd.METHODS[method].order

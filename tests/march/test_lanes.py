@@ -15,7 +15,6 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods import METHODS
-from xdynamics.methods.steppers import TimeStepping
 
 N = 37
 COMPARED = ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends", "events")
@@ -46,9 +45,7 @@ def duffing(*, damped: bool = True) -> xd.Model:
     )
 
 
-@pytest.mark.parametrize(
-    "method", [name for name, one in METHODS.items() if not (one.solves or isinstance(one.stepper, TimeStepping))]
-)
+@pytest.mark.parametrize("method", [name for name, one in METHODS.items() if not one.solves and one.stepper.locates])
 @pytest.mark.parametrize("lanes", [2, 8])
 def test_every_explicit_method(method: str, lanes: int) -> None:
     """Assert the bits of one lane, on a grid and, with an embedded formula, with chosen steps."""

@@ -16,7 +16,8 @@ from mpmath import MPContext
 from numpy.typing import NDArray
 
 from xdynamics.methods import composition, nystrom, runge_kutta
-from xdynamics.methods.method import Evaluation, Method, read_lines
+from xdynamics.methods.lines import Evaluation, read_lines
+from xdynamics.methods.method import Method
 
 mp = MPContext()  # its own context: the digits are no one else's
 mp.dps = 40

@@ -11,7 +11,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
 from xdynamics.methods import Evaluation, Method
-from xdynamics.methods.method import spread
+from xdynamics.methods.lines import spread
 from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.stability.amplification import LinearSystem, amplification, factors

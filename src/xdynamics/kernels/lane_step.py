@@ -31,7 +31,7 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.kernels.radau_memory import Memory, width
 from xdynamics.kernels.radau_systems import FACTORISE
-from xdynamics.methods.steppers import Collocation as Collocated
+from xdynamics.methods.steppers import SIMPLIFIED
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
 
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
@@ -143,8 +143,8 @@ def _of_smooth(layout: Layout) -> int:
 
 
 def is_solved(layout: Layout) -> bool:
-    """Whether a step solves equations in lanes, by collocation."""
-    return layout.scheme is not None and isinstance(layout.scheme.method.stepper, Collocated)
+    """Whether a step solves equations in lanes, by iterations that keep what they know for the next one."""
+    return layout.scheme is not None and layout.scheme.method.solver == SIMPLIFIED
 
 
 def stride(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from xdynamics.expressions import Name, Node, Number, derivative, expand
 from xdynamics.kernels.layout import Layout
-from xdynamics.methods.method import Solve
+from xdynamics.methods.lines import Solve
 from xdynamics.schema import rate
 
 DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by none

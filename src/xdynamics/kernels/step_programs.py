@@ -24,9 +24,9 @@ from xdynamics.kernels.program import (
     nested,
 )
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.method import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
+from xdynamics.methods.lines import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
 from xdynamics.methods.scheme import Scheme
-from xdynamics.methods.steppers import EXACT, Collocation
+from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
 
 
@@ -49,22 +49,35 @@ class Steps:
     memory: int
 
 
-def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
-    """Write one step of a method, with the estimate of its error where an embedded formula gives it.
+@dataclass(frozen=True)
+class _Writing:
+    """Writes the steps that steppers ask for."""
 
-    A step by collocation is made by `march.implicit.radau`, which calls only the derivatives at its stages.
-    """
-    if isinstance(scheme.method.stepper, Collocation):
-        first = 3 * layout.used.size
-        derivatives = (linearised(layout, "w", first),) if scheme.jacobian == EXACT else ()
-        return Steps(derivatives, (), first + len(layout.couplings))
-    write = _Stepping(layout, sampled=sampled, working=bool(scheme.method.solves))
-    write.walk(scheme.method.statements)
-    write.end()
-    write.walk(scheme.error_lines)
-    if scheme.error_lines:
-        write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
-    return write.finished("propose", f"One step by {scheme.method.name}.", (0, layout.state.size))
+    layout: Layout
+    scheme: Scheme
+    sampled: bool
+
+    def by_lines(self) -> Steps:
+        """Write the lines of the method, and those of its estimate."""
+        layout, scheme = self.layout, self.scheme
+        write = _Stepping(layout, sampled=self.sampled, working=bool(scheme.method.solves))
+        write.walk(scheme.method.statements)
+        write.end()
+        write.walk(scheme.error_lines)
+        if scheme.error_lines:
+            write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
+        return write.finished("propose", f"One step by {scheme.method.name}.", (0, layout.state.size))
+
+    def by_stages(self, stages: int) -> Steps:
+        """Write the derivatives at a state: all else is made by `march.implicit.radau`, with the stages in `w`."""
+        first = stages * self.layout.used.size
+        derivatives = (linearised(self.layout, "w", first),) if self.scheme.jacobian == EXACT else ()
+        return Steps(derivatives, (), first + len(self.layout.couplings))
+
+
+def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
+    """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
+    return scheme.method.stepper.programs(_Writing(layout, scheme, sampled))
 
 
 def inside(layout: Layout, scheme: Scheme) -> Program:

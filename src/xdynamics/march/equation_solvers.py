@@ -16,11 +16,13 @@ from xdynamics.march.run import EQUATIONS, Run
 from xdynamics.march.settings import Settings
 from xdynamics.methods import Method
 from xdynamics.methods.radau import SHARE
-from xdynamics.methods.steppers import Collocation
+from xdynamics.methods.scheme import EMBEDDED
+from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SIMPLIFIED
 
 Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
 
+MOST_FACTORISED = 5  # velocities and states up to which lanes pay where equations are solved: factors are written out
 # runs of explicit methods share empty arrays, which nothing writes to
 _NOTHING: Arrays = {
     "equations": np.zeros(0, EQUATIONS),
@@ -37,13 +39,12 @@ class Solver(NamedTuple):
     arrays: Callable[[Law], Arrays]  # of a run
     reported: Callable[[Settings], dict[str, Any]]  # attributes of a record
     corrections: Callable[[Run, int], tuple[Floats, Floats]]  # the last of every variable, and its size
+    in_lanes: Callable[[Law, Settings], bool]  # whether steps side by side can be solved, too
 
 
 def solver_of(method: Method) -> Solver:
     """Return what solves the equations of a method's steps."""
-    if isinstance(method.stepper, Collocation):
-        return SIMPLIFIED
-    return NEWTON if method.solves else NONE
+    return _SOLVERS[method.solver]
 
 
 def _newton_arrays(law: Law) -> Arrays:
@@ -113,6 +114,34 @@ def _simplified_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
     return corrections, np.abs(run.y[:n]) + stages
 
 
-NONE = Solver(lambda: 0, lambda _law: _NOTHING, lambda _settings: {}, lambda _run, n: (np.zeros(n), np.ones(n)))
-NEWTON = Solver(lambda: solvers().newton, _newton_arrays, _newton_reported, _newton_corrections)
-SIMPLIFIED = Solver(lambda: solvers().radau, _simplified_arrays, _simplified_reported, _simplified_corrections)
+def _simplified_in_lanes(law: Law, settings: Settings) -> bool:
+    """Whether steps are chosen by the embedded formula, with exact derivatives of few variables."""
+    scheme, layout = law.scheme, law.layout
+    small = layout.used.size - layout.coordinates.size <= MOST_FACTORISED
+    exact = scheme.estimator == EMBEDDED and scheme.jacobian == EXACT
+    return settings.adaptive and small and exact and not layout.carried
+
+
+_SOLVERS = {
+    NOTHING: Solver(
+        address=lambda: 0,
+        arrays=lambda _law: _NOTHING,
+        reported=lambda _settings: {},
+        corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
+        in_lanes=lambda _law, _settings: True,
+    ),
+    NEWTON: Solver(
+        address=lambda: solvers().newton,
+        arrays=_newton_arrays,
+        reported=_newton_reported,
+        corrections=_newton_corrections,
+        in_lanes=lambda _law, _settings: False,
+    ),
+    SIMPLIFIED: Solver(
+        address=lambda: solvers().radau,
+        arrays=_simplified_arrays,
+        reported=_simplified_reported,
+        corrections=_simplified_corrections,
+        in_lanes=_simplified_in_lanes,
+    ),
+}

@@ -41,7 +41,7 @@ from xdynamics.march.run import (
 from xdynamics.march.settings import EPS, Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import EXTRAPOLATED
-from xdynamics.methods.steppers import DIFFERENCES, TimeStepping
+from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
@@ -179,7 +179,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "evaluated": layout.evaluation.size,
         "reactions": layout.reactions.size,
         "switches": sum(detector.role in (SWITCH, KINK) for detector in layout.watched),
-        "contacts": STEP_IN_TIME if isinstance(scheme.method.stepper, TimeStepping) else HOLD,
+        "contacts": HOLD if scheme.method.stepper.locates else STEP_IN_TIME,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": layout.state.size - layout.reactions.size,

@@ -14,12 +14,10 @@ from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
-from xdynamics.methods.steppers import EXACT, JACOBIANS, TimeStepping
+from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.model.parts import ENERGETIC
-from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
@@ -283,18 +281,7 @@ class Settings:
             for one in self.nodes
             if not start < one < self.until
         ]
-        if isinstance(self.method.stepper, TimeStepping) and any(
-            one.law == ENERGETIC for one in model.contacts.values()
-        ):
-            faults.append(
-                f"method '{self.method.name}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}'"
-                " is for impacts that are located; take another method or law = 'newton'"
-            )
-        if isinstance(self.method.stepper, TimeStepping) and self.estimator != NO_ESTIMATE and reactions(model):
-            faults.append(
-                f"method '{self.method.name}' has no error estimate that knows of impacts; give a step, and estimator ="
-                " 'none'"
-            )
+        faults += self.method.stepper.faults(model, self.method.name, estimates=self.scheme.estimates)
         faults += self._faults_of_scales(model)
         if len(faults) > 1:
             raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))

@@ -11,47 +11,36 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.interval_program import can_be_watched
-from xdynamics.kernels.lane_step import LANE, is_solved, lane_width, noted_width, of_collocation
+from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble_part import Arrays, Part, inputs_of
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
 from xdynamics.march.log import Log, Room, allocate
 from xdynamics.march.run import EVENT_ROW
 from xdynamics.march.settings import Settings
-from xdynamics.methods.scheme import EMBEDDED
-from xdynamics.methods.steppers import EXACT, TimeStepping
 from xdynamics.model import Model
 
 LANE_ROWS = 1 << 5  # of a lane's log, to which the single march writes now and then
 EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out
 ROW_ROOM = 1 << 12  # rows of all lanes before they are taken out
 FEWEST_A_LANE = 4  # runs from which lanes pay
-MOST_FACTORISED = 5  # velocities and states up to which they pay where equations are solved: factors are written out
 
 
 def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
     """Return how many runs may go side by side: one where a step is more than a program, or nothing is gained."""
-    scheme, layout = law.scheme, law.layout
-    written = not scheme.method.solves or (settings.adaptive and _can_be_solved(layout))
-    given = isinstance(scheme.method.stepper, TimeStepping) or isinstance(settings.step, tuple)
-    plain = written and scheme.steps == 1 and not given
+    method, layout = law.scheme.method, law.layout
+    solved = solver_of(method).in_lanes(law, settings)
+    plain = solved and method.stepper.locates and law.scheme.steps == 1 and not isinstance(settings.step, tuple)
     if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
         return 1
     if asked is not None:
         return max(1, asked)
     return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() else 1
-
-
-def _can_be_solved(layout: Layout) -> bool:
-    """Whether chosen steps can be solved in lanes: those of Radau IIA, with exact derivatives of few variables."""
-    scheme = layout.scheme
-    small = layout.used.size - layout.coordinates.size <= MOST_FACTORISED
-    exact = scheme is not None and scheme.estimator == EMBEDDED and scheme.jacobian == EXACT
-    return small and exact and is_solved(layout) and not layout.carried
 
 
 def march_abreast(

@@ -1,7 +1,8 @@
 """Named methods, with their update equations as data. A new family takes one file and one line here."""
 
 from xdynamics.methods import composition, euler, implicit, midpoint, moreau, nystrom, runge_kutta, verlet
-from xdynamics.methods.method import Evaluation, Method, Solve, Statement, method_named
+from xdynamics.methods.lines import Evaluation, Solve, Statement
+from xdynamics.methods.method import Method, method_named
 
 FAMILIES = (euler, midpoint, verlet, composition, moreau, runge_kutta, nystrom, implicit)
 METHODS: dict[str, Method] = {method.name: method for family in FAMILIES for method in family.METHODS}

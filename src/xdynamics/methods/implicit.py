@@ -1,6 +1,7 @@
 """Implicit methods: each step solves its equations by Newton's method."""
 
-from xdynamics.methods.method import Method, spread
+from xdynamics.methods.lines import spread
+from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import Collocation
 from xdynamics.model import Trait
 
@@ -61,6 +62,7 @@ _RADAU_IIA = Collocation(
         ("(296 + 169*sqrt(6))/1800", "(88 + 7*sqrt(6))/360", "(-2 - 3*sqrt(6))/225"),
         ("(16 - sqrt(6))/36", "(16 + sqrt(6))/36", "1/9"),
     ),
+    b=("(16 - sqrt(6))/36", "(16 + sqrt(6))/36", "1/9"),
     c=("(4 - sqrt(6))/10", "(4 + sqrt(6))/10", "1"),
 )
 RADAU_IIA = Method(

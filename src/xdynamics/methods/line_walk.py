@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from xdynamics.methods.method import Evaluation, Line, Solve, Statement
+from xdynamics.methods.lines import Evaluation, Line, Solve, Statement
 
 
 class Walker(ABC):

@@ -2,121 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import takewhile
-from textwrap import dedent
 
-from xdynamics.expressions import Node, free_names, parse
 from xdynamics.faults import InputError
+from xdynamics.methods.lines import HERMITE, HERMITE_WORDS, Line, Solve, printed, read_lines
 from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
 from xdynamics.runtime.cached_properties import cached_property
-
-SCALARS = ("t", "t1", "h", "s")
-
-HERMITE = """
-    qi = q1 - q - h*v - h**2/2*a
-    qj = h*(v1 - v) - h**2*a
-    qk = h**2*(a1 - a)
-    qs = q + s*(h*v + s*(h**2/2*a + s*(10*qi - 4*qj + qk/2 + s*(7*qj - 15*qi - qk + s*(6*qi - 3*qj + qk/2)))))
-    vs = v + s*(h*a + s*(3*(v1 - v) - h*(2*a + a1) + s*(h*(a + a1) - 2*(v1 - v))))
-    xs = x + s*(h*r + s*(3*(x1 - x) - h*(2*r + r1) + s*(h*(r + r1) - 2*(x1 - x))))
-"""
-HERMITE_WORDS = (
-    "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step"
-)
-
-_EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
-_SOLVE = re.compile(r"solve (.+):")
-_SPREAD = (("q", "v"), ("v", "a"), ("x", "r"))
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """``a1, r1 = f(t1, q1, v1, x1)``: accelerations and rates at one time and one state."""
-
-    acceleration: str
-    rate: str
-    time: str
-    position: str
-    velocity: str
-    state: str
-
-    def text(self, *, motion: bool, states: bool) -> str:
-        """Print it with the vectors that a model has."""
-        results = [name for name, shown in ((self.acceleration, motion), (self.rate, states)) if shown]
-        arguments = [self.time, *([self.position, self.velocity] if motion else []), *([self.state] if states else [])]
-        return f"{', '.join(results)} = f({', '.join(arguments)})"
-
-
-@dataclass(frozen=True)
-class Statement:
-    """``v1 = v + h*a``: one vector from vectors of the same length."""
-
-    target: str
-    expression: Node
-    source: str
-
-    @property
-    def of_states(self) -> bool:
-        """Whether it advances the first-order states (x, r) and not the motion (q, v, a)."""
-        return self.target[0] in "xr"
-
-    @property
-    def vectors(self) -> set[str]:
-        """The vectors that it reads; other names are scalars."""
-        return free_names(self.expression) - set(SCALARS)
-
-    def text(self, *, motion: bool, states: bool) -> str:
-        """Print it, or nothing if the model has no such vectors."""
-        return self.source if (states if self.of_states else motion) else ""
-
-
-@dataclass(frozen=True)
-class Solve:
-    """``solve v2, x2:`` and the indented equations for these unknowns, solved simultaneously by Newton's method.
-
-    A line with an unknown on its left is an equation; the others define what the equations use. The iteration starts
-    from the previous values of the unknowns.
-    """
-
-    unknowns: tuple[str, ...]
-    body: tuple[Statement | Evaluation, ...]
-
-    @property
-    def definitions(self) -> tuple[Statement, ...]:
-        """Vectors that follow from the unknowns, each after those that it reads."""
-        waiting = [line for line in self.body if isinstance(line, Statement) and line.target not in self.unknowns]
-        ordered: list[Statement] = []
-        while waiting:
-            missing = {line.target for line in waiting}
-            ready = [line for line in waiting if not line.vectors & missing]
-            ordered += ready
-            waiting = [line for line in waiting if line not in ready]
-        return tuple(ordered)
-
-    @property
-    def evaluations(self) -> tuple[Evaluation, ...]:
-        """Force evaluations at the unknown states."""
-        return tuple(line for line in self.body if isinstance(line, Evaluation))
-
-    @property
-    def equations(self) -> tuple[Statement, ...]:
-        """One equation for each unknown, in their order."""
-        by_target = {line.target: line for line in self.body if isinstance(line, Statement)}
-        return tuple(by_target[name] for name in self.unknowns)
-
-    def text(self, *, motion: bool, states: bool) -> str:
-        """Print it with the vectors that a model has."""
-        unknowns = [item for item in self.unknowns if (states if item[0] == "x" else motion)]
-        lines = [item.text(motion=motion, states=states) for item in self.body]
-        return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
-
-
-Line = Statement | Evaluation | Solve
 
 
 @dataclass(frozen=True)
@@ -188,6 +81,11 @@ class Method:
         """The equations that a step solves; those of an implicit method."""
         return tuple(line for line in self.statements if isinstance(line, Solve))
 
+    @property
+    def solver(self) -> str:
+        """What solves the equations of a step: `steppers.NOTHING`, `NEWTON` or `SIMPLIFIED`."""
+        return self.stepper.solver(self.statements)
+
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
         return printed(self.statements, model)
@@ -222,75 +120,3 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_d
     if name not in methods:
         raise InputError(f"method {name!r} is not known; these fit this model: {fits}")
     raise InputError(f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fits}")
-
-
-@lru_cache(maxsize=256)
-def read_lines(text: str) -> tuple[Line, ...]:
-    """Parse lines of vector statements; indented ones belong to the `solve` above them.
-
-    Raises
-    ------
-    InputError
-        If an expression cannot be parsed.
-    """
-    lines = dedent(text).strip("\n").splitlines()
-    statements: list[Line] = []
-    while lines:
-        line = lines.pop(0)
-        if not (match := _SOLVE.fullmatch(line)):
-            statements.append(_read(line))
-            continue
-        body = list(takewhile(lambda part: part.startswith(" "), lines))
-        del lines[: len(body)]
-        unknowns = tuple(part.strip() for part in match.group(1).split(","))
-        statements.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
-    return tuple(statements)
-
-
-def printed(lines: Iterable[Line], model: Model | None = None) -> str:
-    """Return lines as one text, with the vectors that a model has; with all if no model is passed."""
-    motion = model is None or bool(model.coordinates)
-    states = model is None or bool(model.states)
-    texts = [line.text(motion=motion, states=states) for line in lines]
-    return "; ".join(text for text in texts if text)
-
-
-def spread(text: str) -> str:
-    r"""Write out lines for y' = k, as in textbooks, for the vectors of a mechanical system.
-
-    ``y2 = y + h/2*k`` becomes a line each for q (with q' = v), v (with v' = a) and x (with x' = r).
-
-    Examples
-    --------
-    >>> print(spread("y1 = y + h*k\nk1 = f(t1, y1)"))
-    q1 = q + h*v
-    v1 = v + h*a
-    x1 = x + h*r
-    a1, r1 = f(t1, q1, v1, x1)
-    """
-    written = []
-    for line in dedent(text).strip("\n").splitlines():
-        if match := _SOLVE.fullmatch(line):
-            unknowns = [unknown.strip() for unknown in match.group(1).split(",")]
-            written.append(
-                "solve"
-                f" {', '.join([_as(unknown, 'v', 'a') for unknown in unknowns] + [_as(unknown, 'x', 'r') for unknown in unknowns])}:"
-            )
-        elif match := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
-            indent, stage, time, point = match.groups()
-            written.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")
-        else:
-            written += [_as(line, *pair) for pair in _SPREAD]
-    return "\n".join(written)
-
-
-def _as(line: str, value: str, slope: str) -> str:
-    """Substitute a pair of vectors for y and k."""
-    return re.sub(r"\bk(\w*)", rf"{slope}\1", re.sub(r"\by(\w*)", rf"{value}\1", line))
-
-
-def _read(line: str) -> Statement | Evaluation:
-    if match := _EVALUATION.fullmatch(line):
-        return Evaluation(*match.groups())
-    target, expression = line.split(" = ")
-    return Statement(target, parse(expression), line)

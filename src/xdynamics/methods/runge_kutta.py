@@ -1,6 +1,7 @@
 """Explicit Runge-Kutta methods and pairs: their tableaus, as the books print them."""
 
-from xdynamics.methods.method import Method, spread
+from xdynamics.methods.lines import spread
+from xdynamics.methods.method import Method
 from xdynamics.methods.tableau import Tableau, columns, differences
 
 _HEUN = Tableau.parse("""

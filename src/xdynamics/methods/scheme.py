@@ -7,8 +7,9 @@ from decimal import Decimal
 from fractions import Fraction
 
 from xdynamics.elementary import NAME
-from xdynamics.methods.method import HERMITE, HERMITE_WORDS, Evaluation, Line, Method, Solve, read_lines
-from xdynamics.methods.steppers import CONTROLLER, EXACT, Collocation
+from xdynamics.methods.lines import HERMITE, HERMITE_WORDS, Line, read_lines
+from xdynamics.methods.method import Method
+from xdynamics.methods.steppers import CONTROLLER, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
@@ -121,8 +122,7 @@ class Scheme:
     @property
     def stages(self) -> int:
         """Force evaluations of one step by the method's lines; for implicit equations, those of one iteration."""
-        lines = () if isinstance(self.method.stepper, Collocation) else self.error_lines
-        return sum(_evaluations(line) for line in (*self.method.statements, *lines))
+        return self.method.stepper.evaluations(self.method.statements, self.error_lines)
 
     @property
     def samples(self) -> int:
@@ -145,7 +145,3 @@ class Scheme:
         if rule == REINTEGRATE:
             return self.order
         return 3 if self.steps > 1 else self.method.interpolation_order
-
-
-def _evaluations(line: Line) -> int:
-    return len(line.evaluations) if isinstance(line, Solve) else int(isinstance(line, Evaluation))

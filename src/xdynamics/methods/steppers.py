@@ -1,21 +1,39 @@
 """How a method makes its steps: by its lines, by its lines over contacts, by collocation; here belongs one by jets.
 
-A stepper knows what is not in the lines of its method: where derivatives may come from, what a step keeps for the next
-one, who chooses that, and which force evaluations are made.
+A stepper knows what is not in the lines of its method, and answers what a march asks of it: which programs make a step,
+what solves its equations, where derivatives may come from, what a step keeps for the next one, who chooses that, which
+force evaluations are made, and for which models there are no steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import ClassVar
+from typing import ClassVar, Protocol, TypeVar
+
+from xdynamics.methods.lines import Evaluation, Line, Solve
+from xdynamics.model import Model
+from xdynamics.model.parts import ENERGETIC
+from xdynamics.model.reactions import reactions
 
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
+NOTHING, NEWTON, SIMPLIFIED = ("nothing", "newton", "simplified")  # what solves the equations of a step
 CONTROLLER = (
     "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1"
     " (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
 )
+Programs_co = TypeVar("Programs_co", covariant=True)
+
+
+class Writer(Protocol[Programs_co]):
+    """What writes the programs of steps, for a model and a method."""
+
+    def by_lines(self) -> Programs_co:
+        """Write the lines of the method, and those of its estimate."""
+
+    def by_stages(self, stages: int) -> Programs_co:
+        """Write what the solver of that many stages asks for."""
 
 
 class Stepper:
@@ -27,6 +45,8 @@ class Stepper:
         Of `JACOBIANS`: where derivatives of the forces may come from.
     has_memory : bool
         Whether iterations begin where those of the step before ended, so that no step is repeated by itself to the bit.
+    locates : bool
+        Whether impacts are located as events; otherwise they act over whole steps.
     controller : str
         How the next step is chosen with an embedded formula.
     inner : (float, Decimal) or None
@@ -35,8 +55,25 @@ class Stepper:
 
     jacobians: ClassVar[tuple[str, ...]] = (EXACT,)
     has_memory: ClassVar[bool] = False
+    locates: ClassVar[bool] = True
     controller: ClassVar[str] = CONTROLLER
     inner: ClassVar[tuple[float, Decimal] | None] = None
+
+    def programs(self, writer: Writer[Programs_co]) -> Programs_co:
+        """Return the programs of a step."""
+        return writer.by_lines()
+
+    def solver(self, update: Iterable[Line]) -> str:
+        """Return what solves the equations of a step."""
+        return NEWTON if any(isinstance(line, Solve) for line in update) else NOTHING
+
+    def evaluations(self, update: Sequence[Line], estimate: Sequence[Line]) -> int:
+        """Count the force evaluations of a step that are kept; of equations, those of one iteration."""
+        return sum(map(_evaluations, (*update, *estimate)))
+
+    def faults(self, _model: Model, _method: str, *, estimates: bool) -> list[str]:  # noqa: ARG002
+        """List why a model has no such steps, with an estimate of their error or without."""
+        return []
 
 
 @dataclass(frozen=True)
@@ -51,6 +88,22 @@ LINES = Lines()
 class TimeStepping(Lines):
     """The lines, then impulses of contacts over the whole step: no impact is located."""
 
+    locates: ClassVar[bool] = False
+
+    def faults(self, model: Model, method: str, *, estimates: bool) -> list[str]:
+        """List why a model has no such steps: another law of impacts, or an error that no estimate knows of."""
+        faults = []
+        if any(contact.law == ENERGETIC for contact in model.contacts.values()):
+            faults.append(
+                f"method '{method}' has Newton's law of restitution over whole steps, and law = '{ENERGETIC}' is for"
+                " impacts that are located; take another method or law = 'newton'"
+            )
+        if estimates and reactions(model):
+            faults.append(
+                f"method '{method}' has no error estimate that knows of impacts; give a step, and estimator = 'none'"
+            )
+        return faults
+
 
 @dataclass(frozen=True)
 class Collocation(Stepper):
@@ -59,13 +112,25 @@ class Collocation(Stepper):
     Attributes
     ----------
     a : tuple of tuple of str
-        The weights of the slopes at the stages in each stage, as texts, so that the equations have them as written; the last
-        stage is the end of the step.
+        The weights of the slopes at the stages in each stage, as texts, so that the equations have them as written.
+    b : tuple of str
+        Those of the end of the step, which may be its last stage.
     c : tuple of str
         The stages' times, in steps.
+
+    Examples
+    --------
+    >>> print(Collocation(a=(("1/2",),), b=("1",), c=("1/2",)).template)
+    y2 = y + 1/2*h*k
+    solve y2:
+        k2 = f(t + 1/2*h, y2)
+        y2 = y + h*(1/2*k2)
+    y1 = y + h*(1*k2)
+    k1 = f(t1, y1)
     """
 
     a: tuple[tuple[str, ...], ...]
+    b: tuple[str, ...]
     c: tuple[str, ...]
 
     jacobians: ClassVar[tuple[str, ...]] = JACOBIANS
@@ -80,15 +145,32 @@ class Collocation(Stepper):
 
     @property
     def template(self) -> str:
-        """The update for y' = k: the stages from rest, their equations, the last stage."""
+        """The update for y' = k: the stages from rest, their equations, the end of the step."""
         numbers = range(2, 2 + len(self.c))
         times = ["t1" if c == "1" else f"t + {c}*h" for c in self.c]
         starts = [f"y{i} = y + {'' if c == '1' else f'{c}*'}h*k" for i, c in zip(numbers, self.c, strict=True)]
         slopes = [f"    k{i} = f({time}, y{i})" for i, time in zip(numbers, times, strict=True)]
         stages = [f"    y{i} = y + h*({_sum(row)})" for i, row in zip(numbers, self.a, strict=True)]
         solve = f"solve {', '.join(f'y{i}' for i in numbers)}:"
-        return "\n".join([*starts, solve, *slopes, *stages, f"y1 = y{numbers[-1]}", "k1 = f(t1, y1)"])
+        end = f"y{numbers[-1]}" if self.b == self.a[-1] else f"y + h*({_sum(self.b)})"
+        return "\n".join([*starts, solve, *slopes, *stages, f"y1 = {end}", "k1 = f(t1, y1)"])
+
+    def programs(self, writer: Writer[Programs_co]) -> Programs_co:
+        """Return the programs of a step."""
+        return writer.by_stages(len(self.c))
+
+    def solver(self, _update: Iterable[Line]) -> str:
+        """Return what solves the equations of a step."""
+        return SIMPLIFIED
+
+    def evaluations(self, update: Sequence[Line], _estimate: Sequence[Line]) -> int:
+        """Count the force evaluations of a step that are kept: those of its estimate are not."""
+        return super().evaluations(update, ())
 
 
 def _sum(weights: Sequence[str]) -> str:
     return " + ".join(f"{weight}*k{i}" for i, weight in enumerate(weights, 2))
+
+
+def _evaluations(line: Line) -> int:
+    return len(line.evaluations) if isinstance(line, Solve) else int(isinstance(line, Evaluation))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 
 from xdynamics.expressions import Binary, Name, Negative, Node
-from xdynamics.methods.method import Method, Statement
+from xdynamics.methods.lines import Statement
+from xdynamics.methods.method import Method
 
 PLAIN, COMPENSATED = SUMMATIONS = ("plain", "compensated")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
-from xdynamics.methods.method import spread
+from xdynamics.methods.lines import spread
 
 Weights = tuple[str, ...]
 

@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
-from xdynamics.methods.method import HERMITE, printed
+from xdynamics.methods.lines import HERMITE, printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches

@@ -14,7 +14,8 @@ from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, ex
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.method import SCALARS, Evaluation, Line, Method, Solve, Statement
+from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, Statement
+from xdynamics.methods.method import Method
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -19,7 +19,7 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.methods import METHODS
-from xdynamics.methods.steppers import DIFFERENCES, TimeStepping
+from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.motion import constants, evaluated_many
@@ -62,7 +62,7 @@ class CaseRuns:
             return f"the method refuses: {'; '.join(self.refused)}"
         if case.bound == BAND and not self.method.symplectic:
             return "the method is not symplectic: it claims no band"
-        if case.event and isinstance(self.method.stepper, TimeStepping):
+        if case.event and not self.method.stepper.locates:
             return "the method locates no events"
         return ""
 

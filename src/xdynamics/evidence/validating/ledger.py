@@ -17,7 +17,6 @@ from xdynamics.evidence.validating.ledger_rows import Row, ledger_dataset
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
-from xdynamics.methods.steppers import TimeStepping
 from xdynamics.model import Model
 from xdynamics.model.parts import Validation
 from xdynamics.record.circumstances import xdynamics_version
@@ -221,7 +220,7 @@ class Case:
         yield from (row for row, _ in self._forms())
         if self.model.contacts:
             runs = CaseRuns(self.model, self.method, own=self.stage > 0)
-            located = not (runs.refused or isinstance(runs.method.stepper, TimeStepping))
+            located = not runs.refused and runs.method.stepper.locates
             yield from self._missing(self.impacts or 0 if located or not self.stage else 1)
 
     def _missing(self, count: int) -> list[Row]:
@@ -244,7 +243,7 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[Row]:
     """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
     law, method = next(iter(marched.model.contacts.values())).law, marched.method
     row = Row(f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding")
-    if marched.refused or isinstance(method.stepper, TimeStepping):
+    if marched.refused or not method.stepper.locates:
         why = f"the method refuses: {'; '.join(marched.refused)}" if marched.refused else "the method locates no events"
         yield replace(row, note=why)
         return
