@@ -40,11 +40,11 @@ def dispute(march: March) -> str:
                 f"the gap of contact '{reaction.owner}' closes where its gradient vanishes, which is its normal; write"
                 " a gap that passes zero with a slope"
             )
-    for reaction, size in zip(all_reactions, run.links["size"].tolist(), strict=True):
+    for reaction, size in zip(all_reactions, run.links["coefficient"].tolist(), strict=True):
         if reaction.sort == NORMAL and not 0.0 <= size <= 1.0:
             return f"the restitution of contact '{reaction.owner}' is {size:.6g}, and needs to be from 0 to 1"
     for reaction, size, static in zip(
-        all_reactions, run.links["size"].tolist(), run.links["most"].tolist(), strict=True
+        all_reactions, run.links["coefficient"].tolist(), run.links["most"].tolist(), strict=True
     ):
         if reaction.sort != NORMAL and not size >= 0.0:
             return f"the friction of '{reaction.owner}' is {size:.6g} while it slips, and needs to be non-negative"

@@ -78,9 +78,9 @@ BEGUN, STAYED, MOVED = range(3)
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
 REACTION = _record("tolerance rest_height", "role normal law")
 # A reaction at a state: the gap of a contact, the rate of the gap or of the slip, the acceleration without reactions;
-# `size` and `most` are the coefficient of friction, or the force, in slip and at most in stick, or `size` that of
-# restitution.
-LINK = _record("gap rate free size most", "")
+# `coefficient` is that of restitution, or of friction in slip, and `most` that in stick; of a friction element, forces.
+# (Not `size`: a row of NumPy's has an attribute of that name.)
+LINK = _record("gap rate free coefficient most", "")
 # What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest effect
 # of a unit of it on its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how
 # fast it opened last, and `since` when, `lost` the energy that an impact takes, or bounces that are skipped, `bounce`

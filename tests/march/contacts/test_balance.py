@@ -57,14 +57,14 @@ def test_a_reset_among_contacts_is_a_shift_too() -> None:
 BROKEN = {
     "an impulse that is too large": (
         "impact",
-        "reach",
-        "lambda run, k, i: 1.001 * REACH(run, k, i)",
+        "one_after_the_other",
+        "lambda run: STRIKE(run) and SCALED(run.responses, 1.001)",
         "work of the recorded",
     ),
     "an impulse that is not recorded": (
         "event_rows",
-        "row",
-        "lambda run, k, i: 0.999 * ROW(run, k, i)",
+        "row_of",
+        "lambda run, k, first: SCALED(run.directions, 0.999) and ROW_OF(run, k, first)",
         "work of the recorded",
     ),
     "a contact far away that acts": (
@@ -88,7 +88,11 @@ sys.path.insert(0, 'tests')
 import xdynamics as xd
 from xdynamics.kernels.linear import solve_linear as SOLVE
 from xdynamics.march.contacts import {room} as room
-from xdynamics.march.contacts.delassus import reach as REACH, row as ROW
+from xdynamics.march.contacts.event_rows import row_of as ROW_OF
+from xdynamics.march.contacts.impact import one_after_the_other as STRIKE
+def SCALED(a, factor):
+    a *= factor
+    return True
 def GROW(b, n):
     for i in range(n):
         b[i] += 1e-3

@@ -262,7 +262,7 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
         (0.1, 0.0, 0.99e8, 0, 1, 1), (0.2, 0.1, 1.0, 1, 0, 0),
     ):  # fmt: skip
         run = on_a_piece(armed=7, ever=0, greatest=greatest, asleep=asleep)
-        doubted(monkeypatch, isolation.arm, murk)(run, 0, value)
+        doubted(monkeypatch, arming.arm, murk)(run, 0, value)
         assert (run.watches[0].armed, run.watches[0].ever) == (armed, ever)
     run.watches["armed"], run.watches["began"] = -1, 1
     plain(arming.forget)(run)

@@ -70,9 +70,9 @@ def assign(run: Run, k: int) -> None:
         touch.part, touch.coefficient = GRIPPING, run.links[k].most
         touch.bound = 0.0 if reaction.role == TANGENT else run.links[k].most
     elif reaction.role == TANGENT:
-        touch.part, touch.coefficient = SLIDING, run.links[k].size
+        touch.part, touch.coefficient = SLIDING, run.links[k].coefficient
     else:
-        touch.part, touch.known = KNOWN, -touch.way * run.links[k].size
+        touch.part, touch.known = KNOWN, -touch.way * run.links[k].coefficient
 
 
 @shared
@@ -89,7 +89,7 @@ def sensible(run: Run) -> bool:
         if run.touches[k].near:
             valid = valid and run.delassus[k, k] > FLAT * run.touches[k].steepest
         if run.reactions[k].role != NORMAL:
-            size, most = run.links[k].size, run.links[k].most
+            size, most = run.links[k].coefficient, run.links[k].most
             valid = valid and size >= 0.0 and most >= size
     return valid
 

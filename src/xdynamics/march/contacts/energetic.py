@@ -116,7 +116,7 @@ def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, flo
     """
     if along == FRICTIONLESS:
         return 0.0, run.delassus[k, k], 0.0
-    most, holding = run.links[along].size, -run.delassus[along, k] / run.delassus[along, along]
+    most, holding = run.links[along].coefficient, -run.delassus[along, k] / run.delassus[along, along]
     ratio = min(max(holding, -most), most)
     if slip != 0.0:
         ratio = -most if slip > 0.0 else most

@@ -86,7 +86,7 @@ def brake(run: Run, k: int) -> float:
     """The deceleration of a slip by friction at its limit."""
     if run.reactions[k].role == NORMAL:
         return 0.0
-    force, normal = run.links[k].size, run.reactions[k].normal
+    force, normal = run.links[k].coefficient, run.reactions[k].normal
     if run.reactions[k].role == TANGENT:
         force *= abs(run.links[normal].free) / run.delassus[normal, normal]
     return force * run.delassus[k, k]

@@ -29,7 +29,7 @@ def collide(run: Run) -> bool:
         touch = run.touches[k]
         touch.rate, touch.total, touch.known, touch.lost = run.links[k].rate, 0.0, 0.0, 0.0
         if run.reactions[k].role == NORMAL and touch.near:
-            law, touch.bounce = run.reactions[k].law, run.links[k].size
+            law, touch.bounce = run.reactions[k].law, run.links[k].coefficient
             if not 0.0 <= touch.bounce <= 1.0:
                 return False
     if law == SEQUENTIAL:
@@ -110,7 +110,7 @@ def press(run: Run, only: int, share: float) -> bool:
             touch.part = PRESSING
             touch.origin += share * touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT and run.touches[reaction.normal].part == PRESSING:
-            touch.part, touch.coefficient, touch.bound = GRIPPING, run.links[k].size, 0.0
+            touch.part, touch.coefficient, touch.bound = GRIPPING, run.links[k].coefficient, 0.0
     return solve_reactions(run) and add_impulses(run)
 
 

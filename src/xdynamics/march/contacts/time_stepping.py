@@ -50,7 +50,7 @@ def close(run: Run) -> None:
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         touch.near = int(run.reactions[k].role == NORMAL and run.links[k].gap <= 0.0)
-        touch.rate, touch.bounce, touch.found, touch.known = run.links[k].rate, run.links[k].size, 0.0, 0.0
+        touch.rate, touch.bounce, touch.found, touch.known = run.links[k].rate, run.links[k].coefficient, 0.0, 0.0
 
 
 @shared
@@ -65,9 +65,9 @@ def push(run: Run, h: float) -> bool:
                 touch.origin += touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT:
             if run.touches[reaction.normal].near:
-                touch.part, touch.coefficient = GRIPPING, run.links[k].size
+                touch.part, touch.coefficient = GRIPPING, run.links[k].coefficient
         else:
-            touch.part, touch.bound = GRIPPING, h * run.links[k].size
+            touch.part, touch.bound = GRIPPING, h * run.links[k].coefficient
     return solve_reactions(run)
 
 

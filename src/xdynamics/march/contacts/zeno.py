@@ -57,7 +57,7 @@ def unseen(run: Run, k: int, t: float) -> bool:
     low = rate * rate <= 8.0 * NOISE * size_of_gap(run, k) * fall
     if not (fall > 0.0 and (low or abs(rate) <= BLUR * abs(t) * fall)):
         return False
-    share = 1.0 - run.links[k].size  # by which each remaining bounce is shorter than the last
+    share = 1.0 - run.links[k].coefficient  # by which each remaining bounce is shorter than the last
     touch.limit, touch.doubt = t, 2.0 * abs(rate) / fall / share if share > 0.0 else inf
     return True
 
