@@ -13,7 +13,7 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
-from xdynamics.march.handle import applied_plainly, called_plainly, noted_plainly
+from xdynamics.march.calls import applied_plainly, called_plainly, noted_plainly
 from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_PHASE, EVENT_ROW, NOW, PLAN, SUBSTEP, WATCH, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}

@@ -18,7 +18,7 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
 from xdynamics.kernels.program import REGIME, T
-from xdynamics.march.handle import strode_by
+from xdynamics.march.calls import strode_by
 
 STAGES = 12
 LARGE = 2.0**332  # products are kept below this, and above its inverse; scaling by powers of two is exact

@@ -12,8 +12,8 @@ from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, LEAST_LOGARITHM
+from xdynamics.march.calls import applied, called
 from xdynamics.march.force_evaluation import slope_of
-from xdynamics.march.handle import applied, called
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import tops_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
-from xdynamics.march.handle import called
+from xdynamics.march.calls import called
 from xdynamics.march.run import Run
 
 State = NDArray[Any]

@@ -29,7 +29,6 @@ from numba.extending import (
     register_model,
 )
 
-from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, KINDS
 
@@ -37,8 +36,10 @@ LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
 SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "Links")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
-_WORD = ir.IntType(64)
-_POINTER = _WORD.as_pointer()
+# without numba's compiler (NUMBA_DISABLE_JIT) the engine is plain Python, and entries are given the run itself
+PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+WORD = ir.IntType(64)
+POINTER = WORD.as_pointer()
 
 
 class RunType(types.Type):
@@ -75,7 +76,7 @@ class RowType(types.Type):
 RUN = RunType()
 _KINDS = {kind: ArrayType(kind) for kind in KINDS}
 _ARRAYS = {name: _KINDS[array.kind.name] for name, array in ARRAYS.items()}
-_PLACES = {name: i for i, name in enumerate(ARRAYS)}
+PLACES = {name: i for i, name in enumerate(ARRAYS)}
 
 
 @register_model(RunType)
@@ -83,14 +84,14 @@ _PLACES = {name: i for i, name in enumerate(ARRAYS)}
 @register_model(RowType)
 class _Pointer(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _POINTER)
+        super().__init__(manager, kind, POINTER)
 
 
 def marked(builder: Any, line: Any, kind: str) -> Any:
     """Mark which kind of array an instruction reads or writes (type-based alias analysis)."""
     add = builder.module.add_metadata
     root = add([ir.MetaDataString(builder.module, "xdynamics")])
-    zero = ir.Constant(_WORD, 0)
+    zero = ir.Constant(WORD, 0)
     laws = add([ir.MetaDataString(builder.module, LAWS), root, zero])
     parent = laws if kind in SEEN_BY_LAWS else root
     tag = laws if kind == LAWS else add([ir.MetaDataString(builder.module, kind), parent, zero])
@@ -151,7 +152,8 @@ class _Written(AbstractTemplate):
 # ------------------------------------------------------------------------------------------------------------ lowering
 
 
-def _word(builder: Any, table: Any, number: int) -> Any:
+def word_of(builder: Any, table: Any, number: int) -> Any:
+    """Return one of the three words of an array."""
     word = builder.load(cgutils.gep_inbounds(builder, table, number))
     # no compiled code changes the table, so writes elsewhere need not cause it to be read again
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
@@ -160,16 +162,16 @@ def _word(builder: Any, table: Any, number: int) -> Any:
 
 def data_of(builder: Any, table: Any) -> Any:
     """Return the address at which an array begins."""
-    return builder.inttoptr(_word(builder, table, 0), _POINTER)
+    return builder.inttoptr(word_of(builder, table, 0), POINTER)
 
 
 def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
     """Return the address of an element."""
     if array.ndim == 2:
         row, column = cgutils.unpack_tuple(builder, index, 2)
-        index = builder.add(builder.mul(row, _word(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
+        index = builder.add(builder.mul(row, word_of(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
     if isinstance(array.element, RowType):
-        words = ir.Constant(_WORD, array.numpy.itemsize // 8)
+        words = ir.Constant(WORD, array.numpy.itemsize // 8)
         return builder.gep(data_of(builder, table), [builder.mul(index, words, flags=["nsw"])], inbounds=True)
     data = builder.bitcast(data_of(builder, table), context.get_data_type(array.element).as_pointer())
     return builder.gep(data, [index], inbounds=True)
@@ -177,12 +179,12 @@ def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any)
 
 @lower_getattr_generic(RunType)
 def _array(_context: Any, builder: Any, _kind: Any, table: Any, name: str) -> Any:
-    return cgutils.gep_inbounds(builder, table, WORDS * _PLACES[name])
+    return cgutils.gep_inbounds(builder, table, WORDS * PLACES[name])
 
 
 @lower_getattr(ArrayType, "shape")
 def _shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
-    words = [_word(builder, table, 1 + k) for k in range(array.ndim)]
+    words = [word_of(builder, table, 1 + k) for k in range(array.ndim)]
     return context.make_tuple(builder, types.UniTuple(types.intp, array.ndim), words)
 
 
@@ -200,8 +202,8 @@ def _write(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     array = kinds.args[0]
     place = _place(context, builder, array, *arguments[:2])
     if isinstance(array.element, RowType):
-        size = ir.Constant(_WORD, array.numpy.itemsize)
-        cgutils.raw_memcpy(builder, place, builder.bitcast(arguments[2], _POINTER), size, 1)
+        size = ir.Constant(WORD, array.numpy.itemsize)
+        cgutils.raw_memcpy(builder, place, builder.bitcast(arguments[2], POINTER), size, 1)
     else:
         marked(builder, builder.store(arguments[2], place), array.kind)
     return context.get_dummy_value()
@@ -229,14 +231,14 @@ def _as_record(context: Any, builder: Any, _row: Any, record: Any, place: Any) -
     return builder.bitcast(place, context.get_value_type(record))
 
 
-# ------------------------------------------------------------------------------------------- runs and laws by address
+# ------------------------------------------------------------------------------------------------------ from addresses
 
 
 def _run_at(_typing: Any, address: Any) -> Any:
     """Return the run whose table stands at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], _POINTER)
+        return builder.inttoptr(arguments[0], POINTER)
 
     return RUN(address), generate
 
@@ -245,169 +247,14 @@ def _floats_at(_typing: Any, address: Any) -> Any:
     """Return the array of numbers whose table entry stands at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], _POINTER)
+        return builder.inttoptr(arguments[0], POINTER)
 
     return _KINDS["Floats"](address), generate
-
-
-def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: Any, z: Any, sample: Any) -> Any:
-    """Call the compiled step at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        step, run, t, t1, h, y, z, sample = arguments
-        run, y, z = (builder.ptrtoint(pointer, _WORD) for pointer in (run, y, z))
-        double = ir.DoubleType()
-        kind = ir.FunctionType(ir.VoidType(), [_WORD, double, double, double, _WORD, _WORD, _WORD])
-        builder.call(builder.inttoptr(step, kind.as_pointer()), [run, t, t1, h, y, z, sample])
-        return context.get_dummy_value()
-
-    return types.void(step, run, t, t1, h, y, z, sample), generate
-
-
-def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any, last: Any, whose: Any) -> Any:
-    """Call the compiled enclosure at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, y, z, first, last, whose = arguments
-        run, y, z = (builder.ptrtoint(pointer, _WORD) for pointer in (run, y, z))
-        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 6)
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last, whose])
-        return context.get_dummy_value()
-
-    return types.void(entry, run, y, z, first, last, whose), generate
-
-
-def _row_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, row: Any) -> Any:
-    """Call the operation on intervals at an address, with where a row of the run's begins."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, y, z, row = arguments
-        rows = cgutils.gep_inbounds(builder, run, WORDS * _PLACES["rows"])
-        row = builder.gep(data_of(builder, rows), [builder.mul(row, _word(builder, rows, 2))])
-        given = [run, data_of(builder, y), data_of(builder, z), row]
-        builder.call(builder.inttoptr(entry, _LAW.as_pointer()), given)
-        return context.get_dummy_value()
-
-    return types.void(entry, run, y, z, row), generate
-
-
-def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
-    """Call an entry of the engine at an address, with a float and an integer."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, number, count = arguments
-        kind = ir.FunctionType(ir.VoidType(), [_WORD, ir.DoubleType(), _WORD])
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, _WORD), number, count])
-        return context.get_dummy_value()
-
-    return types.void(entry, run, number, count), generate
-
-
-def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
-    """Call the compiled march at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [_WORD, _WORD])
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(march, address, rows), generate
-
-
-def _strode_by(_typing: Any, stride: Any, table: Any, y: Any, z: Any, samples: Any) -> Any:
-    """Call the program of lanes at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [_WORD] * 4)
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(stride, table, y, z, samples), generate
-
-
-_LAW = ir.FunctionType(ir.VoidType(), [_POINTER] * 4)  # a run, and where y, z and the samples begin
-
-
-def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
-    line = builder.call(builder.inttoptr(address, _LAW.as_pointer()), arguments)
-    marked(builder, line, LAWS)
-
-
-def _called(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
-    """Call the program at an address; `sample` is the offset in the run's samples at which it writes."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        address, run, y, z, sample = arguments
-        samples = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * _PLACES["samples"]))
-        samples = builder.gep(samples, [sample])
-        _call(builder, address, [run, data_of(builder, y), data_of(builder, z), samples])
-        return context.get_dummy_value()
-
-    return types.void(address, run, y, z, sample), generate
-
-
-def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
-    """Call the program at an address to fill a row of the log."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        address, run, y, row = arguments
-        rows = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * _PLACES["log_rows"]))
-        _call(builder, address, [run, data_of(builder, y), builder.gep(rows, [row]), rows])
-        return context.get_dummy_value()
-
-    return types.void(address, run, y, row), generate
-
-
-_FUNCTION = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
-
-
-def _applied(_typing: Any, address: Any, _x: Any) -> Any:
-    """Call the function of one number at an address."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        function = builder.inttoptr(arguments[0], _FUNCTION.as_pointer())
-        return marked(builder, builder.call(function, arguments[1:]), NOTHING)
-
-    return types.float64(address, types.float64), generate
 
 
 def _itself(run: Any) -> Any:
     return run
 
 
-def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
-    march(run, rows)
-
-
-def _by_key(entry: int, *arguments: Any) -> None:
-    PLAIN[int(entry)](*arguments)
-
-
-def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
-    """Call the Python function that stands for an address where nothing is compiled."""
-    PLAIN[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
-
-
-def applied_plainly(address: int, x: float) -> Any:
-    """Call the function of one number that stands for an address where nothing is compiled."""
-    return np.float64(PLAIN[int(address)](float(x)))
-
-
-def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
-    """Call the Python function that fills a row of the log where nothing is compiled."""
-    called_plainly(address, run, y, run.log_rows[:, row], 0)
-
-
-# without numba's compiler (NUMBA_DISABLE_JIT) the engine is plain Python, and entries are given the run itself
-_PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
-run_at: Any = _itself if _PLAINLY else intrinsic(_run_at)
-floats_at: Any = _itself if _PLAINLY else intrinsic(_floats_at)
-stepped_by: Any = _by_key if _PLAINLY else intrinsic(_stepped_by)
-enclosed_by: Any = _by_key if _PLAINLY else intrinsic(_enclosed_by)
-row_by: Any = _by_key if _PLAINLY else intrinsic(_row_by)
-entered_by: Any = _by_key if _PLAINLY else intrinsic(_entered_by)
-march_by: Any = _march_by_plainly if _PLAINLY else intrinsic(_march_by)
-strode_by: Any = _by_key if _PLAINLY else intrinsic(_strode_by)  # without a compiler there are no lanes
-applied: Any = applied_plainly if _PLAINLY else intrinsic(_applied)
-called: Any = called_plainly if _PLAINLY else intrinsic(_called)
-noted: Any = noted_plainly if _PLAINLY else intrinsic(_noted)
+run_at: Any = _itself if PLAINLY else intrinsic(_run_at)
+floats_at: Any = _itself if PLAINLY else intrinsic(_floats_at)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.lane_step import PLACES as L
+from xdynamics.march.calls import march_by, strode_by
 from xdynamics.march.entries import begin, keep_last, keep_passed
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import march_by, run_at, strode_by
+from xdynamics.march.handle import run_at
 from xdynamics.march.implicit.lanes import begin_anew
 from xdynamics.march.lane_memory import aim_behind, enter, leave, rebase, waits
 from xdynamics.march.lane_rows import EVENTS, FOLLOWING, LIVING, NONE, ROWS, hand_out, take, take_noted
@@ -101,7 +102,6 @@ def march_lanes(
     bool
         Whether all are over; if not, events or rows are full and have to be taken out.
     """
-    lanes, lands, keeps = addresses.shape[0], run_at(addresses[0]).nodes.shape[0] > 0, columns.shape[0] > 0
     blocks, inputs, results = (
         (at, y, before, p, pieces, w),
         (plans, starts, parameters, atols),
@@ -109,32 +109,55 @@ def march_lanes(
     )
     events, keeping = (met, rates, impulses, owners), (columns, rows, flags, row_owners)
     while standing[LIVING] > 0:
-        for lane in range(lanes):
+        for lane in range(addresses.shape[0]):
             if w[L.ordinary, lane] == 0.0:
+                run = run_at(addresses[lane])
                 if not serve(
-                    addresses[lane], march_at, lane, members, standing, blocks, inputs, results, events, keeping
+                    run, addresses[lane], march_at, lane, members, standing, blocks, inputs, results, events, keeping
                 ):
                     return False
-                reached[lane] = w[L.t, lane]
-                run = run_at(addresses[lane])
-                for k in range(marks.shape[0]):
-                    marks[k, lane] = run.log_flags[k, max(0, run.now[0].rows - 1 - run.base[0].rows)]
-        if keeps and standing[ROWS] == rows.shape[0]:
+                mark(run, w, reached, marks, lane)
+        if columns.shape[0] > 0 and standing[ROWS] == rows.shape[0]:
             return False
         if standing[LIVING] > 0:
             strode_by(stride_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, noted.ctypes.data)
-            if keeps:
-                take(standing, members, reached, marks, y, w, noted, keeping)
-            if lands or keeps:
-                for lane in range(lanes):
-                    moved, reached[lane] = w[L.t, lane] != reached[lane], w[L.t, lane]
-                    if moved and w[L.landed, lane] != 0.0:
-                        cross(run_at(addresses[lane]), y, before, pieces, w, lane)
+            follow(addresses, standing, members, reached, marks, blocks, noted, keeping)
     return True
 
 
 @borrowing
+def follow(
+    addresses: Whole,
+    standing: Whole,
+    members: Whole,
+    reached: Floats,
+    marks: Flags,
+    blocks: Any,
+    noted: Floats,
+    keeping: Any,
+) -> None:
+    """Keep the rows after a step in all lanes, and cross the nodes that it landed on."""
+    (_, y, before, _, pieces, w), keeps = blocks, keeping[0].shape[0] > 0
+    if keeps:
+        take(standing, members, reached, marks, y, w, noted, keeping)
+    if keeps or run_at(addresses[0]).nodes.shape[0] > 0:
+        for lane in range(addresses.shape[0]):
+            moved, reached[lane] = w[L.t, lane] != reached[lane], w[L.t, lane]
+            if moved and w[L.landed, lane] != 0.0:
+                cross(run_at(addresses[lane]), y, before, pieces, w, lane)
+
+
+@borrowing
+def mark(run: Run, w: Floats, reached: Floats, marks: Flags, lane: int) -> None:
+    """Note the time and the flags of the row last written by the single march."""
+    reached[lane] = w[L.t, lane]
+    for k in range(marks.shape[0]):
+        marks[k, lane] = run.log_flags[k, max(0, run.now[0].rows - 1 - run.base[0].rows)]
+
+
+@borrowing
 def serve(
+    run: Run,
     address: Any,
     march_at: Any,
     lane: int,
@@ -147,7 +170,7 @@ def serve(
     keeping: Any,
 ) -> bool:
     """Make a lane's step by the single march, and start the next run where one is over; False if there is no room."""
-    run, (_, y, before, _, _, w) = run_at(address), blocks
+    _, y, before, _, _, w = blocks
     if lacks_room(run, len(members), standing, events, keeping):
         return False
     if members[lane] != NONE:

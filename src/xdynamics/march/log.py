@@ -13,7 +13,7 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
-from xdynamics.march.handle import noted
+from xdynamics.march.calls import noted
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages

@@ -21,7 +21,7 @@ from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
 from xdynamics.march.log import Log, Room, allocate
-from xdynamics.march.run import EVENT_ROW
+from xdynamics.march.run import EVENT_ROW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 
@@ -52,9 +52,7 @@ def march_abreast(
     one = posed(model, settings, law, log, addresses_of(law))
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
     part = Part.of(n, law, inputs[2])
-    blocks = {name: np.zeros((len(getattr(one, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
-    blocks["before"], blocks["noted"] = np.zeros_like(blocks["y"]), np.zeros((noted_width(layout), lanes))
-    blocks |= {"pieces": np.zeros((len(one.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
+    blocks = _blocks(one, layout, lanes)
     table, stride = (
         table_of(blocks | {"tables": one.tables}),
         law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers))),
@@ -94,14 +92,16 @@ def march_abreast(
         if len(sources):
             rows.append(kept.first(int(standing[ROWS])))
             kept, standing[ROWS] = kept if finished else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
-    together = [
-        np.concatenate(pieces, axis=-1)
-        for pieces in zip(*((one.events, one.rates, one.impulses) for one in part.logs), strict=True)
-    ]
-    order = np.argsort(np.concatenate(event_owners), kind="stable")  # events of a run keep their order
-    events = _events(event_log._replace(events=together[0], rates=together[1], impulses=together[2]), order)
+    events = _sorted(part.logs, event_owners)
     part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
     return part
+
+
+def _blocks(run: Run, layout: Layout, lanes: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a step in lanes."""
+    blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
+    blocks["before"], blocks["noted"] = np.zeros_like(blocks["y"]), np.zeros((noted_width(layout), lanes))
+    return blocks | {"pieces": np.zeros((len(run.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
 
 
 class _Rows(NamedTuple):
@@ -169,6 +169,16 @@ def _room(log: Log, events: int) -> Log:
         np.zeros((len(log.rates), events)),
         np.zeros((len(log.impulses), events)),
     )
+
+
+def _sorted(logs: Sequence[Log], owners: Sequence[NDArray[np.int64]]) -> Log:
+    """Return a log with the events of several, one run after the other; those of a run keep their order."""
+    events, rates, impulses = (
+        np.concatenate(pieces, axis=-1)
+        for pieces in zip(*((log.events, log.rates, log.impulses) for log in logs), strict=True)
+    )
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    return _events(logs[0]._replace(events=events, rates=rates, impulses=impulses), order)
 
 
 def _events(log: Log, indices: NDArray[np.int64]) -> Log:

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.program import T1, H, T
+from xdynamics.march.calls import strode_by
 from xdynamics.march.entries import stand
-from xdynamics.march.handle import run_at, strode_by
+from xdynamics.march.handle import run_at
 from xdynamics.march.lane_memory import lend
+from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -73,9 +76,7 @@ def parts_of_steps(
                 for i in range(parameters.shape[1]):
                     run.p[i] = parameters[member, i]
             run.now[0].regime = flags[1, row]
-            for i in range(run.y.shape[0]):
-                run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if i < n else 0.0
-            stand(run, t)
+            stand_at(run, t, log, row, factors)
             lend(run, at, y, p, pieces, filled)
             ends[0, filled], ends[1, filled], ends[2, filled] = t, time, (time - t) / (t1 - t) * h
             whose[filled] = k
@@ -84,13 +85,25 @@ def parts_of_steps(
             for i in range(n):
                 found[i, k] = log[2 + i, row] * factors[1 + i]
         if filled == lanes or (filled > 0 and k == times.shape[0] - 1):
-            for lane in range(filled):
-                at[T, lane] = ends[0, lane]
+            aim(at, ends, filled)
             strode_by(forces_at, table.ctypes.data, y.ctypes.data, y.ctypes.data, z.ctypes.data)
-            for lane in range(filled):
-                at[T, lane], at[T1, lane], at[H, lane] = ends[0, lane], ends[1, lane], ends[2, lane]
             strode_by(propose_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
             for lane in range(filled):
                 for i in range(n):
                     found[i, whose[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
             filled = 0
+
+
+@borrowing
+def stand_at(run: Run, t: float, log: Floats, row: int, factors: Floats) -> None:
+    """Set the run to a row of the log, between steps; no rounding is carried along."""
+    for i in range(run.y.shape[0]):
+        run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if 1 + i < factors.shape[0] else 0.0
+    stand(run, t)
+
+
+@borrowing
+def aim(at: Floats, ends: Floats, lanes: int) -> None:
+    """Set the ends and the size of the step in each lane."""
+    for lane in range(lanes):
+        at[T, lane], at[T1, lane], at[H, lane] = ends[0, lane], ends[1, lane], ends[2, lane]

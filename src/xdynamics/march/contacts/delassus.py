@@ -14,8 +14,8 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import TOUCHING
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
 from xdynamics.march.contacts.complementarity import SMALL, prepare, solve_complementarity
-from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import TANGENT
 

@@ -7,7 +7,7 @@ import numpy as np
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import RESETS
 from xdynamics.kernels.program import REGIME
-from xdynamics.march.handle import called
+from xdynamics.march.calls import called
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import STOPPED
 from xdynamics.march.run import Run

@@ -5,8 +5,8 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import NEAR, NONE, TOUCHED, murk, sign
-from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy
 

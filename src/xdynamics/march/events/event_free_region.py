@@ -8,7 +8,7 @@ are. A step that leaves the box is examined by itself, and the box grows, or a n
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.march.handle import enclosed_by
+from xdynamics.march.calls import enclosed_by
 from xdynamics.march.run import ALL, ENCLOSE, Run
 
 # of `Run.region`: whether there is a box, how many widths of a step it reaches beyond the step, for how many steps none

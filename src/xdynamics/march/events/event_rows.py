@@ -5,9 +5,9 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
 from xdynamics.march.events.root_finding import kind_of
 from xdynamics.march.events.zero_tests import NONE, uncertainty
-from xdynamics.march.handle import called
 from xdynamics.march.log import first_of_group
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GRIP, PULL, SLIP

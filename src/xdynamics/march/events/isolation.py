@@ -13,6 +13,7 @@ from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called, enclosed_by
 from xdynamics.march.events.event_free_region import set_region, stays_inside
 from xdynamics.march.events.zero_tests import (
     CLEAR,
@@ -36,7 +37,6 @@ from xdynamics.march.events.zero_tests import (
     trespasses,
     turns,
 )
-from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.march.trial_step import copy, substep

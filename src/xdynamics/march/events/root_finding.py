@@ -11,9 +11,9 @@ from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
+from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import called
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy, keep, look, substep, take

@@ -13,9 +13,9 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.drive_tables import find_piece
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
 from xdynamics.march.force_evaluation import evaluate
-from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
+from xdynamics.march.calls import entered_by
 from xdynamics.march.control import grow
 from xdynamics.march.events.actions import act
 from xdynamics.march.events.arming import forget, rearm
@@ -17,7 +18,6 @@ from xdynamics.march.events.event_rows import leave_out, note_events, note_offse
 from xdynamics.march.events.root_finding import locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import entered_by
 from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,

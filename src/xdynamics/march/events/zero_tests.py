@@ -10,8 +10,8 @@ from xdynamics.elementary.rounding_margins import EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called, enclosed_by
 from xdynamics.march.events.enclosures import above, below
-from xdynamics.march.handle import called, enclosed_by
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.model.detectors import GAP
 

@@ -7,8 +7,8 @@ from xdynamics.kernels.law import PROPOSE
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.newton_matrix import DIRECT
 from xdynamics.kernels.program import H
+from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State
-from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25

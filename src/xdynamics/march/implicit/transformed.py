@@ -13,8 +13,8 @@ from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import LINEARISED
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
 from xdynamics.kernels.program import T
+from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State, evaluate, slope_of
-from xdynamics.march.handle import called
 from xdynamics.march.run import Run
 from xdynamics.methods.radau import ALPHA, BETA, GAMMA
 
