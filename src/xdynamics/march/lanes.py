@@ -102,21 +102,14 @@ def march_lanes(
     bool
         Whether all are over; if not, events or rows are full and have to be taken out.
     """
-    blocks, inputs, results = (
-        (at, y, before, p, pieces, w),
-        (plans, starts, parameters, atols),
-        (ends, lasts, largest, passed),
-    )
-    events, keeping = (met, rates, impulses, owners), (columns, rows, flags, row_owners)
+    blocks, inputs = (at, y, before, p, pieces, w), (plans, starts, parameters, atols)
+    results, events = (ends, lasts, largest, passed), (met, rates, impulses, owners)
+    keeping = (columns, rows, flags, row_owners)
     while standing[LIVING] > 0:
-        for lane in range(addresses.shape[0]):
-            if w[L.ordinary, lane] == 0.0:
-                run = run_at(addresses[lane])
-                if not serve(
-                    run, addresses[lane], march_at, lane, members, standing, blocks, inputs, results, events, keeping
-                ):
-                    return False
-                mark(run, w, reached, marks, lane)
+        if not serve_all(
+            addresses, march_at, members, standing, blocks, inputs, results, events, keeping, reached, marks
+        ):
+            return False
         if columns.shape[0] > 0 and standing[ROWS] == rows.shape[0]:
             return False
         if standing[LIVING] > 0:
@@ -148,16 +141,33 @@ def follow(
 
 
 @borrowing
-def mark(run: Run, w: Floats, reached: Floats, marks: Flags, lane: int) -> None:
-    """Note the time and the flags of the row last written by the single march."""
-    reached[lane] = w[L.t, lane]
-    for k in range(marks.shape[0]):
-        marks[k, lane] = run.log_flags[k, max(0, run.now[0].rows - 1 - run.base[0].rows)]
+def serve_all(
+    addresses: Whole,
+    march_at: Any,
+    members: Whole,
+    standing: Whole,
+    blocks: Any,
+    inputs: Any,
+    results: Any,
+    events: Any,
+    keeping: Any,
+    reached: Floats,
+    marks: Flags,
+) -> bool:
+    """Serve each lane whose step was not ordinary; False if there is no room. Note its last row, time and flags."""
+    w = blocks[5]
+    for lane in range(addresses.shape[0]):
+        if w[L.ordinary, lane] == 0.0:
+            if not serve(addresses[lane], march_at, lane, members, standing, blocks, inputs, results, events, keeping):
+                return False
+            run, reached[lane] = run_at(addresses[lane]), w[L.t, lane]
+            for k in range(marks.shape[0]):
+                marks[k, lane] = run.log_flags[k, max(0, run.now[0].rows - 1 - run.base[0].rows)]
+    return True
 
 
 @borrowing
 def serve(
-    run: Run,
     address: Any,
     march_at: Any,
     lane: int,
@@ -170,7 +180,7 @@ def serve(
     keeping: Any,
 ) -> bool:
     """Make a lane's step by the single march, and start the next run where one is over; False if there is no room."""
-    _, y, before, _, _, w = blocks
+    run, (_, y, before, _, _, w) = run_at(address), blocks
     if lacks_room(run, len(members), standing, events, keeping):
         return False
     if members[lane] != NONE:
