@@ -8,6 +8,7 @@ from math import isfinite
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
+from xdynamics.march.chattering import NOWHERE, PASSAGES
 from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcomes import (
@@ -31,7 +32,7 @@ from xdynamics.march.runner import March
 from xdynamics.march.step_replay import retraced, undefined_part
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
-from xdynamics.model.detectors import SWITCH
+from xdynamics.model.detectors import SWITCH, Detector
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.schema import (
     REASON_CONTACT,
@@ -47,6 +48,7 @@ from xdynamics.schema import (
 from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
 
+_SMOOTHER = "write dry friction as [frictions], or a smooth force"
 FEWEST = 6  # digits of the time at which a run failed
 
 
@@ -72,7 +74,8 @@ def ending(march: March) -> Ending:
     # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
-    return Ending(failure.outcome, "; ".join(filter(None, (text, *march.doubts, of_smooth_switches(march), advice))))
+    remarks = (_chattering(march), *march.doubts, of_smooth_switches(march), advice)
+    return Ending(failure.outcome, "; ".join(filter(None, (text, *remarks))))
 
 
 def _digits(march: March, t: float, h: float) -> int:
@@ -135,16 +138,31 @@ def _sliding(march: March) -> str:
     """Name the switch to which both sides drive the motion back."""
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
+    return (
+        f"{_jump(march, switch)}, and either side drives the motion back: it slides along the switch (Filippov), which is"
+        f" no motion by this force; {_SMOOTHER}"
+    )
+
+
+def _chattering(march: March) -> str:
+    """Return at which switch a motion came to rest that passes it to and fro without end, and the remedy."""
+    if march.chattering == NOWHERE:
+        return ""
+    return (
+        f"{_jump(march, march.layout.watched[march.chattering])}, and either side drives the motion back: it rests there,"
+        f" and the last {PASSAGES} passages are made by rounding alone, whatever the tolerances; {_SMOOTHER}"
+    )
+
+
+def _jump(march: March, switch: Detector) -> str:
+    """Say where a force switches."""
     owner, function = switch.name.split(".")
     where = f"switches where {text_of(switch.function)} = 0, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
         at = _asked(march, switch.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
         where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
-    return (
-        f"'{owner}' {where}, and either side drives the motion back: it slides along the switch (Filippov), which is no"
-        " motion by this force; write dry friction as [frictions], or a smooth force"
-    )
+    return f"'{owner}' {where}"
 
 
 def _cause(march: March) -> str:
@@ -159,10 +177,11 @@ def _cause(march: March) -> str:
         case status if status == STEP_LIMIT:
             events = int(march.now.events)
             search = f", with those that located {events} events" if events and plan.apart else ""
-            return (
-                f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}, where {of_error(march)}"
-                f" has the largest error; raise max_steps{'' if search else ' or the tolerances'}"
-            )
+            used = f"{plan.most_steps:.0f} accepted steps and rejected trials are used up{search}"
+            if march.chattering != NOWHERE:
+                return used
+            remedy = f"raise max_steps{'' if search else ' or the tolerances'}"
+            return f"{used}, where {of_error(march)} has the largest error; {remedy}"
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             settings = march.settings

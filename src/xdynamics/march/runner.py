@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, with_more
 from xdynamics.march.engine import engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Block, Log, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
-from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STOPPED, Outcome
+from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
@@ -79,6 +80,7 @@ class March:
         self.times = times
         self.interrupted = False
         self.stopping_event = ""
+        self.chattering = NOWHERE  # the detector of the switch that a march without end passed to and fro
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
         self.doubts: list[str] = []  # doubts about its accuracy, once it is over; see `outcome_text.ending`
         self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
@@ -269,8 +271,10 @@ class March:
         return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
 
     def _look_at_the_end(self, block: Block) -> None:
-        """Find out, while the log is available, which event stopped the run or what was not finite."""
+        """Find out, while the log is available, which event stopped the run, what was not finite, where it rested."""
         status = _status(self.run)
+        if status == STEP_LIMIT or self.interrupted:
+            self.chattering = chattering(self.run.detectors, block.log.events[: block.events])
         if status == STOPPED:
             events = block.log.events[: block.events]
             met = [self.layout.watched[i] for i in events["detector"][events["time"] == self.now.t]]
