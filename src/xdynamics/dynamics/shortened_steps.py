@@ -180,14 +180,9 @@ class Inside:
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
         """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
-        run, used = self.run, list(self.layout.used)
-        following = np.minimum(rows + 1, run.sizes[STEPS] - 1)
-        # iterations that continue from those of the step before do not reproduce its end to the bit
-        states = [state_name(reaction) for reaction in reactions(self.model)]
-        wanted = [(["step_size"], following), (["regime", "row_kind", *states], rows), (used, rows)] + [
-            (used, following)
-        ] * self.settings.method.stepper.has_memory
-        return [run[name].variable.isel({STEPS: chosen}) for names, chosen in wanted for name in names]
+        following = np.minimum(rows + 1, self.run.sizes[STEPS] - 1)
+        wanted = step_columns(self.model, self.settings, rows, following)
+        return [self.run[name].variable.isel({STEPS: chosen}) for name, chosen in wanted]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate states and their errors.
@@ -226,6 +221,17 @@ class Inside:
         """Factors from internal numbers to those of the record."""
         factors = record.factors(self.model, self.settings.scales)
         return np.array([[factors[name]] for name in self.layout.used])
+
+
+def step_columns(
+    model: Model, settings: Settings, rows: NDArray[np.int64], following: NDArray[np.int64]
+) -> list[tuple[str, NDArray[np.int64]]]:
+    """Return the columns that `states_within` repeats steps from, each with its rows: of the start or of the end."""
+    used = tuple(settings.layout(model).used)
+    wanted = [("step_size", following)]
+    wanted += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
+    # iterations that continue from those of the step before do not reproduce its end to the bit
+    return wanted + [(name, following) for name in used] if settings.method.stepper.has_memory else wanted
 
 
 def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:

@@ -17,6 +17,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
+from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.columns import state_name
@@ -143,21 +144,47 @@ def evaluated_on(
     InputError
         If the record lacks the columns of contacts or friction elements.
     """
-    inputs: dict[str, Any] = {name: states[name] * float(unit.factor) for name, unit in model.units.items()} | {
-        "t": times
-    }
-    inputs[REGIME_NUMBER] = run["regime"].values[rows].astype(float) if "regime" in run else np.zeros(rows.size)
-    led_to = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
-    names = [name for element in reactions(model) for name in (state_name(element), element.name)]
+    names = reaction_columns(model)
     if missing := [name for name in names if name not in run.variables]:
         raise InputError(
             f"what is computed between rows needs {', '.join(missing)};"
             f" {said_of_log(run.attrs) or 'take the whole record'}"
         )
-    inputs |= modes_behind(model, {name: run[name].values for name in names}, rows, led_to)
+    columns = {name: run[name].values for name in ("regime", *names) if name in run}
+    following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
-    values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), functions)
-    return [np.array(np.broadcast_to(element, rows.shape)) for element in values]
+    return evaluated_inside(model, trees, states, times, (rows, following), columns, functions)
+
+
+def evaluated_inside(
+    model: Model,
+    trees: Sequence[Node],
+    states: Mapping[str, Floats],
+    times: Floats,
+    ends: tuple[Rows, Rows],
+    columns: Mapping[str, Any],
+    math_functions: str,
+    parameters: Mapping[str, Floats] | None = None,
+    read: Sequence[Assignment] | None = None,
+) -> list[Floats]:
+    """Evaluate expressions on states inside steps of one run, or of many in concatenated columns; see `evaluated_on`.
+
+    `ends` are the rows from which each step starts, and at which it ends; `parameters` those that differ between runs, SI;
+    `read` the assignments of the motion that the expressions read, if they are known.
+    """
+    rows, following = ends
+    regimes = columns["regime"][rows].astype(float) if "regime" in columns else np.zeros(rows.size)
+    inputs = {name: states[name] * float(unit.factor) for name, unit in model.units.items()}
+    inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
+    if reactions(model):
+        inputs |= modes_behind(model, columns, rows, following)
+    values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), math_functions, read)
+    return [np.array(np.broadcast_to(value, rows.shape)) for value in values]
+
+
+def reaction_columns(model: Model) -> list[str]:
+    """Name the columns that the modes of contacts and friction elements follow from."""
+    return [name for element in reactions(model) for name in (state_name(element), element.name)]
 
 
 def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: Rows) -> dict[str, Floats]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.evidence.observables import modes_behind, rate_tree
+from xdynamics.dynamics.shortened_steps import step_columns
+from xdynamics.evidence.observables import evaluated_inside, rate_tree, reaction_columns
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
@@ -20,11 +21,11 @@ from xdynamics.march.dense_output import PartsAbreast, rows_of_times, states_wit
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.model import Model
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, read_by, tables_of
+from xdynamics.model.motion import constants, read_by
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
-from xdynamics.record.columns import columns_of, state_name
+from xdynamics.record.columns import columns_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import parse_unit
 
@@ -122,12 +123,8 @@ class Harvest:
 
     def _again(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, judged: bool) -> Floats:
         """Repeat steps one by one; if `judged`, return also the distance of each state from a more accurate one."""
-        time, used = self["time"], self.layout.used
-        states = [state_name(entry) for entry in reactions(self.model)]
-        wanted = [("step_size", following), *((entry, rows) for entry in ("regime", "row_kind", *states, *used))]
-        if self.settings.method.stepper.has_memory:
-            wanted += [(entry, following) for entry in used]
-        columns = np.stack([self[name][at_rows] for name, at_rows in wanted])
+        time, wanted = self["time"], step_columns(self.model, self.settings, rows, following)
+        columns = np.stack([self[name][chosen] for name, chosen in wanted])
         return states_within(
             self.model,
             of_one_step(self.model, self.settings),
@@ -195,25 +192,20 @@ class Harvest:
         self, name: str, what: tuple[str, ...], states: Mapping[str, Floats], members: Rows, rows: Rows, times: Floats
     ) -> list[Floats]:
         wanted = _wanted(self.model, name, what)
-        arguments: dict[str, Any] = {
-            entry: states[entry] * float(self.model.units[entry].factor) for entry in self.layout.used
-        }
-        arguments |= {"t": times, REGIME_NUMBER: self["regime"][rows].astype(float)} | self._own(members, wanted.names)
-        arguments |= self._modes(members, rows) if reactions(self.model) else {}
-        fixed, tables = constants(self.model), tables_of(self.model)
-        results = evaluated_many(
-            self.model, wanted.trees, arguments, fixed, tables, self.settings.math_functions, wanted.read
-        )
-        unit = _factor_of(self.columns[name].variable.units)
-        return [np.array(np.broadcast_to(entry, times.shape)) / unit for entry in results]
-
-    def _modes(self, members: Rows, rows: Rows) -> dict[str, Floats]:
-        """Return the mode of each contact and friction element after rows, as for one run."""
-        names = [state_name(element) for element in reactions(self.model)] + [
-            element.name for element in reactions(self.model)
-        ]
+        unit = float(parse_unit(self.columns[name].variable.units).factor)
         following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
-        return modes_behind(self.model, {name: self[name] for name in names}, rows, following)
+        results = evaluated_inside(
+            self.model,
+            wanted.trees,
+            states,
+            times,
+            (rows, following),
+            {column: self[column] for column in ("regime", *reaction_columns(self.model))},
+            self.settings.math_functions,
+            self._own(members, wanted.names),
+            wanted.read,
+        )
+        return [result / unit for result in results]
 
     def _own(self, members: Rows, names: frozenset[str]) -> dict[str, Floats]:
         """Return the named parameters of each member, SI."""
@@ -246,10 +238,6 @@ def _wanted(model: Model, name: str, what: tuple[str, ...]) -> _Wanted:
     values = [entry.value for entry in read]
     names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
     return _Wanted(tuple(trees), read, frozenset().union(*names))
-
-
-def _factor_of(unit: str) -> float:
-    return float(parse_unit(unit).factor)
 
 
 def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
