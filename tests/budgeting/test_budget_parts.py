@@ -102,7 +102,7 @@ def propagated(model: Any, values: Any = None, added: Any = ()) -> Propagation:
     """Draws of a number that is 7 where nothing but what is added is uncertain; else those that are given."""
     measurand: Any = SimpleNamespace(
         model=model,
-        target=SimpleNamespace(said="s at t = 1 s"),
+        target=SimpleNamespace(description="s at t = 1 s"),
         seed=5,
         numbers=lambda _: SimpleNamespace(values=values),
     )
@@ -520,7 +520,7 @@ def test_declared_terms_have_a_name(name: Any) -> None:
 
 def test_numbers_are_named_with_their_places() -> None:
     """Assert times, sides, occurrences and extremes in words, and no seconds where time has none."""
-    assert [one.said for one in (
+    assert [target.description for target in (
         Target("y", 1.5), Target("y", 1.5, second="1"), Target("y", event="ground"), Target("v_y", event="floor", occurrence=3, side="after"),
         Target("t", event="ground"), Target("t", event="floor", occurrence=2), Target("maximum_v_y"), Target("minimum_force_drag_y"),
     )] == [

@@ -170,7 +170,7 @@ def test_sizes_and_bounds_of_numbers() -> None:
     own = by_hand()
     asked = Asked(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
     free = np.full(4, np.inf)
-    start = np.array([asked.given(name).value for name in asked.names])
+    start = np.array([asked.declared(name).value for name in asked.names])
     assert start.tolist() == [2.0, 0.0, 0.0, 0.0]
     assert _scales(asked, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
     low, high = _bounds(asked, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})

@@ -100,7 +100,7 @@ def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
         target = Target(quantity, at, "ground" if which else "", *which)
         found, unit = slopes_along(run, model, target, [*model.uncertain]), 1e3 if quantity in ("y", "v_y") else 1.0
         wanted = {by: slopes_of[by][place].imag / tiny * unit * factors[by] for by in own}
-        assert found == pytest.approx(wanted, rel=1e-8, abs=1e-9), target.said
+        assert found == pytest.approx(wanted, rel=1e-8, abs=1e-9), target.description
     with pytest.raises(NotVariedError, match="an extreme is where"):
         slopes_along(run, model, Target("maximum_y"), [*model.uncertain])
 

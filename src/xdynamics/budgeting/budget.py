@@ -259,7 +259,7 @@ def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:
         deviation = term.sensitivity_doubt * term.input_uncertainty
         if term.input_unit is not None and deviation > UNSURE * max(term.standard, UNSURE * total):
             warn(
-                f"{target.said} does not change in proportion with '{term.name}' within its uncertainty, or not"
+                f"{target.description} does not change in proportion with '{term.name}' within its uncertainty, or not"
                 f" smoothly: its slope may be off by {deviation / term.standard if term.standard else inf:.1g} of"
                 " itself; draw",
                 AccuracyWarning,

@@ -86,7 +86,7 @@ def budget_dataset(request: Request, budgeted: Budgeted, monte_carlo: Drawn | No
     later |= _where(target, run, model)
     variables |= later_as(later, unit.text, target.second)
     attributes = {name: value for name, value in later.items() if value == value}
-    title = f"error budget of {model.name}: {target.said}"
+    title = f"error budget of {model.name}: {target.description}"
     digests = (budgeted.number.digest,) if compared is None else compared.digests
     return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes)
 
@@ -109,7 +109,7 @@ def _attributes(request: Request, run: xr.Dataset) -> dict[str, Any]:
         | {
             "inadequate_fit": int(request.inadequate_fit),
             "quantity": target.quantity,
-            "of": target.said,
+            "of": target.description,
             "event": target.event,
             "occurrence": target.occurrence,
             "side": target.side,

@@ -45,7 +45,7 @@ def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list
     total = variance[NUMERICAL] + variance[PHYSICAL]
     cancelled = total <= CANCELLED * float(np.trace(covariance))
     shares = np.zeros(len(terms)) if cancelled else covariance.sum(axis=1) / total
-    scalars = {"value": (value, f"{target.said}, the run's own")} | _totals(terms, variance)
+    scalars = {"value": (value, f"{target.description}, the run's own")} | _totals(terms, variance)
     along = _inputs(terms, unit) | _contributions(terms, unit.text)
     along["share"] = (shares, "1", "share of the variance; correlated terms share what they have together", ROLE)
     variables = {
@@ -159,7 +159,7 @@ def levels_as(compared: Compared, run: xr.Dataset, unit: Unit) -> dict[str, Any]
     # a run's steps may be pure numbers like its time
     level_units = str(run["step_size"].attrs["units"]) if levels.varied is STEPS else levels.varied.units
     return {
-        levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.said, ROLE)),
+        levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.long_name, ROLE)),
         "level_value": (
             (LEVEL,),
             compared.values,
@@ -202,23 +202,23 @@ def _per(unit: Unit, by: Unit) -> str:
     return quotient(unit.text, by.text)
 
 
-def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
+def draws_as(draws: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
     """Return the statistics of draws as variables."""
     scalars = {
-        "monte_carlo_mean": (found.mean, "mean of the draws"),
+        "monte_carlo_mean": (draws.mean, "mean of the draws"),
         "monte_carlo_standard_uncertainty": (
-            found.standard,
+            draws.standard,
             (
                 "standard deviation of the draws of inputs; tables, discrepancies and declared terms are added to each"
                 " as normal"
             ),
         ),
         "monte_carlo_standard_uncertainty_doubt": (
-            found.standard_doubt,
+            draws.standard_doubt,
             "how well that is known from so many draws: a standard uncertainty, by parts of them",
         ),
         "monte_carlo_end_doubt": (
-            found.ends_doubt,
+            draws.ends_doubt,
             (
                 "how well the symmetric interval's ends are known from so many draws: a standard uncertainty, by order"
                 " statistics"
@@ -226,9 +226,9 @@ def draws_as(found: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
         ),
     }
     intervals = {
-        "monte_carlo_shortest": (found.shortest, "shortest interval that holds the part `coverage` of the draws"),
+        "monte_carlo_shortest": (draws.shortest, "shortest interval that holds the part `coverage` of the draws"),
         "monte_carlo_symmetric": (
-            found.symmetric,
+            draws.symmetric,
             "interval that holds the part `coverage` of the draws, with as many below as above it",
         ),
     }

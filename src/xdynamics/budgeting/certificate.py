@@ -285,14 +285,14 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
     return faults
 
 
-def lines_of(found: xr.Dataset) -> list[str]:
+def lines_of(certificate: xr.Dataset) -> list[str]:
     """Summarise the number, its gates, and how to check them again."""
-    verdicts = [GATES[index] for index in found["gate_verdict"].values.tolist()]
-    lines = [f"result    {found.attrs['of']} = {stated(found, 'result')}"]
-    lines += place_of(found)
-    rows = zip(found["gate_name"].values, verdicts, found["gate_reason"].values, strict=True)
+    verdicts = [GATES[index] for index in certificate["gate_verdict"].values.tolist()]
+    lines = [f"result    {certificate.attrs['of']} = {stated(certificate, 'result')}"]
+    lines += place_of(certificate)
+    rows = zip(certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True)
     lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
-    lines.append(f"model     sha256 {found.attrs['model_digest']}; method {found.attrs['solver_method']}")
+    lines.append(f"model     sha256 {certificate.attrs['model_digest']}; method {certificate.attrs['solver_method']}")
     lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
     return lines
 

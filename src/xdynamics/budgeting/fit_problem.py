@@ -50,7 +50,7 @@ class Asked:
     quantities: dict[str, Unit]
     settings: dict[str, Any]
 
-    def given(self, name: str) -> Quantity:
+    def declared(self, name: str) -> Quantity:
         """Return the declared value of a parameter or initial value."""
         return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
 
@@ -90,7 +90,7 @@ class Asked:
 
         columns = {
             f"{FOR_INITIAL}{name}" if name in self.model.initial else name: xr.DataArray(
-                values[:, i], attrs={"units": self.given(name).unit.text}
+                values[:, i], attrs={"units": self.declared(name).unit.text}
             )
             for i, name in enumerate(self.names)
         }

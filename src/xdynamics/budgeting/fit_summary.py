@@ -16,45 +16,43 @@ if TYPE_CHECKING:
 STRONG = 0.9  # correlations above this are reported
 
 
-def lines_of(found: xr.Dataset) -> Iterator[str]:
+def lines_of(fit: xr.Dataset) -> Iterator[str]:
     """Summarise estimates, their uncertainties, the quality of the fit, and strong correlations."""
-    names, units = found["parameter_name"].values.astype(str), found["parameter_units"].values.astype(str)
+    names, units = fit["parameter_name"].values.astype(str), fit["parameter_units"].values.astype(str)
     for i, name in enumerate(names):
-        value, uncertainty = float(found["estimate"][i]), float(found["standard_uncertainty"][i])
+        value, uncertainty = float(fit["estimate"][i]), float(fit["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
-        bound = "; on its bound, and no more sure than that" if int(found["at_bound"][i]) else ""
+        bound = "; on its bound, and no more sure than that" if int(fit["at_bound"][i]) else ""
         yield (
             f"{name:<10}{value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard"
             f" uncertainty){bound}"
         )
-    square, freedom = float(found.attrs["chi_square"]), int(found.attrs["degrees_of_freedom"])
+    square, freedom = float(fit.attrs["chi_square"]), int(fit.attrs["degrees_of_freedom"])
     if isfinite(square):
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
     else:
         yield (
-            f"fit       residuals of {float(found.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties"
+            f"fit       residuals of {float(fit.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties"
             f" are scaled; {freedom} degrees of freedom"
         )
-    if "adequate" in found.attrs:
-        word = "adequate" if int(found.attrs["adequate"]) else "not adequate"
-        runs = float(found.attrs["runs_probability"])
+    if "adequate" in fit.attrs:
+        word = "adequate" if int(fit.attrs["adequate"]) else "not adequate"
+        runs = float(fit.attrs["runs_probability"])
         yield (
             f"verdict   {word}:"
-            f" {found.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
+            f" {fit.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
         )
-    if "start" in found.dims and found.sizes["start"] > 1:
-        best = int(np.argmin(found["start_square"].values))
-        yield (
-            f"searches  {found.sizes['start']}, the best of them number {best + 1}: {found['start_rule'].values[best]}"
-        )
-    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(float(found["correlation"][i, j])) > STRONG]
+    if "start" in fit.dims and fit.sizes["start"] > 1:
+        best = int(np.argmin(fit["start_square"].values))
+        yield (f"searches  {fit.sizes['start']}, the best of them number {best + 1}: {fit['start_rule'].values[best]}")
+    strong = [(i, j) for i in range(len(names)) for j in range(i) if abs(float(fit["correlation"][i, j])) > STRONG]
     for i, j in strong:
-        yield f"together  {names[j]} and {names[i]} are correlated by {float(found['correlation'][i, j]):.3f}"
+        yield f"together  {names[j]} and {names[i]} are correlated by {float(fit['correlation'][i, j]):.3f}"
     yield (
-        f"search    {found.attrs['evaluations']} evaluations, condition {float(found.attrs['condition']):.3g}:"
-        f" {found.attrs['stopped']}"
+        f"search    {fit.attrs['evaluations']} evaluations, condition {float(fit.attrs['condition']):.3g}:"
+        f" {fit.attrs['stopped']}"
     )
-    if not int(found.attrs["converged"]):
+    if not int(fit.attrs["converged"]):
         yield "doubt     the search did not come to an end: estimates are where it stopped"
 
 

@@ -25,7 +25,7 @@ START = "start"
 
 def estimates_as(asked: Asked, best: Search, values: Floats, deviations: Floats, correlation: Floats) -> dict[str, Any]:
     """Return the estimates with their uncertainties and correlations as variables."""
-    units = [asked.given(name).unit.text for name in asked.names]
+    units = [asked.declared(name).unit.text for name in asked.names]
     return {
         "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
         "parameter_units": (

@@ -128,7 +128,7 @@ def fit(
         gaps,
         {name: plain(name, entry) for name, entry in settings.items() if entry is not None},
     )
-    start = np.array([asked.given(name).value for name in asked.names])
+    start = np.array([asked.declared(name).value for name in asked.names])
     low, high = _bounds(asked, bounds or {})
     problem = Fitting(asked, _scales(asked, start, low, high))
     scales, results, test = problem.scales, list[Search](), None
@@ -196,7 +196,7 @@ def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, 
     for name, ends in bounds.items():
         if name not in asked.names:
             raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")
-        declared = asked.given(name)
+        declared = asked.declared(name)
         try:
             values, unit = numbers_of(list(ends), declared.unit)
         except (InputError, TypeError) as error:
@@ -290,7 +290,7 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
     statement = asked.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
     for i, name in enumerate(asked.names):
-        unit = asked.given(name).unit
+        unit = asked.declared(name).unit
         declared = parameters.get(name) or starts.get(name)
         entry = Parameter(
             Quantity(float(values[i]), unit),

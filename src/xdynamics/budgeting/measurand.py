@@ -99,7 +99,7 @@ class Target:
         return name, 1.0 if word == LARGEST else -1.0
 
     @property
-    def said(self) -> str:
+    def description(self) -> str:
         """A description in words."""
         if self.extreme is not None:
             name, sign = self.extreme

@@ -115,7 +115,7 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
     return float(f"5e{power - digits}")
 
 
-def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits: int = 1) -> float:
+def draws_needed(apart: float, statistics: Drawn, draws: int, coverage: float, digits: int = 1) -> float:
     """Return about how many draws decide whether the linear budget is adequate, where `draws` leave it open.
 
     Ends of an interval of n normal numbers are uncertain by sqrt(p (1 - p)/n)/density(p): four and a half times that
@@ -130,15 +130,15 @@ def draws_needed(apart: float, found: Drawn, draws: int, coverage: float, digits
     p = (1.0 - coverage) / 2.0
     quantile = float(normal_quantile(np.array([p]))[0])
     density = float(exp(np.array(-(quantile**2) / 2.0))) / sqrt(2.0 * pi)
-    single = found.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
+    single = statistics.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
     chance = single / sqrt(draws)
-    tolerance = tolerance_of(found.standard, digits)
+    tolerance = tolerance_of(statistics.standard, digits)
     gap = min(abs(tolerance - sqrt(max(apart**2 - 2.0 * chance**2, 0.0))), tolerance)
     needed = max(((SURE + MARGIN) * single / max(gap, NARROW * tolerance)) ** 2, 2.0 * draws)
     return float(f"{1.05 * needed:.1e}")
 
 
-def judged(value: float, standard: float, found: Drawn, coverage: float, digits: int = 1) -> tuple[int, float]:
+def judged(value: float, standard: float, statistics: Drawn, coverage: float, digits: int = 1) -> tuple[int, float]:
     """Compare a linear budget's interval with the draws' own (JCGM 101:2008, 8.1).
 
     Returns
@@ -151,8 +151,8 @@ def judged(value: float, standard: float, found: Drawn, coverage: float, digits:
     """
     factor = float(normal_quantile(np.array([(1.0 + coverage) / 2.0]))[0])
     linear = value - factor * standard, value + factor * standard
-    distance = max(abs(end - drawn_end) for end, drawn_end in zip(linear, found.symmetric, strict=True))
-    tolerance, doubt = tolerance_of(found.standard, digits), found.ends_reach
+    distance = max(abs(end - drawn_end) for end, drawn_end in zip(linear, statistics.symmetric, strict=True))
+    tolerance, doubt = tolerance_of(statistics.standard, digits), statistics.ends_reach
     if distance + doubt <= tolerance or distance == doubt == 0.0:
         return ADEQUATE, distance
     return (NOT_ADEQUATE if distance - REFUTED * doubt > tolerance else NOT_CHECKED), distance

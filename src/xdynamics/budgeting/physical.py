@@ -170,7 +170,7 @@ def differences(
         if not np.isfinite(distances).any():
             least = float(3.0 * np.nanmin(sizes[i]))
             raise InputError(
-                f"{measurand.target.said} is not there any more where '{name}' is changed by {least:.3g}"
+                f"{measurand.target.description} is not there any more where '{name}' is changed by {least:.3g}"
                 f" {entry.quantity.unit.text}, less than its uncertainty of {entry.uncertainty:.3g}: a budget of small"
                 " changes says nothing of it; draw, by a sweep"
             )

@@ -87,7 +87,7 @@ class Propagation:
         values = np.full(draws, self.value) if drawn is None else drawn
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
-                f"{self.measurand.target.said} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
+                f"{self.measurand.target.description} is not there in {missing} of {draws} draws: the inputs are too uncertain for it to"
                 " be one number"
             )
         points = np.random.default_rng([self.measurand.seed, STREAM]).random((draws, len(self.added)))
@@ -134,6 +134,6 @@ def wanted_of(size_text: str | None, unit: Unit, target: Target, usual: float) -
         level = nan
     if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:
         raise InputError(
-            f"until_uncertainty is {size_text!r}, needs a positive size of {target.said}, like '1 {unit.text} at 95 %'"
+            f"until_uncertainty is {size_text!r}, needs a positive size of {target.description}, like '1 {unit.text} at 95 %'"
         )
     return quantity.si / float(unit.factor) / float(normal_quantile(np.array([(1.0 + level) / 2.0]))[0])

@@ -8,7 +8,7 @@ EXPANDED = 2.0  # coverage factor
 DIGITS = 2  # of the uncertainty
 
 
-def rounded(value: float, standard: float, numerical: float, units: str, told: str = "k = 2") -> str:
+def rounded(value: float, standard: float, numerical: float, units: str, origin: str = "k = 2") -> str:
     """Write a value rounded to its expanded uncertainty (JCGM 100:2008, 7.2.6), and the numerical part separately.
 
     Parameters
@@ -18,7 +18,7 @@ def rounded(value: float, standard: float, numerical: float, units: str, told: s
     numerical : float
         Sum of the numerical bounds.
     units : str
-    told : str
+    origin : str
         Text on the coverage factor and the origin of the standard uncertainty.
 
     Examples
@@ -30,7 +30,7 @@ def rounded(value: float, standard: float, numerical: float, units: str, told: s
     """
     unit = "" if units == "1" else f" {units}"
     expanded = EXPANDED * standard
-    remark = f"{told}, numerical part {_short(numerical)}{unit}"
+    remark = f"{origin}, numerical part {_short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({remark})"
     size = float(f"{expanded:.{DIGITS - 1}e}")

@@ -107,13 +107,13 @@ class Declared:
             ),
         )
         if own != required:
-            description = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).said
+            description = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).description
             raise InputError(
-                f"term '{self.name}' is of {description}, and the budget of {target.said}: propagate it there first"
+                f"term '{self.name}' is of {description}, and the budget of {target.description}: propagate it there first"
             )
         size = self.standard if isinstance(self.standard, Quantity) else parse_quantity(self.standard)
         if size.unit.dimension != unit.dimension:
-            raise InputError(f"term '{self.name}' is {size}, and {target.said} has the unit '{unit.text}'")
+            raise InputError(f"term '{self.name}' is {size}, and {target.description} has the unit '{unit.text}'")
         if self.kind not in KINDS:
             raise InputError(f"term '{self.name}' is of the kind {self.kind!r}; there are {', '.join(KINDS)}")
         standard = size.si / float(unit.factor) if isfinite(size.value) else nan

@@ -159,9 +159,9 @@ def _numbers(texts: tuple[str, ...]) -> Floats:
     return np.array([float(Fraction(text)) for text in texts])
 
 
-def _compiled_grow(*given: Any) -> int:
+def _compiled_grow(*arguments: Any) -> int:
     """Call `growth.grow`, compiled or from the cache."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
-        return growth.grow(*given)
+        return growth.grow(*arguments)
     (grow,) = GROWTH.entries()
-    return int(grow(*given))
+    return int(grow(*arguments))

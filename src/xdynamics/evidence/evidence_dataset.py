@@ -53,9 +53,9 @@ def exhibit(
     return archive.marched(dataset, unchanged)
 
 
-def about(units: str, said: str, role: str) -> dict[str, Any]:
+def about(units: str, long_name: str, role: str) -> dict[str, Any]:
     """Return the attributes of a variable."""
-    return {"units": units, "long_name": said, "role": role}
+    return {"units": units, "long_name": long_name, "role": role}
 
 
 def stated(evidence: xr.Dataset, name: str) -> Any:

@@ -53,7 +53,7 @@ class Additions:
             present = present[..., None] & (places[part] != NONE)
         return present
 
-    def take(self, plan: Plan, block: Block, found: dict[str, Values]) -> NDArray[np.bool_]:
+    def take(self, plan: Plan, block: Block, arrays: dict[str, Values]) -> NDArray[np.bool_]:
         """Copy what was kept of existing members into the arrays of a block; return which members they are."""
         present = self.there(block)
         if present.any():
@@ -68,7 +68,7 @@ class Additions:
                     )  # texts can only be transposed in memory
                     new_sizes = {dim: places.size for dim, places in indices.items() if dim not in self.along}
                     values = part.expand_dims(new_sizes).transpose(*self.dims, *variable.dims).values
-                    found[variable.name][present] = values[present]
+                    arrays[variable.name][present] = values[present]
         return present
 
 

@@ -115,7 +115,7 @@ class Axis:
         return len(self.columns[0].values)
 
 
-def axes_of(model: Model, given: Mapping[str, Any]) -> tuple[Axis, ...]:
+def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     """Read the axes of a grid.
 
     Raises
@@ -123,10 +123,10 @@ def axes_of(model: Model, given: Mapping[str, Any]) -> tuple[Axis, ...]:
     InputError
         With every fault.
     """
-    if not isinstance(given, Mapping) or not given:
-        raise InputError(f"axes are {str(given)[:60]}, need a mapping like {{'c': ['1 kg', '2 kg']}}")
+    if not isinstance(entries, Mapping) or not entries:
+        raise InputError(f"axes are {str(entries)[:60]}, need a mapping like {{'c': ['1 kg', '2 kg']}}")
     ledger, axes = Ledger(f"the axes of a sweep of '{model.name}'"), []
-    for name, values in given.items():
+    for name, values in entries.items():
         with ledger.entry(f"axis {name!r}"):
             axes.append(_axis(model, str(name), values))
     ledger.settle()
@@ -213,7 +213,7 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
     return column
 
 
-def column_of(model: Model, name: str, given: Any) -> Column:
+def column_of(model: Model, name: str, values: Any) -> Column:
     """Find out what a name refers to, and read its values.
 
     Raises
@@ -222,19 +222,19 @@ def column_of(model: Model, name: str, given: Any) -> Column:
         If the name cannot vary, or a value cannot be used.
     """
     if name in model.parameters:
-        return _quantities(name, PARAMETER, given, model.parameters[name].quantity.unit, name)
+        return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, name)
     initial = name.removeprefix(FOR_INITIAL)
     if initial in model.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, given, model.initial[initial].unit, name)
+        return _quantities(initial, kind, values, model.initial[initial].unit, name)
     if name in model.drives:
-        return _tables(name, given)
+        return _tables(name, values)
     if name == STEP:
-        return _positive(_quantities(name, STEP, given, model.time_unit, name))
+        return _positive(_quantities(name, STEP, values, model.time_unit, name))
     if name == RTOL:
-        return _positive(_quantities(name, RTOL, given, parse_unit("1"), name))
+        return _positive(_quantities(name, RTOL, values, parse_unit("1"), name))
     if name in SETTINGS:
-        return _settings(model, name, given)
+        return _settings(model, name, values)
     available = [*model.parameters, *model.initial, *model.drives, STEP, RTOL, *SETTINGS]
     raise InputError(f"'{name}' is nothing that can vary; there are {', '.join(available)}")
 
@@ -245,7 +245,7 @@ def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) 
     return Column(name, kind, values, unit, label)
 
 
-def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
+def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
     """Read values: a text with a range or a list, a row of texts or numbers, an array with units.
 
     Raises
@@ -253,22 +253,22 @@ def numbers_of(given: Any, declared: Unit) -> tuple[Values, Unit]:
     InputError
         If there are no values, or one is not a finite number with a unit of the declared dimension.
     """
-    if is_range(given):
-        values, stated_unit = _range(given)
+    if is_range(entries):
+        values, stated_unit = _range(entries)
         unit = declared if stated_unit == parse_unit("1") else stated_unit
         return _plain(values, unit, declared), unit
-    if isinstance(given, str):
-        quantities = _of_text(given)
-    elif isinstance(given, Quantity | int | float):
-        quantities = [_quantity(given, declared)]
+    if isinstance(entries, str):
+        quantities = _of_text(entries)
+    elif isinstance(entries, Quantity | int | float):
+        quantities = [_quantity(entries, declared)]
     else:
-        attrs = getattr(given, "attrs", {})
+        attrs = getattr(entries, "attrs", {})
         unit = parse_unit(str(attrs["units"])) if "units" in attrs else declared
         try:
-            row = getattr(given, "values", given)
+            row = getattr(entries, "values", entries)
             row = row if isinstance(row, np.ndarray) and row.dtype.kind in "fiu" and row.ndim == 1 else list(row)
         except TypeError:
-            raise InputError(f"is {str(given)[:60]!r}, needs values like ['1 {declared.text}']") from None
+            raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.text}']") from None
         if isinstance(row, np.ndarray):
             return _plain(row, unit, declared), unit
         quantities = [_quantity(quantity, unit) for quantity in row]

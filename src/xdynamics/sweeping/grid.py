@@ -120,9 +120,9 @@ class Grid:
             except InputError as error:
                 if not self.words:
                     raise
-                raise InputError(f"member {self.said(at)}: {error}", error.faults) from None
+                raise InputError(f"member {self.name_of(at)}: {error}", error.faults) from None
 
-    def said(self, at: At) -> str:
+    def name_of(self, at: At) -> str:
         """Name a member by its values."""
         return ", ".join(f"{column.label} = {_shown(column, at[k])}" for k, column in self.columns)
 

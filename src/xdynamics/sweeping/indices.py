@@ -83,7 +83,7 @@ def sobol_indices(
     indices = _shares(f)
     resampled = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
     low, high = np.quantile([_shares(f[:, entry]) for entry in resampled], [0.025, 0.975], axis=0)
-    variables = _range_variables(spans, given=isinstance(ranges, Mapping))
+    variables = _range_variables(spans, stated=isinstance(ranges, Mapping))
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
@@ -107,10 +107,10 @@ def _check(ranges: Any, draws: int, resamples: int) -> None:
         )
 
 
-def _range_variables(spans: Mapping[str, Column | Parameter], *, given: bool) -> dict[str, Any]:
+def _range_variables(spans: Mapping[str, Column | Parameter], *, stated: bool) -> dict[str, Any]:
     """Return the names of what was varied, and where the range of each begins and ends."""
     ends = [_ends(span) for span in spans.values()]
-    text = "where its range" if given else "where one standard uncertainty beside its value"
+    text = "where its range" if stated else "where one standard uncertainty beside its value"
     columns = {
         "parameter_name": ([*spans], "what was varied", "name"),
         "parameter_units": ([units for units, _, _ in ends], "unit of its range", "name"),

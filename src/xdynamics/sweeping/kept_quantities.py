@@ -39,7 +39,7 @@ class Kept:
     dims : tuple of str
         Dimensions after those of the axes.
     sizes : tuple of int
-    units, said, role : str
+    units, long_name, role : str
     take : callable
         From a `Harvest` to an array, shape (members, *sizes).
     reads : tuple of str
@@ -53,7 +53,7 @@ class Kept:
     dims: tuple[str, ...]
     sizes: tuple[int, ...]
     units: str
-    said: str
+    long_name: str
     role: str
     take: Take
     reads: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ class Kept:
     @property
     def attributes(self) -> dict[str, Any]:
         """The variable's attributes in a sweep."""
-        return about(self.units, self.said, self.role) | dict(self.more)
+        return about(self.units, self.long_name, self.role) | dict(self.more)
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,14 @@ class _Reader:
         description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
         kept = self._occurrences(word, detector, column.units, description, take)
         return Kept(
-            kept.name, kept.dims, kept.sizes, kept.units, kept.said, column.role, kept.take, reads=(*self.motion, name)
+            kept.name,
+            kept.dims,
+            kept.sizes,
+            kept.units,
+            kept.long_name,
+            column.role,
+            kept.take,
+            reads=(*self.motion, name),
         )
 
     def _occurrences(

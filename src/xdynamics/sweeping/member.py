@@ -75,7 +75,9 @@ def member(
         if name in catalogued and (value := str(catalogued[name].values)) != entry
     ]
     if differences:
-        raise ArchiveError(f"member {grid.said(at)}, marched again, comes to something else: {'; '.join(differences)}")
+        raise ArchiveError(
+            f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
+        )
     return run
 
 

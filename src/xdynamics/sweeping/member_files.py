@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Values = dict[str, NDArray[Any]]
 
 
-def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArray[np.bool_]) -> None:
+def archived(plan: Plan, block: Block, folder: Path, arrays: Values, known: NDArray[np.bool_]) -> None:
     """Archive every unknown member of a block, and enter its file, content digest and seal into the arrays.
 
     A member whose file exists and is intact is not marched again; one whose model is refused gets no file.
@@ -50,11 +50,11 @@ def archived(plan: Plan, block: Block, folder: Path, found: Values, known: NDArr
         else:
             written = streamed(march, file, resume=has_segments(file))
             digest, seal = written.digest, written.seal
-            if differences := _apart(march, {name: values[place] for name, values in found.items()}):
+            if differences := _apart(march, {name: values[place] for name, values in arrays.items()}):
                 raise InputError(
-                    f"member {grid.said(at)}: {differences}: this is a fault of xdynamics; please report it"
+                    f"member {grid.name_of(at)}: {differences}: this is a fault of xdynamics; please report it"
                 )
-        found[FILE][place], found[DIGEST][place], found[SEAL][place] = f"{folder.name}/{file.name}", digest, seal
+        arrays[FILE][place], arrays[DIGEST][place], arrays[SEAL][place] = f"{folder.name}/{file.name}", digest, seal
 
 
 def _apart(march: March, abreast: dict[str, Any]) -> str:

@@ -304,7 +304,7 @@ def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
     ]
     if differences:
         raise InputError(
-            f"member {grid.said(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
+            f"member {grid.name_of(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
         )
 
 

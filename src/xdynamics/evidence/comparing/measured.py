@@ -58,20 +58,20 @@ class Measured:
     left_out: tuple[str, ...] = ()
 
 
-def is_measured(given: Any) -> bool:
+def is_measured(source: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
-    if isinstance(given, str | Path) or hasattr(given, "columns"):
+    if isinstance(source, str | Path) or hasattr(source, "columns"):
         return True
-    attributes = getattr(given, "attrs", {})
-    return "row_kind" not in getattr(given, "variables", ("row_kind",)) and EVIDENCE not in attributes
+    attributes = getattr(source, "attrs", {})
+    return "row_kind" not in getattr(source, "variables", ("row_kind",)) and EVIDENCE not in attributes
 
 
-def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE, clock: Unit = SECONDS) -> Measured:
+def measured(source: Any, known: Sequence[str] | None = None, gaps: str = REFUSE, clock: Unit = SECONDS) -> Measured:
     """Read measured data.
 
     Parameters
     ----------
-    given : str, Path, DataFrame or Dataset
+    source : str, Path, DataFrame or Dataset
     known : sequence of str, optional
         Names that are wanted: other columns are left out, whatever they contain.
     gaps : {"refuse", "skip"}
@@ -86,14 +86,14 @@ def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE,
     """
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
-    if isinstance(given, str | Path):
-        data = _of_file(Path(given), known, skip=gaps == SKIP)
-    elif hasattr(given, "columns"):
-        table = given.reset_index() if given.index.name else given
+    if isinstance(source, str | Path):
+        data = _of_file(Path(source), known, skip=gaps == SKIP)
+    elif hasattr(source, "columns"):
+        table = source.reset_index() if source.index.name else source
         columns = {str(name): table[name].to_numpy() for name in table.columns}
         data = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
     else:
-        data = _of_dataset(given)
+        data = _of_dataset(source)
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
@@ -101,7 +101,7 @@ def measured(given: Any, known: Sequence[str] | None = None, gaps: str = REFUSE,
 
 
 def residuals(
-    run: xr.Dataset, given: Any, functions: Mapping[str, Callable[..., float]] | None, gaps: str = REFUSE
+    run: xr.Dataset, source: Any, functions: Mapping[str, Callable[..., float]] | None, gaps: str = REFUSE
 ) -> xr.Dataset:
     """Compare a run with measured data; see `compare`.
 
@@ -112,7 +112,7 @@ def residuals(
     """
     model = model_of(run, functions)
     observables = [name for name in observables_of(model) if name in run.variables]
-    data = measured(given, observables, gaps, time_unit(run))
+    data = measured(source, observables, gaps, time_unit(run))
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in observables:
@@ -246,11 +246,11 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
     return titles, tuple(left_out)
 
 
-def _of_dataset(given: Any) -> Measured:
+def _of_dataset(source: Any) -> Measured:
     """Read variables along one dimension by their units."""
     ledger = Ledger("the Dataset")
     columns: dict[str, tuple[Floats, Unit]] = {}
-    for name, variable in given.variables.items():
+    for name, variable in source.variables.items():
         label = str(name).removesuffix("_time") if name == AT_TIME else str(name)
         with ledger.entry(f"variable '{name}'"):
             if "units" not in variable.attrs:

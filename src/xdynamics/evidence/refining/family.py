@@ -30,7 +30,7 @@ class Watched:
 
     Attributes
     ----------
-    name, units, said : str
+    name, units, long_name : str
     dims : tuple of str
         Of the places; none for one number per run.
     values, errors : ndarray, shape (places, levels)
@@ -45,7 +45,7 @@ class Watched:
 
     name: str
     units: str
-    said: str
+    long_name: str
     dims: tuple[str, ...]
     values: Floats
     errors: Floats
@@ -99,7 +99,7 @@ def family(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
     gate = (~(number.errors <= last)).astype(np.int8)
     size = scale("difference", name)
     variables: dict[str, Any] = {
-        name: (dims, along(number.values), about(units, number.said, ROLE)),
+        name: (dims, along(number.values), about(units, number.long_name, ROLE)),
         f"difference_{name}": (
             dims,
             along(changes),

@@ -105,7 +105,7 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
     levels, unit = subjects.levels, subjects.levels.model.time_unit.text
     varied = levels.varied
     variables: dict[str, Any] = {
-        varied.name: ((LEVEL,), levels.values, about(varied.units or unit, varied.said, ROLE)),
+        varied.name: ((LEVEL,), levels.values, about(varied.units or unit, varied.long_name, ROLE)),
         "run_digest": ((LEVEL,), findings.digests, about("1", "content digest of the level's run", "digest")),
         "run_outcome": ((LEVEL,), findings.outcomes, about("1", "outcome of the level's run", "outcome")),
         AT_TIME: ((AT,), findings.times, about(unit, "time of comparison", "time")),

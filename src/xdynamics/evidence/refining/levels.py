@@ -42,7 +42,7 @@ class Varied:
         Of `refine`.
     name : str
         The variable of the levels in the evidence.
-    units, said : str
+    units, long_name : str
         Its units, `TIME_UNIT` for the model's unit of time, and its long name.
     ratio : float
         From one level to the next, where levels are added.
@@ -51,7 +51,7 @@ class Varied:
     keyword: str
     name: str
     units: str
-    said: str
+    long_name: str
     ratio: float
 
 
@@ -99,7 +99,7 @@ class Levels:
 
     @classmethod
     def of(
-        cls, model: Model, given: Mapping[str, Any], asked: dict[str, Any], *, fewest: int, keep: Path | None = None
+        cls, model: Model, choices: Mapping[str, Any], asked: dict[str, Any], *, fewest: int, keep: Path | None = None
     ) -> Levels:
         """Read the values of the levels.
 
@@ -108,13 +108,13 @@ class Levels:
         InputError
             If not exactly one quantity is varied, or its values do not get finer.
         """
-        chosen = [candidate for candidate in ALL if given[candidate.keyword] is not None]
+        chosen = [candidate for candidate in ALL if choices[candidate.keyword] is not None]
         if len(chosen) != 1:
             raise InputError(
                 f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of"
                 " them"
             )
-        varied, values = chosen[0], given[chosen[0].keyword]
+        varied, values = chosen[0], choices[chosen[0].keyword]
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
         level_values = np.array([_read(model, varied, candidate) for candidate in values])

@@ -179,16 +179,16 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, parameter_di
     }
 
 
-def lines_of(found: xr.Dataset) -> Iterator[str]:
+def lines_of(study: xr.Dataset) -> Iterator[str]:
     """Describe the approach of each quantity to its limit, line by line."""
-    for name in [str(key).removeprefix("distance_") for key in found.data_vars if str(key).startswith("distance_")]:
-        units = found[name].attrs["units"]
-        for k, time in enumerate(found[AT_TIME].values.tolist()):
-            last, order = float(found[f"distance_{name}"][-1, k]), float(found[f"order_{name}"][-1, k])
-            word = "approached" if int(found[f"approached_{name}"][k]) else "not approached"
+    for name in [str(key).removeprefix("distance_") for key in study.data_vars if str(key).startswith("distance_")]:
+        units = study[name].attrs["units"]
+        for k, time in enumerate(study[AT_TIME].values.tolist()):
+            last, order = float(study[f"distance_{name}"][-1, k]), float(study[f"order_{name}"][-1, k])
+            word = "approached" if int(study[f"approached_{name}"][k]) else "not approached"
             shown = f"order {order:.3g}, " if np.isfinite(order) else ""
             yield (
-                f"{name} at t = {time:.9g}{unit_suffix(time_unit(found))}: {last:.3g} {units} from its limit, {shown}{word}"
+                f"{name} at t = {time:.9g}{unit_suffix(time_unit(study))}: {last:.3g} {units} from its limit, {shown}{word}"
             )
 
 
