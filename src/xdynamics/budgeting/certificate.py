@@ -204,22 +204,8 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
-def recheck(
-    certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None
-) -> xr.Dataset:
-    """Reproduce a certificate from nothing but itself, and compare every number.
-
-    Parameters
-    ----------
-    certificate : xarray.Dataset, str or Path
-        What `certify` returned, or its archive, which is verified first.
-    functions : mapping of str to callable, optional
-        The Python functions that the model's forces call.
-
-    Returns
-    -------
-    xarray.Dataset
-        The new certificate.
+def remade(certificate: xr.Dataset | str | Path, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    """Return a certificate made again from nothing but itself, with the same numbers; see `documenting.bundling.recheck`.
 
     Raises
     ------
@@ -236,7 +222,7 @@ def recheck(
     place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
     if attributes["event"]:
         place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
-    remade = certify(
+    again = certify(
         model,
         str(attributes["quantity"]),
         draws=int(attributes["draws"]),
@@ -247,11 +233,11 @@ def recheck(
         **place,
         **json.loads(str(attributes["asked"])),
     )
-    if faults := _apart(original, remade):
+    if faults := _apart(original, again):
         raise ArchiveError(
             f"the certificate of {attributes.get('of')} does not come out again:{numbered(faults)}", tuple(faults)
         )
-    return remade
+    return again
 
 
 def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:

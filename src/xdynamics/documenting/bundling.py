@@ -136,11 +136,11 @@ def recheck(
         If it is no certificate.
     """
     if not isinstance(certificate, str | Path) or not asked(Path(certificate), Path.is_dir):
-        return certificates.recheck(certificate, functions=functions)
+        return certificates.remade(certificate, functions)
     folder = Path(certificate)
     if faults := _faults(folder):
         raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", tuple(faults))
-    again = certificates.recheck(folder / CERTIFICATE, functions=functions)
+    again = certificates.remade(folder / CERTIFICATE, functions)
     model = Model.from_toml(folder / MODEL, functions=functions)
     if model.digest != again.attrs["model_digest"]:
         raise ArchiveError(f"'{folder / MODEL}' is another model than the certificate's")

@@ -17,6 +17,7 @@ from xdynamics.march import Settings
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.settings import EARLIEST_FIRST
 from xdynamics.model import Model
+from xdynamics.model.toml import tables_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
 
@@ -219,8 +220,6 @@ def _shown(column: Column, i: int) -> str:
 @lru_cache(maxsize=256)
 def _with(model: Model, tables: tuple[tuple[str, tuple[str, str]], ...], start: str) -> Model:
     """Replace tables of drives, whose text goes into the model, and the initial t."""
-    import tomllib
-
-    declared = tomllib.loads(model.to_toml()).get("drives", {})
+    declared = tables_of(model.statement).get("drives", {})
     drives = {name: declared[name] | {"table": f"{label}.csv", "csv": text} for name, (label, text) in tables}
     return model.replace(drives=drives, initial={"t": start} if start else {})

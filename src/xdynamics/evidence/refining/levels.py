@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import smooth_switches
+from xdynamics.model.toml import tables_of
 from xdynamics.units import Quantity, Unit, time_in
 
 if TYPE_CHECKING:
@@ -183,12 +183,10 @@ class Levels:
 
     def located(self) -> Levels | None:
         """Return the levels with every switch located, even if declared smooth; None if a switch has no such entry."""
-        document = tomllib.loads(self.model.to_toml())
+        tables = tables_of(self.model.statement)
         changed = {
             part: {
-                name: {**entry, "smooth": False}
-                for name, entry in document.get(part, {}).items()
-                if entry.get("smooth")
+                name: {**entry, "smooth": False} for name, entry in tables.get(part, {}).items() if entry.get("smooth")
             }
             for part in ("forces", "states")
         }
@@ -247,9 +245,9 @@ def _read(model: Model, varied: Varied, value: Any) -> Any:
 
 def _located(model: Model, sections: tuple[str, ...], change: dict[str, str]) -> Model:
     """Return a model in which the entries of some sections are located in another way."""
-    document = tomllib.loads(model.to_toml())
+    tables = tables_of(model.statement)
     unplaced = {
-        part: {name: _without_place(entry) for name, entry in document.get(part, {}).items()} for part in sections
+        part: {name: _without_place(entry) for name, entry in tables.get(part, {}).items()} for part in sections
     }
     changed = {
         part: {name: entry | change for name, entry in entries.items()} for part, entries in unplaced.items() if entries
