@@ -280,6 +280,17 @@ def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
         xd.influences(xd.sweep(OSCILLATOR, {"k": "1:2:3 N m-1"}, members_per_task=3), compute=False)
 
 
+@pytest.mark.parametrize(("count", "tasks"), [(3, 3), (1000, 16), (100_000, 64)])
+def test_a_sweep_is_built_without_a_march(count: int, tasks: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert variables, units and tasks of sweeps of any size while no member can be marched."""
+    monkeypatch.setattr("dask.system.CPU_COUNT", 4)
+    monkeypatch.setattr("xdynamics.sweeping.tasks.marched", lambda *_: pytest.fail("marched"))
+    found = xd.sweep(OSCILLATOR, {"k": f"1:2:{count} N m-1"}, until=1.0)
+    assert found.end_x.attrs["units"] == "m"
+    assert found.end_x.chunks is not None
+    assert len(found.end_x.chunks[0]) == pytest.approx(tasks, abs=1)
+
+
 def test_a_result_is_never_out_of_both_tables() -> None:
     """Assert that whoever asks right after the work ends finds a result or its turn, and does not work again."""
     memory, made = Memory(), []

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.evidence import cluster
+from xdynamics.evidence.cluster import check_workers, cluster_of, connected
+from xdynamics.evidence.stages import STAGE, computed
 
 AXES: dict[str, Any] = {"v_y": "10:30:40 m s-1", "vt": "20:60:5 m s-1", "method": ["heun", "dop853"]}
 ASKED: dict[str, Any] = {"keep": ["end", "event_time_ground", "y"], "times": [0.5, 1.0], "rtol": 1e-6, "until": "6 s"}
@@ -43,16 +52,108 @@ def assert_same(found: xr.Dataset, expected: xr.Dataset) -> None:
             assert mine.tobytes() == one.values.tobytes(), name
 
 
-def test_two_processes_give_the_same_bits(here: xr.Dataset, tmp_path: Path) -> None:
-    """Assert a lazy sweep, and one into a folder, on a cluster of two workers."""
-    distributed = pytest.importorskip("distributed")
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """Two processes of one thread."""
+    pytest.importorskip("distributed")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a dashboard's port
-        cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0")
-        with cluster, distributed.Client(cluster):
-            model = xd.Model.from_toml(MODELS / "ball_drag.toml")
-            assert_same(xd.sweep(model, AXES, members_per_task=20, **ASKED).compute(), here)
-            assert_same(xd.sweep(model, AXES, members_per_task=20, path=tmp_path / "s", **ASKED), here)
+        warnings.simplefilter("ignore")  # of what the library leaves open
+        with cluster_of(None, 2) as client:
+            yield client
+
+
+def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_path: Path) -> None:
+    """Assert a lazy sweep, and one into a folder, on a cluster of two workers."""
+    model = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    assert connected() is client
+    assert_same(xd.sweep(model, AXES, members_per_task=20, **ASKED).compute(), here)
+    assert_same(xd.sweep(model, AXES, members_per_task=20, path=tmp_path / "s", **ASKED), here)
+    assert_same(computed(xd.sweep(model, AXES, **ASKED))[0], here)
+
+
+def studied(**more: Any) -> xr.Dataset:
+    """A refinement of an oscillator, not computed yet."""
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    asked = {"method": "rk4", "steps": [0.04, 0.02, 0.01, 0.005], "at": [1.0], "until": 20.0}
+    return xd.refine(oscillator, compute=False, **asked | more)
+
+
+STAGES: dict[str, Callable[[], xr.Dataset]] = {
+    "refinement": studied,
+    "ledger": lambda: xd.validate(["rk4", "velocity_verlet"], compute=False),
+    "budget": lambda: xd.error_budget(
+        xd.Model.from_toml(MODELS / "ball_drag.toml"), "y", at="1 s", draws=10_000, compute=False
+    ),
+    "certificate": lambda: xd.certify(
+        xd.Model.from_toml(MODELS / "ball_drag.toml"), "y", at="1 s", draws=1000, compute=False
+    ),
+}
+
+
+def test_stages_on_a_cluster_have_the_bits_of_threads(client: Any, request: pytest.FixtureRequest) -> None:
+    """Assert every stage, with a worker killed while it is computed; results of tasks that pass the scheduler are small."""
+    told: list[float] = []
+    for name in STAGES if request.config.getoption("--whole") else ["refinement"]:
+        with dask.config.set(scheduler="threads"):
+            whole = computed(STAGES[name]())[0]
+        victim = min(client.run(os.getpid).values())
+        killer = threading.Timer(0.3, os.kill, (victim, signal.SIGKILL))
+        killer.start()
+        found = computed(STAGES[name](), tell=lambda done, *_: told.append(done))[0]
+        killer.join()
+        assert_same(found, whole)
+        assert len(pickle.dumps(found)) < 200_000
+        client.wait_for_workers(2, timeout=60)
+    assert all(0.0 <= done <= 1.0 for done in told)
+
+
+def test_the_finest_level_begins_first(client: Any) -> None:
+    """Assert the priorities of the levels on the scheduler, by the number of their steps."""
+    client.wait_for_workers(2, timeout=60)
+    study = studied(at=[1.25])
+    graph = study.encoding[STAGE].delayed(study).__dask_graph__()
+    priorities = [layer.annotations["priority"] for name, layer in graph.layers.items() if name.startswith("march-")]
+    assert sorted(priorities) == [500.0, 1000.0, 2000.0, 4000.0]
+
+
+def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the worker, what it has and what is here; a scheduler that is not there; and one line of the command."""
+    client.wait_for_workers(2, timeout=60)
+    check_workers(client)
+    mine = cluster.environment()
+    monkeypatch.setattr(
+        client,
+        "run",
+        lambda *_, **__: {
+            "tcp://10.0.0.1:2": {**mine, "xdynamics": "0.1"},
+            "tcp://10.0.0.2:2": OSError("no such module"),
+        },
+    )
+    with pytest.raises(xd.InputError, match="worker tcp://10.0.0.1:2 has xdynamics 0.1, and this process") as told:
+        check_workers(client)
+    assert "worker tcp://10.0.0.2:2 cannot be asked: no such module" in str(told.value)
+    monkeypatch.setattr(client, "run", lambda *_, **__: {})
+    with pytest.raises(xd.InputError, match="has no workers; start one with: dask worker tcp://"):
+        check_workers(client)
+    monkeypatch.undo()
+    monkeypatch.setattr(cluster, "PATIENCE", "1s")
+    for wrong in ("tcp://127.0.0.1:9", "nowhere://x"):
+        done = call("refine", MODELS / "harmonic_oscillator.toml", "--step", "0.1 s", "--scheduler", wrong)
+        assert done.exit_code == 2
+        assert f"the scheduler '{wrong}' cannot be reached" in done.output
+    done = call("validate", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2")
+    assert (done.exit_code, "a cluster has its own workers, give one" in done.output) == (2, True)
+
+
+def test_a_verb_on_a_cluster_says_what_it_says_here(client: Any, tmp_path: Path) -> None:
+    """Assert that a refinement by the command, on a scheduler that is running, prints what it prints without."""
+    client.wait_for_workers(2, timeout=60)
+    asked = ("refine", MODELS / "harmonic_oscillator.toml", "--step", "0.1 s", "--levels", "3", "--until", "1 s")
+    with dask.config.set(scheduler="threads"):
+        here = call(*asked)
+    there = call(*asked, "--scheduler", client.scheduler.address, "-o", tmp_path / "r.nc")
+    assert (here.exit_code, there.exit_code) == (0, 0)
+    assert there.output.startswith(here.output)
 
 
 def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from xdynamics.cli.clustering import clustered, made
 from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import OF_RECORDS, asked, settings
@@ -37,6 +38,7 @@ OF_A_NUMBER = (
         "--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."
     ),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
+    clustered,
     settings(without=OF_RECORDS),
 )
 
@@ -141,7 +143,7 @@ def _evidence(
     model = changed_model(model_file, changes)
     if output:
         archive.check_target(Path(output))
-    evidence = make(model, quantity, **arguments)
+    evidence = made(make, model, quantity, **arguments)
     if output:
         archive.save(evidence, output)
     say(summary(evidence))

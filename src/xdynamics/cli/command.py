@@ -188,7 +188,10 @@ def main() -> None:
 
 
 class progress:  # noqa: N801 - used as a statement
-    """A progress line on the terminal, after the first second."""
+    """A progress line on the terminal, after the first second, in words with {at} and {count}."""
+
+    def __init__(self, words: str = "t = {at:.6g}, {count} rows") -> None:
+        self.words = words
 
     def __enter__(self) -> Callable[[float, float, int], None]:
         self.started = self.last = time.monotonic()
@@ -203,4 +206,4 @@ class progress:  # noqa: N801 - used as a statement
         now = time.monotonic()
         if now - self.last >= 1.0 and sys.stderr.isatty():
             self.last = now
-            click.echo(f"\r\033[K{done:4.0%}  t = {at:.6g}, {rows} rows", nl=False, err=True)
+            click.echo(f"\r\033[K{done:4.0%}  {self.words.format(at=at, count=rows)}", nl=False, err=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xdynamics.cli.clustering import clustered, made
 from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
 @click.option("--most-rows", type=float, help="The most rows that an added level may have.")
 @click.option("--memory", metavar="SIZE", help="The most that a level may take in memory, like '2 GB'.")
 @click.option("--defects", is_flag=True, help="Also compute the largest local error of a single step at each level.")
+@click.option("--occurrences", type=int, metavar="N", help="How many occurrences of every event are compared.")
+@clustered
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @settings(without=("step", "rtol", "time_tolerance", *OF_RECORDS))
 def refine(
@@ -65,6 +68,9 @@ def refine(
     most_rows: float | None,
     memory: str | None,
     defects: bool,
+    occurrences: int | None,
+    scheduler: str | None,
+    workers: int | None,
     values: tuple[str, ...],
     **named: Any,
 ) -> None:
@@ -82,9 +88,11 @@ def refine(
         "most_rows": most_rows,
         "memory": memory,
         "until_change": pairs(changes, "--until-change") or None,
+        "occurrences": occurrences,
     }
     study |= _levels(model, step, rtol, time_tolerance, levels, ratio)
-    _kept(refined(model, **study, **asked(named)), lines_of, output)
+    found = made(refined, model, scheduler=scheduler, workers=workers, **study, **asked(named))
+    _kept(found, lines_of, output)
 
 
 def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
@@ -198,15 +206,17 @@ def diagnose(
     metavar="NAME",
     help="A method; by default all of them, or the one in the model's [run].",
 )
+@click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
+@clustered
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
-def validate(model_file: str | None, methods: tuple[str, ...], output: str | None) -> None:
+def validate(model_file: str | None, methods: tuple[str, ...], output: str | None, **more: Any) -> None:
     """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""
     from xdynamics.evidence.validating.ledger import validate as validated
     from xdynamics.evidence.validating.ledger_rows import FAILED, lines_of
 
     _check(output)
     model = changed_model(model_file, ()) if model_file else None
-    ledger = validated(list(methods) or None, model)
+    ledger = made(validated, list(methods) or None, model, **more)
     _kept(ledger, lines_of, output)
     sys.exit(BADLY if (ledger["verdict"] == FAILED).any() else DONE)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from xdynamics.cli.clustering import clustered
 from xdynamics.cli.command import BADLY, DONE, complain, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import asked, pairs, settings
@@ -70,7 +71,7 @@ from xdynamics.faults import InputError
     default=0.0,
     help="Fraction of the members that are also marched alone and compared bit for bit.",
 )
-@click.option("--scheduler", metavar="tcp://…", help="A dask cluster to run on; by default this machine's processors.")
+@clustered
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @settings()
 def sweep(
@@ -87,11 +88,13 @@ def sweep(
     occurrences: int,
     check: float,
     scheduler: str | None,
+    workers: int | None,
     changes: tuple[str, ...],
     **named: Any,
 ) -> None:
     """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
     from xdynamics.documenting.summary import summary
+    from xdynamics.evidence.cluster import cluster_of
     from xdynamics.march.outcomes import GOOD
     from xdynamics.sweeping.sweep import sweep as swept
 
@@ -105,7 +108,7 @@ def sweep(
     if ranges or draws is not None:
         grid["draw"] = _drawn(ranges, draws, design, seed)
     words = [word.strip() for text in kept for word in text.split(",") if word.strip()] or ["end"]
-    with _cluster(scheduler), _told() as report:
+    with cluster_of(scheduler, workers), _told() as report:
         try:
             result = swept(
                 model,
@@ -163,25 +166,6 @@ def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
             raise InputError(f"{option} {name}={text!r} needs LOW:HIGH, like '1:2 kg'")
         ends[name] = (f"{low.strip()} {unit}".strip(), f"{high} {unit}".strip())
     return ends
-
-
-@contextmanager
-def _cluster(scheduler: str | None) -> Iterator[None]:
-    """March on a cluster, if one is named."""
-    if scheduler is None:
-        yield
-        return
-    try:
-        import distributed
-    except ImportError:
-        raise InputError("--scheduler needs dask's distributed: pip install xdynamics[distributed]") from None
-    connected: Any = distributed.Client  # its functions are not typed
-    try:
-        client = connected(scheduler, timeout="10s")
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"--scheduler {scheduler!r} cannot be reached: {error}") from None
-    with client:
-        yield
 
 
 @contextmanager

@@ -88,6 +88,30 @@ method = "dop853"
 rtol = 1e-9
 until = "20 s"
 """
+CLUSTER = """\
+sweep, refine, budget, validate and certify march many runs. Where they march changes no bit of a result.
+threads: nothing to type. dask's threads are used in Python (DASK_NUM_WORKERS=4 sets how many):
+  study = xd.refine(model, steps=[...], compute=False); study.compute()
+processes of this machine: each has its own Python, which helps where a run spends its time outside of the march.
+  xdynamics sweep MODEL.toml --axis "k=1:2:100 N m-1" -o DIR --workers 4
+  from dask.distributed import Client; client = Client(n_workers=4, threads_per_worker=1)
+machines of your own, with the same versions of xdynamics and a folder that all of them see:
+  dask scheduler                                    # prints its address, like tcp://10.0.0.1:8786
+  dask worker tcp://10.0.0.1:8786 --nworkers 4 --nthreads 1
+  xdynamics refine MODEL.toml --step "10 ms" --levels 6 --scheduler tcp://10.0.0.1:8786
+SLURM: pip install dask-jobqueue; jobs of the queue are the workers. In Python, and in a shell beside it:
+  from dask_jobqueue import SLURMCluster
+  cluster = SLURMCluster(cores=8, processes=8, memory="16 GB", walltime="01:00:00"); cluster.scale(jobs=10)
+  print(cluster.scheduler_address)                  # for --scheduler; or client = Client(cluster)
+Kubernetes: pip install dask-kubernetes; the image has to have xdynamics in it.
+  from dask_kubernetes.operator import KubeCluster
+  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10); client = Client(cluster)
+  kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
+Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
+the verb ends with a line for each. The finest level of a study begins first. A worker that is lost loses what it was
+marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a sweep goes on from its folder.
+Stages whose sizes follow from the march need them stated: --occurrences 10 (refine), --impacts 10 (validate).
+"""
 
 
 def guide(topic: str | None) -> Iterator[str]:
@@ -103,6 +127,7 @@ def guide(topic: str | None) -> Iterator[str]:
         "language": _language,
         "units": _units,
         "record": _record,
+        "cluster": CLUSTER.splitlines,
         **{name: partial(_section, name) for name in SECTIONS},
     }
     if topic is None:

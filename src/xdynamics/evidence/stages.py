@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record
+from xdynamics.evidence.cluster import Tell, connected, reached, watched
 from xdynamics.evidence.runs import march
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
@@ -51,12 +52,15 @@ class Task:
     needs : tuple of Task
     lasting : bool
         Whether the result may be remembered: not if it is in a file, which may be replaced.
+    steps : float
+        About how many steps it takes: of several that could begin, a cluster begins the longest first.
     """
 
     name: str
     call: Callable[..., Any]
     needs: tuple[Task | Gathered, ...] = ()
     lasting: bool = True
+    steps: float = 0.0
 
     @classmethod
     def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task | Gathered, ...], *inputs: Any) -> Task:
@@ -65,13 +69,24 @@ class Task:
         return cls(f"{kind}-{sha256(words.encode()).hexdigest()}", call, needs)
 
     @property
-    def graph(self) -> dict[str, Any]:
-        """The task and all that it needs, as dask's graph."""
+    def layers(self) -> dict[str, Any]:
+        """The task and all that it needs, as layers of dask's graph, one for each."""
+        from dask.highlevelgraph import MaterializedLayer
+
         call = partial(_result, self.name, self.call) if self.lasting else self.call
         tasks = {self.name: (call, *(task.name for task in self.needs))}
+        layers = {self.name: MaterializedLayer(tasks, annotations={"priority": self.steps} if self.steps else None)}
         for task in self.needs:
-            tasks |= task.graph
-        return tasks
+            layers |= task.layers
+        return layers
+
+    @property
+    def dependencies(self) -> dict[str, set[str]]:
+        """By the name of each layer, the names of those that it needs."""
+        dependencies = {self.name: {task.name for task in self.needs}}
+        for task in self.needs:
+            dependencies |= task.dependencies
+        return dependencies
 
 
 @dataclass(frozen=True)
@@ -86,11 +101,19 @@ class Gathered:
         return f"gathered-{self.variable.data.name}"
 
     @property
-    def graph(self) -> dict[str, Any]:
-        """The tasks of the array, and one that puts its blocks together."""
+    def layers(self) -> dict[str, Any]:
+        """The tasks of the array, and one that puts its blocks together, as a layer of dask's graph."""
+        from dask.highlevelgraph import MaterializedLayer
+
         data = self.variable.data
         finish, extra = data.__dask_postcompute__()
-        return dict(data.__dask_graph__()) | {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
+        whole = {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
+        return {self.name: MaterializedLayer(dict(data.__dask_graph__()) | whole)}
+
+    @property
+    def dependencies(self) -> dict[str, set[str]]:
+        """It needs no other layer."""
+        return {self.name: set()}
 
 
 def _gathered(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:
@@ -150,7 +173,18 @@ def march_task(model: Model, path: Path | None = None, memory: str | float | Non
     prepared = March(model, unthinned_settings_for(model, **asked))
     words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
     name = "-".join(["march", *words, *([str(path)] if path is not None else [])])
-    return Task(name, partial(march, model, path, memory, **asked), lasting=path is None)
+    call = partial(march, model, path, memory, **asked)
+    return Task(name, call, lasting=path is None, steps=_steps(prepared))
+
+
+def _steps(prepared: March) -> float:
+    """Return about how many steps a march takes, or a number that grows with it where its tolerances decide."""
+    settings, step = prepared.settings, prepared.settings.step
+    if isinstance(step, tuple):
+        return float(len(step))
+    if settings.tolerances is None:
+        return abs(settings.until - prepared.model.initial["t"].si) / step if step else 1.0
+    return float(settings.tolerances.rtol ** (-1.0 / max(settings.method.order, 1)))
 
 
 def lazy(stage: Stage) -> xr.Dataset:
@@ -161,8 +195,7 @@ def lazy(stage: Stage) -> xr.Dataset:
 
     da: Any = dask.array  # its functions are not typed
     template, task, known = stage.template, stage.task, stage.known
-    layers: dict[str, Any] = {task.name: task.graph}
-    dependencies: dict[str, set[str]] = {task.name: set()}
+    layers, dependencies = task.layers, task.dependencies
     variables = {}
     for name, variable in template.variables.items():
         if name in known:
@@ -193,7 +226,8 @@ class _Described:
         delayed: Any = import_module("dask.delayed").Delayed  # `dask.delayed` is a function too
         sizes = all(data.name == f"{name}-{self.task.name}" for name, data in _lazy_data(dataset))
         same = sizes and frozenset(dataset.variables) == self.names and dataset.attrs == self.attributes
-        return delayed(self.task.name, self.task.graph) if same else None
+        graph: Any = import_module("dask.highlevelgraph").HighLevelGraph
+        return delayed(self.task.name, graph(self.task.layers, self.task.dependencies)) if same else None
 
 
 def _lazy_data(dataset: xr.Dataset) -> Iterator[tuple[Any, Any]]:
@@ -201,16 +235,36 @@ def _lazy_data(dataset: xr.Dataset) -> Iterator[tuple[Any, Any]]:
 
 
 def _collection(dataset: xr.Dataset) -> Any:
-    """Return a lazy stage as one delayed Dataset; what is no stage, or one no longer, as it is."""
+    """Return a lazy stage as one delayed Dataset; of what is no stage, or one no longer, the arrays by name.
+
+    Not the Dataset itself: it would be sent to a cluster with its origin, whose digests are of its values.
+    """
     described = dataset.encoding.get(STAGE)
     whole = None if described is None else described.delayed(dataset)
-    return dataset if whole is None else whole
+    return dict(_lazy_data(dataset)) if whole is None else whole
 
 
-def computed(*datasets: xr.Dataset) -> list[xr.Dataset]:
+def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
+    """Return what was computed of a collection as a Dataset."""
+    if not isinstance(values, dict):
+        whole: xr.Dataset = values
+        return whole
+    loaded = dataset.copy(deep=False)
+    for name, data in values.items():
+        loaded.variables[name].data = data
+    return loaded
+
+
+def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset]:
     """Compute several Datasets in one graph, each stage as it is when it is computed at once, with all its attributes.
 
-    Those without dask arrays are returned as they are.
+    Those without dask arrays are returned as they are. On a cluster `tell` is called with the fraction done, 0 and the
+    number of tasks done.
+
+    Raises
+    ------
+    InputError
+        If the cluster is gone.
     """
     places = [k for k, dataset in enumerate(datasets) if is_lazy(dataset)]
     if not places:
@@ -219,7 +273,13 @@ def computed(*datasets: xr.Dataset) -> list[xr.Dataset]:
 
     compute: Any = dask.base.compute  # it is not typed
     collections = [_collection(datasets[k]) for k in places]
-    results = dict(zip(places, compute(*collections), strict=True))
+    client = connected()
+    if client is None:
+        values = compute(*collections)
+    else:
+        with reached(client), watched(client, tell):
+            values = compute(*collections)
+    results = {k: _with_values(datasets[k], value) for k, value in zip(places, values, strict=True)}
     return [results.get(k, dataset) for k, dataset in enumerate(datasets)]
 
 

@@ -30,7 +30,7 @@ from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.member_files import archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
-from xdynamics.sweeping.tasks import Chunks, blocks_of, chunks_of
+from xdynamics.sweeping.tasks import Chunks, blocks_of, measured_chunks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -279,7 +279,7 @@ def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
         saved = tuple(tuple(map(int, widths)) for widths in json.loads(file.read_text()))
         if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
             return saved
-    chunks = chunks_of(plan, members)
+    chunks = measured_chunks(plan, members)
     with taking_name(file) as new:
         new.part.write_text(json.dumps(chunks))
     return chunks

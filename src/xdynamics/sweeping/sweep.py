@@ -19,7 +19,7 @@ from xdynamics.sweeping.collection import collected, plan_of
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.kept_quantities import END, keeping_of
 from xdynamics.sweeping.members import Plan, march_of
-from xdynamics.sweeping.tasks import arrays_of, chunks_of
+from xdynamics.sweeping.tasks import arrays_of, counted_chunks
 from xdynamics.units import Quantity, unit_suffix
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ def sweep(
     check : float
         Fraction of members that are also marched alone and compared bit for bit: ``0.01``.
     members_per_task : int, optional
-        Members in a task; by default as many as take about a second.
+        Members in a task; by default a sixteenth of the members for each processor, and at least 64 if there are as
+        many. With `path`, as many as take about a second.
     progress : callable, optional
         Called with the fraction done, 0 and the number of tasks done, for a sweep into a folder.
     **settings
@@ -119,7 +120,7 @@ def sweep(
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
     members = None if members_per_task is None else _count(members_per_task)
     if path is None:
-        return collected(plan, *arrays_of(plan, chunks_of(plan, members)))
+        return collected(plan, *arrays_of(plan, counted_chunks(grid, members)))
     if not isinstance(path, str | PathLike):
         raise InputError(f"path is {path!r}, needs the name of a folder")
     return catalogue.filled(plan, members, Path(path), progress)

@@ -11,12 +11,15 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
+from xdynamics.evidence.cluster import connected
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.members import Block, Plan, marched
 
 SECOND = 1.0  # of work in a task; scheduling it costs about a millisecond
 LEAST = 0.05  # s, where there are few members for many workers
 EACH = 4  # tasks per worker, so that none is idle for long
+UNMEASURED = 16  # where it is not known what a member costs, and members may differ by much
+ABREAST = 64  # members of a task, from which on they are marched abreast
 MOST = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
 PROBED, FURTHER = (
     8,
@@ -26,16 +29,33 @@ PROBED, FURTHER = (
 Chunks = tuple[tuple[int, ...], ...]
 
 
-def chunks_of(plan: Plan, members: int | None = None) -> Chunks:
-    """Cut a sweep into tasks of so many members, by default about a second of work; results do not depend on it."""
-    from dask.system import CPU_COUNT  # CPUs that this process may use
+def measured_chunks(plan: Plan, members: int | None = None) -> Chunks:
+    """Cut a sweep into tasks of so many members, by default about a second of work; results do not depend on it.
 
+    Some members are marched for it, unless their number is given.
+    """
     grid = plan.grid
     if members is not None:
         return cut(grid, members)
     cost = _cost(plan)
-    fewest = max(grid.size // (EACH * CPU_COUNT), int(LEAST / cost))
+    fewest = max(grid.size // (EACH * _processors()), int(LEAST / cost))
     return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
+
+
+def counted_chunks(grid: Grid, members: int | None = None) -> Chunks:
+    """Cut a grid into tasks of so many members, by default by their count alone: nothing is marched for it."""
+    if members is None:
+        processors = _processors()
+        members = max(grid.size // (UNMEASURED * processors), min(ABREAST, grid.size // processors), 1)
+    return cut(grid, min(MOST, members))
+
+
+def _processors() -> int:
+    """Return how many tasks run at once: on the cluster that is connected, else on the CPUs of this process."""
+    from dask.system import CPU_COUNT
+
+    client = connected()
+    return CPU_COUNT if client is None else max(1, sum(client.nthreads().values()))
 
 
 def cut(grid: Grid, members: int) -> Chunks:

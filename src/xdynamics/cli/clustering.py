@@ -1,0 +1,56 @@
+"""Options of the verbs that march many runs: on which cluster, or on how many processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xdynamics.cli.command import complain, progress
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def clustered(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of a cluster; the verb receives `scheduler` and `workers`."""
+    options = (
+        click.option(
+            "--scheduler", metavar="tcp://…", help="The dask cluster to march on; see `xdynamics help cluster`."
+        ),
+        click.option(
+            "--workers",
+            type=click.IntRange(1),
+            metavar="N",
+            help="Processes to start on this machine, and to march on.",
+        ),
+    )
+    for option in reversed(options):
+        verb = option(verb)
+    return verb
+
+
+def made(
+    make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **named: Any
+) -> xr.Dataset:
+    """Make evidence here, or as a graph on a cluster, with progress.
+
+    Raises
+    ------
+    InputError
+        If the evidence cannot be made, or the cluster cannot be reached or is gone.
+    """
+    from xdynamics.evidence.cluster import cluster_of
+    from xdynamics.evidence.stages import computed
+
+    with cluster_of(scheduler, workers) as client:
+        if client is None:
+            return make(*arguments, **named)
+        stage = make(*arguments, compute=False, **named)
+        with progress("{count} tasks done") as tell:
+            try:
+                return computed(stage, tell=tell)[0]
+            except KeyboardInterrupt:
+                complain("interrupted; the cluster was told to drop what was asked of it")
+                raise

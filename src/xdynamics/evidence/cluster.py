@@ -1,0 +1,177 @@
+"""A cluster of processes on which stages are computed: connected, checked, watched, and left as it was."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from typing import Any
+
+from xdynamics.elementary import NAME
+from xdynamics.faults import InputError, numbered
+from xdynamics.kernels.engine_part import sources
+
+PATIENCE = "10s"  # with a scheduler that does not answer
+OFTEN = 0.5  # s between two questions how far a graph is
+UNFINISHED = ("waiting", "processing", "queued", "no-worker")
+Tell = Callable[[float, float, int], None]
+
+
+def connected() -> Any:
+    """Return the client of the cluster on which dask computes; None if it computes in this process."""
+    distributed: Any = sys.modules.get("distributed")
+    if distributed is None:
+        return None
+    import dask.config
+
+    try:
+        client = distributed.default_client()
+    except ValueError:
+        return None
+    return client if dask.config.get("scheduler", None) == "dask.distributed" else None
+
+
+def environment() -> dict[str, str]:
+    """Return what has to be the same in all processes, for the same bits and for objects that are sent between them."""
+    versions = {name: version(name) for name in ("xdynamics", "numpy", "llvmlite")}
+    python = ".".join(map(str, sys.version_info[:2]))
+    return versions | {"Python": python, "math functions": NAME, "engine": sources()[:12]}
+
+
+def check_workers(client: Any) -> None:
+    """Check that the workers of a cluster have the versions, math functions and engine of this process.
+
+    Raises
+    ------
+    InputError
+        Naming each worker that has others; or if there is no worker.
+    """
+    try:
+        found = client.run(environment, on_error="return")
+    except Exception as error:  # noqa: BLE001 - whatever a worker without this package answers
+        raise InputError(f"the workers of {_address(client)} cannot be asked for their versions: {error}") from None
+    if not found:
+        raise InputError(
+            f"the cluster at {_address(client)} has no workers; start one with: dask worker {_address(client)}"
+        )
+    mine = environment()
+    faults = [fault for worker, theirs in found.items() for fault in _faults(worker, mine, theirs)]
+    if faults:
+        remedy = "install the same versions on all machines"
+        raise InputError(f"the workers are not as this process; {remedy}:{numbered(faults)}", tuple(faults))
+
+
+def _faults(worker: str, mine: dict[str, str], theirs: Any) -> Iterator[str]:
+    if not isinstance(theirs, dict):
+        yield f"worker {worker} cannot be asked: {theirs!s:.200}"
+        return
+    for name, value in mine.items():
+        if theirs.get(name) != value:
+            yield f"worker {worker} has {name} {theirs.get(name, 'unknown')}, and this process {value}"
+
+
+@contextmanager
+def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+    """Connect to a cluster, or start processes here, and check them; None where neither is asked for.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a cluster, like ``tcp://10.0.0.1:8786``.
+    workers : int, optional
+        How many processes to start on this machine; they end with the context.
+
+    Raises
+    ------
+    InputError
+        If both are given, there is no such cluster, or its workers differ.
+    """
+    if scheduler is None and workers is None:
+        yield None
+        return
+    if scheduler is not None and workers is not None:
+        raise InputError(f"scheduler is {scheduler!r} and workers {workers}; a cluster has its own workers, give one")
+    try:
+        import distributed
+    except ImportError:
+        raise InputError("a cluster needs dask's distributed: pip install xdynamics[distributed]") from None
+    library: Any = distributed  # its classes are not typed
+    if workers is not None:
+        settings = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": "CRITICAL"}
+        with (
+            library.LocalCluster(n_workers=workers, **settings) as here,
+            library.Client(here) as client,
+            reached(client),
+        ):
+            check_workers(client)
+            yield client
+        return
+    try:
+        client = library.Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"the scheduler {scheduler!r} cannot be reached: {error}") from None
+    with client, reached(client):
+        check_workers(client)
+        yield client
+
+
+@contextmanager
+def reached(client: Any) -> Iterator[None]:
+    """Say in one line that a cluster is gone, or that its workers died of a task.
+
+    Raises
+    ------
+    InputError
+    """
+    import distributed
+
+    library: Any = distributed
+    gone = (library.comm.CommClosedError, library.client.FutureCancelledError, TimeoutError)
+    address = _address(client)
+    try:
+        yield
+    except library.scheduler.KilledWorker as error:
+        raise InputError(
+            f"the cluster at {address} lost several workers at '{error.task}', as they do where memory runs out; give"
+            " each more of it, or a smaller task"
+        ) from None
+    except gone as error:
+        raise InputError(
+            f"the cluster at {address} is gone ({type(error).__name__}); start it again, and compute the stages again:"
+            " what was written to files is kept"
+        ) from None
+
+
+def _address(client: Any) -> str:
+    return str(getattr(client.scheduler, "address", "an unknown address"))
+
+
+@contextmanager
+def watched(client: Any, tell: Tell | None) -> Iterator[None]:
+    """Report the fraction of a cluster's tasks that are done, as long as the context lasts."""
+    over = threading.Event()
+
+    def watch() -> None:
+        most = 1
+        while not over.wait(OFTEN):
+            with suppress(Exception):  # a cluster that is gone is told by whoever waits for its results
+                left = client.run_on_scheduler(_unfinished)
+                most = max(most, left)
+                report(1.0 - left / most, 0.0, most - left)
+
+    if tell is None:
+        yield
+        return
+    report, thread = tell, threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _unfinished(dask_scheduler: Any) -> int:
+    return sum(task.state in UNFINISHED for task in dask_scheduler.tasks.values())
