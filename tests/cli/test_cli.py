@@ -175,7 +175,7 @@ def test_methods_prints_the_table() -> None:
         page = call("methods", one.name).output
         assert f"{one.name}: order {one.order}" in page
         assert one.equations() in page
-        assert f"between   re-integration, order {one.order}; or {one.interpolation}, order {one.interpolation_order}" in page  # fmt: skip
+        assert f"between   re-integration, order {one.order}; or {one.interpolant.words}, order {one.interpolant.order}" in page  # fmt: skip
     unknown = call("methods", "rk5")
     assert (unknown.exit_code, "there is no method 'rk5'" in unknown.output) == (2, True)
 

@@ -27,7 +27,7 @@ State = tuple[Vector, Vector, Vector]  # q, v, x
 Force = Callable[[object, Vector, Vector, Vector], tuple[Vector, Vector]]
 
 PAIRS = [one for one in runge_kutta.METHODS if one.estimate]
-EXTENDED = [one for one in runge_kutta.METHODS if one.interpolation_order > 3]
+EXTENDED = [one for one in runge_kutta.METHODS if one.interpolant.order > 3]
 SECOND_ORDER = [*composition.METHODS, *nystrom.METHODS]
 SYMMETRIC = [one for one in composition.METHODS if one is not composition.RUTH3]
 EVERY = [*runge_kutta.METHODS, *SECOND_ORDER]
@@ -112,7 +112,7 @@ class Weights:
         self.names = step(method, self.unit, mp.mpf(0), mp.mpf(1), (self.zero(), self.zero(), self.zero()))
         if s is not None:
             self.names["s"] = s
-            run(method.extension, self.names, self.unit)
+            run(method.interpolant.text, self.names, self.unit)
         self.rows = np.array(self.a, dtype=object)[:, : len(self.a)]
 
     def zero(self) -> Vector:
@@ -178,8 +178,8 @@ def test_embedded_order_is_exact(method: Method) -> None:
 def test_extension_order_is_exact(method: Method, s: str) -> None:
     """Assert the order conditions of a continuous extension inside the step, and that one of the next order fails."""
     weights = Weights(method, mp.mpf(s))
-    assert max(weights.defect("vs", order, s) for order in range(1, method.interpolation_order + 1)) < EXACT
-    assert weights.defect("vs", method.interpolation_order + 1, s) > 1e-6
+    assert max(weights.defect("vs", order, s) for order in range(1, method.interpolant.order + 1)) < EXACT
+    assert weights.defect("vs", method.interpolant.order + 1, s) > 1e-6
 
 
 @pytest.mark.parametrize("method", runge_kutta.METHODS, ids=lambda one: one.name)
@@ -256,8 +256,8 @@ def test_error_estimate(method: Method) -> None:
 @pytest.mark.parametrize("method", EVERY, ids=lambda one: one.name)
 def test_interpolant(method: Method) -> None:
     """Assert that the interpolant's worst error falls as its order says, or as that of the ends if this is lower."""
-    worst = min(slopes(method, method.extension, "s", mp.mpf("0.37")))
-    assert worst == pytest.approx(min(method.interpolation_order, method.order) + 1, abs=0.3)
+    worst = min(slopes(method, method.interpolant.text, "s", mp.mpf("0.37")))
+    assert worst == pytest.approx(min(method.interpolant.order, method.order) + 1, abs=0.3)
 
 
 @pytest.mark.parametrize("method", EVERY, ids=lambda one: one.name)
@@ -266,7 +266,7 @@ def test_interpolant_meets_the_ends(method: Method, s: int, end: str) -> None:
     """Assert that the interpolant is the state at both ends of a step."""
     names = step(method, kepler, START, STEP, ellipse(START))
     names["s"] = mp.mpf(s)
-    run(method.extension, names, kepler)
+    run(method.interpolant.text, names, kepler)
     assert max(largest(names[one + "s"] - names[one + end]) for one in "qvx") < EXACT
 
 

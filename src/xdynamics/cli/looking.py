@@ -155,8 +155,8 @@ def _page(method: Method) -> Iterable[str]:
         f" {f'embedded formula of order {method.estimate_order}' if method.estimate else 'by step doubling'}"
     )
     yield (
-        f"    between   re-integration, order {method.order}; or {method.interpolation}, order"
-        f" {method.interpolation_order}"
+        f"    between   re-integration, order {method.order}; or {method.interpolant.words}, order"
+        f" {method.interpolant.order}"
     )
     yield f"    stable    {', '.join(_limits(method))}"
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"

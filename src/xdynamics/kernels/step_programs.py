@@ -24,7 +24,7 @@ from xdynamics.kernels.program import (
     nested,
 )
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import HERMITE, SCALARS, Evaluation, Solve, Statement, read_lines
+from xdynamics.methods.lines import SCALARS, Evaluation, Solve, Statement
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
@@ -83,13 +83,13 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
 def inside(layout: Layout, scheme: Scheme) -> Program:
     """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
     write = _Stepping(layout, sampled=False, working=False)
-    if scheme.extension == HERMITE or scheme.method.stepper.has_memory:
+    if scheme.interpolant.given:
         write.ends_given()
         write.stages_given()
     else:
         write.walk(scheme.method.statements)
         write.end()
-    write.walk(read_lines(scheme.extension))
+    write.walk(scheme.interpolant.lines)
     write.out("e", [f"{letter}s" for letter in "qvx"], layout.used)
     return write.finished("inside", f"The state inside a step by {scheme.method.name}.").programs[0]
 

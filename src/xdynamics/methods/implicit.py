@@ -1,6 +1,6 @@
 """Implicit methods: each step solves its equations by Newton's method."""
 
-from xdynamics.methods.lines import spread
+from xdynamics.methods.lines import Interpolant, spread
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import Collocation
 from xdynamics.model import Trait
@@ -84,7 +84,8 @@ RADAU_IIA = Method(
             ye = yz + 0.27488882959567735*h*(kd - k1)
     """),
     estimate_order=3,
-    extension=spread("""
+    interpolant=Interpolant(
+        spread("""
         ya = (y2 - y)/((4 - sqrt(6))/10)
         yb = 5/sqrt(6)*(y3 - y2)
         yc = (y1 - y3)/((6 - sqrt(6))/10)
@@ -92,7 +93,10 @@ RADAU_IIA = Method(
         yg = (yc - yb)/((6 + sqrt(6))/10) - yd
         ys = y + s*(ya + (s - (4 - sqrt(6))/10)*(yd + (s - (4 + sqrt(6))/10)*yg))
     """),
-    interpolation="the collocation polynomial, cubic, through the start and the three stages, solved for again",
+        "the collocation polynomial, cubic, through the start and the three stages, solved for again",
+        order=3,
+        given=True,
+    ),
     stepper=_RADAU_IIA,
     refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),
 )

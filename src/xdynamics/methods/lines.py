@@ -17,7 +17,7 @@ from xdynamics.model import Model
 
 SCALARS = ("t", "t1", "h", "s")
 
-HERMITE = """
+_HERMITE = """
     qi = q1 - q - h*v - h**2/2*a
     qj = h*(v1 - v) - h**2*a
     qk = h**2*(a1 - a)
@@ -25,9 +25,6 @@ HERMITE = """
     vs = v + s*(h*a + s*(3*(v1 - v) - h*(2*a + a1) + s*(h*(a + a1) - 2*(v1 - v))))
     xs = x + s*(h*r + s*(3*(x1 - x) - h*(2*r + r1) + s*(h*(r + r1) - 2*(x1 - x))))
 """
-HERMITE_WORDS = (
-    "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step"
-)
 
 _EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
 _SOLVE = re.compile(r"solve (.+):")
@@ -119,6 +116,37 @@ class Solve:
 Line = Statement | Evaluation | Solve
 
 
+@dataclass(frozen=True)
+class Interpolant:
+    """The state inside a step, at t + s*h: a polynomial in s.
+
+    Attributes
+    ----------
+    text : str
+        Lines that give ``qs, vs, xs``.
+    words : str
+        The same in words.
+    order : int
+        Order of its local error, minus one.
+    of_coordinates : int, optional
+        That of coordinates, where it is another.
+    given : bool
+        Whether it needs only what a step has left: the states at its ends, or the stages that it solved for. Otherwise the
+        stages of the step are made again.
+    """
+
+    text: str
+    words: str
+    order: int
+    of_coordinates: int | None = None
+    given: bool = False
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """Its lines."""
+        return read_lines(self.text)
+
+
 @lru_cache(maxsize=256)
 def read_lines(text: str) -> tuple[Line, ...]:
     """Parse lines of vector statements; indented ones belong to the `solve` above them.
@@ -189,3 +217,12 @@ def _read(line: str) -> Statement | Evaluation:
         return Evaluation(*match.groups())
     target, expression = line.split(" = ")
     return Statement(target, parse(expression), line)
+
+
+HERMITE = Interpolant(
+    _HERMITE,
+    "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step",
+    order=3,
+    of_coordinates=5,
+    given=True,
+)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from xdynamics.faults import InputError
-from xdynamics.methods.lines import HERMITE, HERMITE_WORDS, Line, Solve, printed, read_lines
+from xdynamics.methods.lines import HERMITE, Interpolant, Line, Solve, printed, read_lines
 from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -42,12 +42,8 @@ class Method:
         Lines that give ``qe, ve, xe``, the local error by an embedded formula; empty if there is none.
     estimate_order : int
         Order of the embedded formula: the estimate falls as h**(estimate_order + 1).
-    extension : str
-        Lines that give ``qs, vs, xs``, the state at t + s*h inside the step.
-    interpolation : str
-        The same in words.
-    interpolation_order : int
-        Order of the local error of the interpolant, minus one.
+    interpolant : Interpolant
+        The state inside a step.
     stepper : Stepper
         How its steps are made.
     symmetric : bool
@@ -65,9 +61,7 @@ class Method:
     synonyms: tuple[str, ...] = ()
     estimate: str = ""
     estimate_order: int = 0
-    extension: str = HERMITE
-    interpolation: str = HERMITE_WORDS
-    interpolation_order: int = 3
+    interpolant: Interpolant = HERMITE
     symmetric: bool = False
     stepper: Stepper = LINES
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from xdynamics.methods.lines import Interpolant
 from xdynamics.methods.method import Method
 from xdynamics.methods.tableau import Weights, combined
 from xdynamics.model import Trait
@@ -114,11 +115,11 @@ DPRKN6 = Method(
     refuses=(Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES),
     estimate=_estimate(_read(_ROWS)),
     estimate_order=4,
-    extension=_extension(_read(_EXTENSION)),
-    interpolation=(
-        "the triple's own, without further evaluations: degree 6 in the coordinates, 5 in velocities and states"
+    interpolant=Interpolant(
+        _extension(_read(_EXTENSION)),
+        "the triple's own, without further evaluations: degree 6 in the coordinates, 5 in velocities and states",
+        order=5,
     ),
-    interpolation_order=5,
 )
 
 METHODS = (DPRKN6,)

@@ -1,6 +1,6 @@
 """Explicit Runge-Kutta methods and pairs: their tableaus, as the books print them."""
 
-from xdynamics.methods.lines import spread
+from xdynamics.methods.lines import Interpolant, spread
 from xdynamics.methods.method import Method
 from xdynamics.methods.tableau import Tableau, columns, differences
 
@@ -115,15 +115,17 @@ DORMAND_PRINCE = Method(
     ),
     estimate=_DORMAND_PRINCE.estimate,
     estimate_order=4,
-    extension=spread(f"""
+    interpolant=Interpolant(
+        spread(f"""
         yi = y1 - y
         yj = h*k - yi
         yl = yi - h*k1 - yj
         ym = {_DORMAND_PRINCE.increment(_D)}
         ys = y + s*(yi + (1 - s)*(yj + s*(yl + (1 - s)*ym)))
     """),
-    interpolation="quartic by Shampine's weights of the step's slopes, with slope k at its start and k1 at its end",
-    interpolation_order=4,
+        "quartic by Shampine's weights of the step's slopes, with slope k at its start and k1 at its end",
+        order=4,
+    ),
 )
 
 # The digits are those of Hairer's code dop853.f, which prints the simple fractions among the times as decimals. Its end
@@ -277,19 +279,21 @@ DOP853 = Method(
         ye = yu/sqrt(1 + yz**2)
     """),
     estimate_order=7,
-    extension=spread(
-        f"{DOP853_TABLEAU.extra_stages}\n"
-        "yi = y1 - y\n"
-        "yj = h*k - yi\n"
-        "yl = yi - h*k1 - yj\n"
-        f"ym = {DOP853_TABLEAU.increment(_D4)}\n"
-        f"yn = {DOP853_TABLEAU.increment(_D5)}\n"
-        f"yo = {DOP853_TABLEAU.increment(_D6)}\n"
-        f"yp = {DOP853_TABLEAU.increment(_D7)}\n"
-        "ys = y + s*(yi + (1 - s)*(yj + s*(yl + (1 - s)*(ym + s*(yn + (1 - s)*(yo + s*yp))))))"
+    interpolant=Interpolant(
+        spread(
+            f"{DOP853_TABLEAU.extra_stages}\n"
+            "yi = y1 - y\n"
+            "yj = h*k - yi\n"
+            "yl = yi - h*k1 - yj\n"
+            f"ym = {DOP853_TABLEAU.increment(_D4)}\n"
+            f"yn = {DOP853_TABLEAU.increment(_D5)}\n"
+            f"yo = {DOP853_TABLEAU.increment(_D6)}\n"
+            f"yp = {DOP853_TABLEAU.increment(_D7)}\n"
+            "ys = y + s*(yi + (1 - s)*(yj + s*(yl + (1 - s)*(ym + s*(yn + (1 - s)*(yo + s*yp))))))"
+        ),
+        "degree 7 by three more evaluations, with slope k at the step's start and k1 at its end",
+        order=7,
     ),
-    interpolation="degree 7 by three more evaluations, with slope k at the step's start and k1 at its end",
-    interpolation_order=7,
 )
 
 METHODS = (HEUN, RK4, BOGACKI_SHAMPINE, DORMAND_PRINCE, DOP853)

@@ -7,7 +7,7 @@ from decimal import Decimal
 from fractions import Fraction
 
 from xdynamics.elementary import NAME
-from xdynamics.methods.lines import HERMITE, HERMITE_WORDS, Line, read_lines
+from xdynamics.methods.lines import HERMITE, Interpolant, Line, read_lines
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import CONTROLLER, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
@@ -130,18 +130,18 @@ class Scheme:
         return self.stages * self.steps + (self.estimator == EXTRAPOLATED)
 
     @property
-    def extension(self) -> str:
-        """The lines of the interpolant of a step: the method's own, or Hermite's if half steps are continued."""
-        return HERMITE if self.steps > 1 else self.method.extension
+    def interpolant(self) -> Interpolant:
+        """The interpolant of a step: the method's own, or Hermite's if half steps are continued."""
+        return HERMITE if self.steps > 1 else self.method.interpolant
 
     def interpolation(self, rule: str = REINTEGRATE) -> str:
         """The interpolation between accepted states, in words."""
         if rule == REINTEGRATE:
             return REINTEGRATION_WORDS
-        return HERMITE_WORDS if self.steps > 1 else self.method.interpolation
+        return self.interpolant.words
 
     def interpolation_order(self, rule: str = REINTEGRATE) -> int:
         """Order of the local error of the interpolation, minus one."""
         if rule == REINTEGRATE:
             return self.order
-        return 3 if self.steps > 1 else self.method.interpolation_order
+        return self.interpolant.order

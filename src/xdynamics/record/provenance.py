@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, RULE, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
-from xdynamics.methods.lines import HERMITE, printed
+from xdynamics.methods.lines import printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
@@ -134,9 +134,10 @@ def interpolation(scheme: Scheme, rule: str = REINTEGRATE) -> dict[str, Any]:
 
 def interpolation_orders(scheme: Scheme, layout: Layout, rule: str = REINTEGRATE) -> dict[str, int]:
     """Return the order of the interpolation for every coordinate, velocity and state."""
-    if rule == INTERPOLANT and scheme.extension == HERMITE:
-        return {name: 5 if name in layout.coordinates else 3 for name in layout.used}
-    return dict.fromkeys(layout.used, scheme.interpolation_order(rule))
+    orders = dict.fromkeys(layout.used, scheme.interpolation_order(rule))
+    if rule == INTERPOLANT and scheme.interpolant.of_coordinates:
+        orders |= dict.fromkeys(layout.coordinates, scheme.interpolant.of_coordinates)
+    return orders
 
 
 def force_digest(march: March) -> str:
