@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from xdynamics.elementary.tables import TABLES
@@ -88,6 +88,22 @@ class Lines:
             f"call {kind} @llvm.masked.gather.{self.suffix(letter)}.v{self.lanes}p0"
             f"({self.kind('p')} {place}, i32 8, {self.kind('t')} {self.constant(value=True).text}, {kind} poison)",
         )
+
+    def by_lane(self, function: Callable[..., Written], given: Sequence[Written]) -> Written:
+        """Return a function of single numbers, computed for one lane after the other."""
+        if self.lanes == 1:
+            return function(*given)
+        lanes, kinds, vector = self.lanes, [self.kind(number.letter) for number in given], Written(self, "n", "poison")
+        for lane in range(lanes):
+            self.lanes = 1
+            scalars = [
+                self.line(number.letter, f"extractelement {kind} {number.text}, i64 {lane}")
+                for kind, number in zip(kinds, given, strict=True)
+            ]
+            value = function(*scalars).text
+            self.lanes = lanes
+            vector = self.line("n", f"insertelement {self.kind('n')} {vector.text}, double {value}, i64 {lane}")
+        return vector
 
     def some(self, truth: Written) -> str:
         """Return whether a truth holds in some lane."""

@@ -74,7 +74,7 @@ def positive(x: Number) -> Number:
 
 def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) -> Any:
     """Return the usual result where a truth holds, and elsewhere the unusual one, computed only if it is needed."""
-    if isinstance(truth, bool):
+    if isinstance(truth, bool | np.bool_):
         return usual() if truth else unusual()
     if isinstance(truth, Written):
         return truth.usually(usual(), unusual)
@@ -91,11 +91,11 @@ def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) 
 def repeated(truth: Callable[..., Truth], step: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
     """Repeat a step while a truth holds; in lanes, while it holds in any, the others keeping their state.
 
-    Of a written state every number is written.
+    Of a written state every number is written; of arrays, a further step is to keep what has ended.
     """
     if isinstance(state[0], Written):
         return state[0].repeated(truth, step, state)
-    while truth(*state):
+    while np.any(truth(*state)):
         state = step(*state)
     return state
 

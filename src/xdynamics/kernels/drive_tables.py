@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.numbers import choose, repeated
+from xdynamics.elementary import piecewise
+from xdynamics.elementary.piecewise import POLYNOMIALS, Read
 from xdynamics.kernels.compiling import compiled
 
 Floats = NDArray[np.float64]
@@ -32,7 +33,7 @@ def flattened(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, Whole]:
 
 @compiled
 def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
-    """Return the piece that applies from x on; the table's last point still belongs to its last inner piece."""
+    """Return the piece that applies from x on, for the engine: `elementary.piecewise.find_piece`."""
     low, high = 0, pieces - 1
     if x == tables[first + high]:
         return high - 1
@@ -56,56 +57,23 @@ def enter_pieces(t: float, tables: Floats, places: Whole, of_time: Whole) -> Non
         places[3 * i + 2] = last if t >= tables[first + last] else find_piece(t, tables, first, last + 1)
 
 
-# ------------------------------------------------------------------ what laws look up, as functions of any kind of number
-
-Read = Callable[[Any], Any]  # an element of a table
-
-
-def piece_at(read: Read, count: Any, x: Any) -> Any:
-    """Return the piece that applies from x on, as `find_piece`."""
-
-    def halved(low: Any, high: Any) -> tuple[Any, Any]:
-        middle = (low + high + 1) >> 1
-        begun = read(middle) <= x
-        return choose(begun, middle, low), choose(begun, high, middle - 1)
-
-    last = count - 1
-    found, _ = repeated(lambda low, high: low < high, halved, last - last, last)
-    return choose(read(last) == x, last - 1, found)
+def _of(tables: Floats, places: Whole, drive: int) -> tuple[Read, int]:
+    """Return how numbers of a drive's table are read, and how many pieces it has."""
+    first, count = int(places[3 * drive]), int(places[3 * drive + 1])
+    return lambda row, piece: tables[first + row * count + piece], count
 
 
-def value_at(read: Read, count: Any, x: Any, piece: Any) -> Any:
-    """Return the value of a piece at x."""
-    u, cubic, square, slope, value = _piece(read, count, x, piece)
-    return ((cubic * u + square) * u + slope) * u + value
+def _found(tables: Floats, places: Whole, x: float, drive: int) -> int:
+    return int(piecewise.find_piece(*_of(tables, places, drive), x))
 
 
-def slope_at(read: Read, count: Any, x: Any, piece: Any) -> Any:
-    """Return the slope of a piece at x."""
-    u, cubic, square, slope, _ = _piece(read, count, x, piece)
-    return (cubic * 3.0 * u + square * 2.0) * u + slope
-
-
-def _piece(read: Read, count: Any, x: Any, piece: Any) -> tuple[Any, ...]:
-    return (x - read(piece), *(read(count * row + piece) for row in range(1, 5)))
-
-
-LOOKED_UP: dict[str, Callable[..., Any]] = {"find_piece": piece_at, "value_at": value_at, "slope_at": slope_at}
-
-
-def _in_python(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a function of a table one of all tables and places, for printed Python."""
-
-    def looked_up(tables: Floats, places: Whole, *given: Any) -> Any:
-        *arguments, drive = given
-        first, count = int(places[3 * drive]), int(places[3 * drive + 1])
-        return function(lambda index: tables[first + index], count, *arguments)
-
-    return looked_up
+def _evaluated(polynomial: Callable[[Read, float, int], Any]) -> Callable[..., Any]:
+    return lambda tables, places, x, piece, drive: polynomial(_of(tables, places, drive)[0], x, piece)
 
 
 # what printed Python calls
 PYTHON_TABLES = {
-    **{f"_{name}": _in_python(function) for name, function in LOOKED_UP.items()},
+    "_find_piece": _found,
     "_piece_of": lambda _tables, places, drive: int(places[3 * drive + 2]),
+    **{f"_{name}": _evaluated(polynomial) for name, polynomial in POLYNOMIALS.items()},
 }

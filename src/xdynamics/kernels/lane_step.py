@@ -24,10 +24,12 @@ from xdynamics.kernels.program import (
     Operand,
     Place,
     Program,
+    Reduction,
     Store,
     When,
     While,
     element,
+    soundness,
 )
 from xdynamics.kernels.radau_memory import Memory, width
 from xdynamics.kernels.radau_systems import FACTORISE
@@ -47,7 +49,7 @@ Lane = namedtuple(
 )
 LANE, PLACES = Lane._fields, Lane(*range(len(Lane._fields)))
 STRIDE, DERIVED = "stride", "derived"
-SCALED_NORM = f"{step_control.ALLOWED}\n{step_control.NORM}"  # where tolerances follow their variables
+SCALED_RATIO = f"{step_control.ALLOWED}\n{step_control.RATIO}"  # where tolerances follow their variables
 STRETCH = 1.01  # of a step that would end just before a node
 
 _AIM_FREELY = """
@@ -165,21 +167,17 @@ def stride(
     write.load("finite_row", Place("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
-        write.error_norm()
-        write.load("judged", Place("norm"))
+        write.known["judged"] = write.error_norm()
     write.watch()
     if adaptive:
         control = _PREDICT if solves else _CONTROL
-        write.lines(control + step_control.NEXT, norm="judged", cut=write.known["lands"])
+        write.lines(control + step_control.NEXT, norm=write.known["judged"], cut=write.known["lands"])
     write.lines(_JUDGE if adaptive else "moves = ready*sound*silent\nturns_back = 0*ready")
     write.smooth()
     write.move(adaptive=adaptive)
     updates = (_JUDGED if layout.estimates else "") + (_PACE if adaptive else "") + (_SOLVED if solves else "")
     write.keep(_MOVE + updates)
-    local = {"norm": 1}
-    if any(followers):
-        local["tops"] = 1 + max(layout.kinds)
-    own = Program(STRIDE, "One step in every lane.", tuple(write.body), {}, local)
+    own = Program(STRIDE, "One step in every lane.", tuple(write.body))
     return (*inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
@@ -206,14 +204,29 @@ class _Writing:
         stores = [Store(self._places[target], write.of(expression)) for target, expression in parted(text)]
         self.body += [*write.lines, *stores]
 
-    def _each(self, count: int, text: str, places: dict[str, Place], stored: dict[str, Place]) -> None:
-        """Write lines for every component of vectors, named by where they begin; store some of the values."""
+    def _component(self, text: str, places: dict[str, Place], **given: Operand) -> Formulas:
+        """Write lines for one component of vectors, named by where they begin."""
         known = {name: value for name, value in self.known.items() if name not in places}
-        write = Formulas(self._places | places, "_", known)
+        write = Formulas(self._places | places, "_", known | given)
         write.write(text)
-        for name, place in stored.items():
-            write.store(place, write.known[name])
+        return write
+
+    def _each(self, count: int, text: str, places: dict[str, Place], name: str, **given: Operand) -> None:
+        """Write lines for every component of vectors; store what they compute for one of them."""
+        write = self._component(text, places, **given)
+        write.store(places[name], write.known[name])
         self.body.append(Loop("i", count, tuple(write.lines)))
+
+    def _greatest(
+        self, start: Operand, count: int, text: str, places: dict[str, Place], name: str, **given: Operand
+    ) -> str:
+        """Write lines for every component of vectors; return the greatest value of a name in them, or an earlier one."""
+        write = self._component(text, places, **given)
+        self._parts += 1
+        total, term = f"greatest{self._parts}", write.known[name]
+        assert isinstance(term, str)  # noqa: S101 - components differ
+        self.body.append(Reduction("i", count, tuple(write.lines), (term,), (total,), "greatest", start))
+        return total
 
     def _next(self) -> Formulas:
         """Begin the next lines, with names of their own."""
@@ -251,32 +264,26 @@ class _Writing:
         self.body += inner.ended()
         self.store("at", {"t": "reach"})
         self.body += [Call("forces", "at", "z", "z"), *inner.estimated()]
-        self.error_norm()
-        self.load("judged_first", Place("norm"))
+        self.known["judged_first"] = self.error_norm()
         self.lines("solved = ready*(1 - vain)")
         self.known["ready"] = self.known["solved"]
         self.keep(_AGAIN)
         self.body.append(When(places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
-        write = self._next()
-        numbers = [write.load(Place("z", i)) for i in range(layout.state.size)]
-        unsound: Operand = 0.0
-        for number in numbers:  # a number minus itself is 0 if it is finite, else nan
-            unsound = write.compute("add", unsound, write.compute("subtract", number, number))
-        self.body += write.lines
-        self.known["finite_step"] = unsound
+        self.body.append(soundness("z", 0, layout.state.size, "finite_step"))
+        self.known["finite_step"] = "finite_step"
         return (model_programs.linearised(layout), *inner.programs)
 
-    def error_norm(self) -> None:
+    def error_norm(self) -> Operand:
         """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
-        norm = Place("norm")
-        self.body.append(Store(norm, 0.0))
-        if any(self._followers):
-            self._tops(Place("z"))
+        norm: Operand = 0.0
+        tops = self._tops(Place("z")) if any(self._followers) else {}
         for begin, end, kind, follows in self._pieces():
             places = {name: element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
             places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
-            places |= {"norm": norm, "top": Place("tops", kind), "slope": element("z", self._slope(begin))}
-            self._each(end - begin, SCALED_NORM if follows else step_control.NORM, places, {"norm": norm})
+            places["slope"] = element("z", self._slope(begin))
+            text = SCALED_RATIO if follows else step_control.RATIO
+            norm = self._greatest(norm, end - begin, text, places, "ratio", top=tops.get(kind, 0.0))
+        return norm
 
     def _slope(self, i: int) -> int:
         """Return where in a state the time derivative of its i-th number is."""
@@ -292,21 +299,22 @@ class _Writing:
         cuts = [i for i in range(used) if i == 0 or traits[i] != traits[i - 1]]
         return [(begin, end, *traits[begin]) for begin, end in pairwise([*cuts, used])]
 
-    def _tops(self, of: Place) -> None:
+    def _tops(self, of: Place) -> dict[int, Operand]:
         """Find the largest absolute value of each kind: `march.tolerance_sizes.tops_of`."""
-        self.body += [Store(Place("tops", kind), 0.0) for kind in range(1 + max(self._layout.kinds))]
+        tops: dict[int, Operand] = {}
         for begin, end, kind, _ in self._pieces():
-            places = {"top": Place("tops", kind), "value": element(of.array, of.offset + begin)}
-            self._each(end - begin, "top = max(top, abs(value))", places, {"top": places["top"]})
+            places = {"value": element(of.array, of.offset + begin)}
+            tops[kind] = self._greatest(tops.get(kind, 0.0), end - begin, "size = abs(value)", places, "size")
+        return tops
 
     def _settle(self, first: int) -> None:
         """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
         used = self._layout.used.size
-        self._tops(Place("w", first + used))
+        tops = self._tops(Place("w", first + used))
         for begin, end, kind, follows in self._pieces():
             if follows:
-                places = {"size": element("w", first + used + begin), "top": Place("tops", kind)}
-                self._each(end - begin, step_control.TOLERANCE, places, {"atol": element("w", first + begin)})
+                places = {"size": element("w", first + used + begin), "atol": element("w", first + begin)}
+                self._each(end - begin, step_control.TOLERANCE, places, "atol", top=tops[kind])
 
     def watch(self) -> None:
         """Find out whether every event function certainly keeps its side: `march.events.isolation.quiet`."""
@@ -361,4 +369,4 @@ class _Writing:
 
     def _moved(self, count: int, value: str, new: Place, old: Place) -> None:
         """Replace old numbers by a value of both in lanes that move."""
-        self._each(count, f"kept = where(moves > 0, {value}, old)", {"new": new, "old": old}, {"kept": old})
+        self._each(count, f"kept = where(moves > 0, {value}, old)", {"new": new, "old": old, "kept": old}, "kept")

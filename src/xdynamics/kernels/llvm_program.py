@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
 from xdynamics.elementary.intervals import Interval
 from xdynamics.elementary.llvm_numbers import Lines, Written
 from xdynamics.elementary.numbers import choose
+from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece
 from xdynamics.elementary.text import struct_of, written_intervals
-from xdynamics.kernels.drive_tables import LOOKED_UP
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.operations import RULES
 from xdynamics.kernels.program import (
@@ -37,13 +38,14 @@ from xdynamics.kernels.program import (
     Store,
     When,
     While,
-    element,
     size,
+    soundness,
 )
 
 UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
 UNSOUND = "unsound"
+LOOKED_UP = ("piece_of", "find_piece", *POLYNOMIALS)  # in tables: the piece of a drive of time, of an argument, …
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
 
 Value = Written | Interval
@@ -92,10 +94,8 @@ class ProgramText:
         return "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines.lines)
 
     def _answer(self, first: int, count: int) -> None:
-        """Set `unsound`: a number minus itself is 0 if it is finite, else nan."""
-        less_itself = (Load("_number", element("z", first)), Compute("_nothing", "subtract", ("_number", "_number")))
-        total = Reduction("i", count, less_itself, ("_nothing",), ("_sum",))
-        self._print((total, Store(Place("at", AT.index(UNSOUND)), "_sum")))
+        """Set `unsound`."""
+        self._print((soundness("z", first, count, "_sum"), Store(Place("at", AT.index(UNSOUND)), "_sum")))
 
     def _print(self, body: Iterable[Instruction]) -> None:
         for line in body:
@@ -171,7 +171,7 @@ class ProgramText:
 
     def _reduce(self, line: Reduction) -> None:
         start: list[Value] = [self._operand(line.start) for _ in line.totals]
-        if line.kind == INTERVAL:
+        if line.kind == INTERVAL and not isinstance(line.start, str):
             start = [self._intervals.of("point", value) for value in start]
         totals = self._passes(line, 0, line.count, 1, start)
         self._values.update(zip(line.totals, totals, strict=True))
@@ -232,14 +232,15 @@ class ProgramText:
         name, arguments = line.operation, line.arguments
         if line.kind != FLOAT or name in RULES:
             return self._of(line.kind)(name, *map(self._operand, arguments))
-        if name in (*LOOKED_UP, "piece_of"):
+        if name in LOOKED_UP:
             return self._looked_up(name, arguments)
         numbers = [self._number(argument) for argument in arguments]
         if name in PAIRS and (PAIRS[name][0], arguments) in self._joint:
             return self._one_of(*PAIRS[name], numbers[0].text)
         if name in FUNCTIONS:
             return self._lines.call(f"elementary_{name}{self._width()}", numbers)
-        return self._by_lane(name, numbers)
+        # a function that was passed in
+        return self._lines.by_lane(lambda *scalars: self._lines.call(f"_{name}", list(scalars)), numbers)
 
     def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> Written:
         """Find a piece of a table, or evaluate one; each lane may be in a different piece."""
@@ -250,9 +251,17 @@ class ProgramText:
             return lines.line("w", f"load {lines.kind('w')}, ptr {places[2]}, align 8")
         first, count = (lines.line("w", f"load i64, ptr {place}, align 8").text for place in places[:2])
         origin = lines.line("p", f"getelementptr double, ptr %_tables, i64 {first}").text
-        given = map(self._number, arguments[:-1])
-        found = LOOKED_UP[name](lambda index: lines.read("n", origin, index), lines.broadcast("w", count), *given)
-        assert isinstance(found, Written)  # noqa: S101
+
+        def read(row: int, piece: Written) -> Written:
+            far = lines.line("w", f"mul i64 {count}, {row}").text
+            begin = lines.line("p", f"getelementptr double, ptr {origin}, i64 {far}").text
+            return lines.read("n", begin, piece)
+
+        given = [self._number(argument) for argument in arguments[:-1]]
+        if name in POLYNOMIALS:  # no gathers: lanes that are in one piece read the same numbers
+            return lines.by_lane(partial(POLYNOMIALS[name], read), given)
+        found = find_piece(read, lines.broadcast("w", count), *given)
+        assert isinstance(found, Written)  # noqa: S101 - of written numbers
         return found
 
     def _one_of(self, pair: str, place: int, argument: str) -> Written:
@@ -263,18 +272,6 @@ class ProgramText:
             call = f"call {kind} @elementary_{pair}{self._width()}({lines.kind('n')} {argument})"
             self._pairs[pair, argument] = lines.line("n", call).text
         return lines.line("n", f"extractvalue {kind} {self._pairs[pair, argument]}, {place}")
-
-    def _by_lane(self, name: str, given: Sequence[Written]) -> Written:
-        """Call a function that was passed in once for each lane."""
-        lines, kind = self._lines, self._lines.kind("n")
-        if lines.lanes == 1:
-            return lines.call(f"_{name}", list(given))
-        vector = "poison"
-        for lane in range(lines.lanes):
-            scalars = [lines.line("n", f"extractelement {kind} {number.text}, i64 {lane}").text for number in given]
-            value = lines.line("n", f"call double @_{name}({', '.join(f'double {scalar}' for scalar in scalars)})")
-            vector = lines.line("n", f"insertelement {kind} {vector}, double {value.text}, i64 {lane}").text
-        return Written(lines, "n", vector)
 
     def _width(self) -> str:
         """Return the suffix of functions of as many numbers as there are lanes now."""

@@ -161,7 +161,7 @@ class Reduction:
         What is joined, of each pass, and the names of the results.
     operation : str
         How a total so far and a term are joined: "add", "least", "greatest", …
-    start : float
+    start : float or str
         What every total begins as.
     where : str, optional
         A truth: a pass where it does not hold keeps the totals (adding zero would make -0.0 into 0.0).
@@ -174,7 +174,7 @@ class Reduction:
     terms: tuple[str, ...]
     totals: tuple[str, ...]
     operation: str = "add"
-    start: float = 0.0
+    start: Operand = 0.0
     where: str | None = None
     kind: str = FLOAT
 
@@ -242,3 +242,9 @@ class Program:
     sound: tuple[int, int] | None = None
     spread: bool = False
     tables: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+
+def soundness(array: str, first: int, count: int, total: str) -> Reduction:
+    """Sum numbers less themselves: 0 if all are finite, else nan."""
+    lines = Load("_number", element(array, first)), Compute("_nothing", "subtract", ("_number", "_number"))
+    return Reduction("i", count, lines, ("_nothing",), (total,))

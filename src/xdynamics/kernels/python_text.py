@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from xdynamics.kernels.drive_tables import LOOKED_UP
+from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.operations import COMPARISONS, INFIX, PYTHON
 from xdynamics.kernels.program import (
     ARRAYS,
@@ -106,11 +106,11 @@ class _Printer:
         self.lines += [f"for {line.index} in range({line.count}):", *(f"    {entry}" for entry in inner)]
 
     def _reduction(self, line: Reduction) -> None:
-        start: Operand = line.start
-        for total in line.totals:
-            first = Compute(total, "point", (start,), line.kind) if line.kind != FLOAT else None
-            self.lines.append(f"{total} = {self._computed(first)[0] if first else self.text(start)}")
-            self._texts[total] = (total, _ATOM)
+        start = self.text(line.start)
+        if line.kind != FLOAT and not isinstance(line.start, str):
+            start = f"_{line.kind}.of('point', {start})"
+        self.lines += [f"{total} = {start}" for total in line.totals]
+        self._texts |= {total: (total, _ATOM) for total in line.totals}
         read = tuple(filter(None, (*line.terms, line.where)))
         inner = _Printer(line.body, self._texts, read)
         joined = [
@@ -146,7 +146,7 @@ class _Printer:
         if name == "choose":
             condition, yes, no = self.text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
-        if name in (*LOOKED_UP, "piece_of"):
+        if f"_{name}" in PYTHON_TABLES:
             extra = ", ".join(["_tables, _pieces", *(self.text(argument) for argument in arguments)])
             return f"_{name}({extra})", _ATOM
         called = name if name in PYTHON else f"_{name}"
@@ -191,5 +191,6 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
             case Store():
                 yield line.value
             case Loop() | Reduction():
+                yield from (line.start,) if isinstance(line, Reduction) else ()
                 # a value that a loop reads from outside is computed before it
                 yield from (operand for operand in _operands(line.body) for _ in range(2))

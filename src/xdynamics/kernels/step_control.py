@@ -23,7 +23,8 @@ CONSTANTS = {
 TOLERANCE = "atol = max(rtol*size, floor*top)"
 ALLOWED = "allowed = max(atol, floor*top, where(atol == 0, rtol*rest*abs(slope), 0))"
 # The largest ratio of an error to its scale; a component that stays zero has no error, whatever its scale
-NORM = "norm = max(norm, where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0))"
+RATIO = "ratio = where(error != 0, abs(error)/(allowed + rtol*max(abs(before), abs(after))), 0)"
+NORM = f"{RATIO}\nnorm = max(norm, ratio)"
 
 EXPONENT = """
 beta = 0.2/k

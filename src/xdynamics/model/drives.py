@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.piecewise import begun, find_piece, slope_at, value_at
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, normal, shown
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
@@ -192,9 +193,10 @@ def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None
 def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
     """Return value and slope of a table's piecewise polynomial at one or many arguments, as a march computes them."""
     origin, powers = table
-    last = len(origin) - 1
-    piece = np.maximum(np.searchsorted(origin, x, side="right") - 1, 0)
-    if not of_time:
-        piece = np.where(x == origin[last], last - 1, piece)  # the last point of a table still belongs to it
-    u, (cubic, square, slope, value) = x - origin[piece], powers[:, piece]
-    return ((cubic * u + square) * u + slope) * u + value, (3.0 * cubic * u + 2.0 * square) * u + slope
+    count = len(origin)
+
+    def read(row: int, piece: Any) -> Any:
+        return powers[row - 1, piece] if row else origin[piece]
+
+    piece = (begun if of_time else find_piece)(read, count, x)
+    return value_at(read, x, piece), slope_at(read, x, piece)

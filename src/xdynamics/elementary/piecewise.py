@@ -1,0 +1,50 @@
+"""Look-up in piecewise cubic polynomials, as functions of any kind of number.
+
+A table has five rows: the origins of its pieces, and their coefficients from the cubic one down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from xdynamics.elementary.numbers import Number, Whole, repeated, usually
+
+Read = Callable[[int, Whole], Number]  # a number of the table: of a row and of a piece
+
+
+def begun(read: Read, count: Whole, x: Number) -> Whole:
+    """Return the last of `count` pieces that begins at x or before; the first where none does."""
+
+    def halved(low: Whole, high: Whole) -> tuple[Whole, Whole]:
+        middle = (low + high + 1) >> 1
+        # a branch: an argument that moves little from step to step is found the same way
+        before = read(0, middle) <= x
+        return usually(before, lambda: (middle, high), lambda: (low, middle - 1))  # type: ignore[no-any-return]
+
+    last = count - 1
+    return repeated(lambda low, high: low < high, halved, last - last, last)[0]
+
+
+def find_piece(read: Read, count: Whole, x: Number) -> Whole:
+    """Return the piece that applies from x on; the table's last point still belongs to its last inner piece."""
+    at_end = read(0, count - 1) == x
+    return usually(at_end, lambda: count - 2, lambda: begun(read, count, x))
+
+
+def value_at(read: Read, x: Number, piece: Whole) -> Number:
+    """Return the value of a piece at x."""
+    u, cubic, square, slope, value = _coefficients(read, x, piece)
+    return ((cubic * u + square) * u + slope) * u + value
+
+
+def slope_at(read: Read, x: Number, piece: Whole) -> Number:
+    """Return the slope of a piece at x."""
+    u, cubic, square, slope, _ = _coefficients(read, x, piece)
+    return (cubic * 3.0 * u + square * 2.0) * u + slope
+
+
+def _coefficients(read: Read, x: Number, piece: Whole) -> tuple[Number, ...]:
+    return (x - read(0, piece), *(read(row, piece) for row in range(1, 5)))
+
+
+POLYNOMIALS: Mapping[str, Callable[[Read, Number, Whole], Number]] = {"value_at": value_at, "slope_at": slope_at}
