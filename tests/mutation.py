@@ -176,6 +176,11 @@ TOUCHED = {
     ),
     "march/events/enclosures.py": (ENCLOSED,),
     "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
+    "kernels/program.py": ("test_loops.py",),
+    "kernels/llvm_places.py": ("test_loops.py",),
+    "kernels/llvm_program.py": ("test_loops.py", "test_intervals.py"),
+    "kernels/python_text.py": ("test_loops.py", "test_programs.py -k grouping or stores or powers"),
+    "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
     "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": (
         "test_transition.py",

@@ -105,14 +105,14 @@ def enclosed(program: Program) -> Program:
     return replace(program, body=lines(program.body, set()))
 
 
-def compiled(program: Program, *, runs: int = 1, abreast: int = 1) -> Any:
-    """Return the program's machine code as a function of arrays by their names."""
-    return lambda **arrays: bound(program, runs=runs, abreast=abreast, **arrays)()
+def compiled(program: Program, *called: Program, runs: int = 1, abreast: int = 1) -> Any:
+    """Return the machine code of a program, and of those that it calls, as a function of arrays by their names."""
+    return lambda **arrays: bound(program, *called, runs=runs, abreast=abreast, **arrays)()
 
 
-def bound(program: Program, *, runs: int = 1, abreast: int = 1, **arrays: Floats) -> Callable[[], None]:
+def bound(program: Program, *called: Program, runs: int = 1, abreast: int = 1, **arrays: Floats) -> Callable[[], None]:
     """Compile the program and return a call of it with these arrays."""
-    code = machine.Code(machine.built(llvm_of([program], runs, abreast=abreast)), [program.name])
+    code = machine.Code(machine.built(llvm_of([*called, program], runs, abreast=abreast)), [program.name])
     entry = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(code.addresses[program.name])
     table = np.zeros(WORDS * len(TABLE), np.int64)
     for name, array in arrays.items():

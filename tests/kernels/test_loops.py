@@ -8,7 +8,25 @@ from numpy.typing import NDArray
 
 from cases.array_programs import compiled, enclosed, gravity, in_python, plain_gravity
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.program import Compute, Gather, Line, Load, Loop, Ordinal, Place, Program, Reduction, Store
+from xdynamics.kernels.program import (
+    AT,
+    Call,
+    Compute,
+    Gather,
+    Instruction,
+    Line,
+    Load,
+    Loop,
+    Ordinal,
+    Place,
+    Program,
+    Reduction,
+    Store,
+    When,
+    While,
+    element,
+    size,
+)
 
 Floats = NDArray[np.float64]
 WIDTHS = (1, 4, 8, 16)
@@ -20,7 +38,7 @@ def bodies(n: int, case: int = 0) -> tuple[Floats, Floats]:
     return random.normal(size=(3, n)), random.uniform(0.1, 2.0, n)
 
 
-def program(*body: Line, **parts: object) -> Program:
+def program(*body: Instruction, **parts: object) -> Program:
     """A program of these lines."""
     return Program("lines", "Lines.", body, **parts)  # type: ignore[arg-type]
 
@@ -83,6 +101,12 @@ def test_bodies_are_side_by_side(*, by_body: bool) -> None:
         assert ("fdiv double" in text) is (n % 8 > 0)
 
 
+def test_the_size_of_a_program_is_that_of_all_its_passes() -> None:
+    """Assert the number of lines when loops are written out."""
+    assert size(lattice(5, 4).body) == 3 * 2 * 13
+    assert size(program(Reduction("i", 7, (Load("x", element("y")),), ("x",), ("all",))).body) == 7
+
+
 def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
     """Assert that a thousand bodies take as many lines as forty, with the same remainder by eight."""
     lines = [llvm_of([gravity(n)], abreast=8).count("\n") for n in (40, 1000)]
@@ -108,7 +132,7 @@ def compiled_or_printed(made: Program):
 @pytest.mark.parametrize(("operation", "start"), [("add", 0.0), ("least", np.inf), ("greatest", -np.inf)])
 def test_reductions_are_ascending(operation: str, start: float, count: int) -> None:
     """Assert that numbers are joined one after the other, from the first on."""
-    joined = Reduction("i", count, (Load("x", Place("y", 0, (("i", 1),))),), ("x",), ("all",), operation, start)
+    joined = Reduction("i", count, (Load("x", element("y")),), ("x",), ("all",), operation, start)
     y = np.random.default_rng(count).normal(size=max(1, count)) * 10.0 ** np.arange(max(1, count))
     total = start
     for x in y[:count].tolist():
@@ -204,6 +228,56 @@ def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
     assert z[:, 0].tobytes() == wanted.tobytes()
 
 
+@pytest.mark.parametrize("runs", [1, 4])
+def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
+    """Assert that a call is made where a number is not zero in some lane, and repeated until it is zero in all."""
+    less = (
+        Load("n", Place("w")), Compute("some", "more", ("n", 0.0)), Compute("m", "subtract", ("n", 1.0)),
+        Compute("left", "choose", ("some", "m", "n")), Store(Place("w"), "left"),
+        Load("k", Place("y")), Compute("more", "add", ("k", 1.0)), Store(Place("z"), "more"),
+    )  # fmt: skip
+    more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), Store(Place("w", 1), "m"))
+    called = Program("less", "Less.", less), Program("more", "More.", more)
+    own = program(
+        While(Place("w"), Call("less", "at", "e", "e")),
+        When(Place("w"), Call("more", "at", "y", "z")),
+        When(Place("w", 2), Call("more", "at", "y", "z")),
+    )
+    w, e = np.array([[3.0, 1.0, 2.0, 0.0], [0.0] * 4, [0.0, 0.0, 0.0, 1.0]])[:, -runs:].copy(), np.zeros(runs)
+    repeated = w[0].max()
+    compiled(own, *called, runs=runs)(w=w, e=e)
+    assert w.tolist() == [[0.0] * runs, [5.0] * runs, [*[0.0] * (runs - 1), 1.0]]
+    assert e.tolist() == [repeated] * runs
+
+
+def test_what_has_one_argument_is_computed_together() -> None:
+    """Assert that a sine and a cosine are one call with the bits of two, and a sine alone is a call of its own."""
+    from xdynamics.elementary import FUNCTIONS
+
+    sine = (Load("x", element("y")), Compute("s", "sin", ("x",)), Store(element("z"), "s"))
+    both = Compute("c", "cos", ("x",)), Store(element("z", 20), "c")
+    apart, together = program(Loop("i", 20, sine)), program(Loop("i", 20, (*sine, *both)))
+    for abreast in (1, 8):
+        assert "@elementary_sin_cos" not in llvm_of([apart], abreast=abreast)
+        assert "call double @elementary_sin(" not in llvm_of([together], abreast=abreast)
+        y, z = np.linspace(-9.0, 9.0, 20), np.zeros(40)
+        compiled(together, abreast=abreast)(y=y, z=z)
+        assert z.tolist() == [FUNCTIONS[name](x) for name in ("sin", "cos") for x in y.tolist()]
+
+
+@pytest.mark.parametrize("runs", [1, 4])
+@pytest.mark.parametrize("count", [3, 20])
+def test_a_program_answers_for_its_numbers(runs: int, count: int) -> None:
+    """Assert that `unsound` is 0 if the numbers are finite, nan in lanes where one is not; those beside do not count."""
+    copied = Loop("i", count + 2, (Load("x", element("y")), Store(element("z"), "x")))
+    y, at = np.ones((count + 2, runs)), np.ones((len(AT), runs))
+    y[0], y[count + 1], y[count, 0] = np.inf, np.nan, np.nan
+    for answered, sound in ((count - 1, True), (count, False)):
+        compiled(program(copied, sound=(1, answered)), runs=runs)(y=y, z=np.zeros_like(y), at=at)
+        assert np.isnan(at[AT.index("unsound")]).tolist() == [not sound, *[False] * (runs - 1)]
+        assert np.nansum(at[AT.index("unsound")]) == 0.0
+
+
 I, J = ("i", 1), ("j", 1)
 
 
@@ -225,6 +299,7 @@ I, J = ("i", 1), ("j", 1)
         ((Store(Place("z", 0, (I,)), 0.0), Store(Place("z", 8, (I,)), 0.0)), False),
         ((Store(Place("z", 2, (("i", 3),)), 0.0), Store(Place("z", 1, (("i", 3),)), 0.0)), True),
         ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 99, (I,)), 0.0)), False),
+        ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 3, (("i", 3),)), 0.0)), False),  # where the next is
     ],
 )  # fmt: skip
 def test_passes_are_independent_where_none_meets_another(body: tuple[Line, ...], *, independent: bool) -> None:

@@ -91,7 +91,7 @@ class ProgramText:
         if self._program.sound:
             self._answer(*self._program.sound)
         self._put("ret void")
-        return "\n".join(f"  {line}" if not line.endswith(":") else line for line in self._lines.lines)
+        return "\n".join(self._lines.lines)
 
     def _answer(self, first: int, count: int) -> None:
         """Set `unsound`."""
