@@ -164,3 +164,37 @@ def test_a_certificate_has_no_second(tmp_path: Path) -> None:
     check(texts_of(found), "certificate")
     xd.save(found, tmp_path / "c.nc")
     check(iter(call("show", tmp_path / "c.nc").output.splitlines()), "show certificate")
+
+
+def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
+    """Assert what is computed from sweeps, of parameters and of steps; the relations of impacts; a fit."""
+    model, ball = xd.Model(**DUFFING), xd.Model(**BALL)
+    swept = xd.sweep(
+        model, {"d": "0.04, 0.05, 0.06", "f": "0.1, 0.2, 0.3"}, keep=["end", "maximum_q"], until="3"
+    ).compute()
+    steps = xd.sweep(model, {"step": ["0.1", "0.05", "0.025"]}, keep=["end"], until="2").compute()
+    data = tmp_path / "bench.csv"
+    data.write_text("time [1],q [1]\n" + "".join(f"{t / 4},{1.5 - t * t / 50}\n" for t in range(1, 9)))
+    studies = {
+        "contrast": xd.contrast(swept, "d"), "sensitivities": xd.sensitivities(swept), "influences": xd.influences(swept),
+        "convergence": xd.convergence(steps, "step"), "precision": xd.precision(steps), "ragged": xd.ragged(steps),
+        "indices": xd.sobol_indices(model, {"d": ("0.04", "0.06"), "f": ("0.1", "0.3")}, "q", draws=16, until="1"),
+        "ledger": xd.validate(["dop853"], model=ball), "fit": xd.fit(model, data, ["d"], until="2"),
+        "extreme": xd.error_budget(model, "maximum_q", until="3"),
+    }  # fmt: skip
+    for what, found in studies.items():
+        check(texts_of(found), what)
+        path = xd.save(found, tmp_path / f"{what}.nc")
+        check(iter(call("show", path).output.splitlines()), f"show {what}")
+
+
+def test_steps_that_are_given_and_a_state_that_has_seconds() -> None:
+    """Assert that given steps have the unit of time, and that a state of the model keeps its own."""
+    model = xd.Model(**LOTKA | {"states": LOTKA["states"] | {"clock": {"unit": "s", "rate": "2*second"}}, "initial": LOTKA["initial"] | {"clock": "0 s"}})  # fmt: skip
+    run = xd.simulate(model, method="rk4", step=[0.1] * 5, until="0.5")
+    assert (run.given_step_size.attrs["units"], run.time.attrs["units"], run.step_size.attrs["units"]) == (
+        "1",
+        "1",
+        "1",
+    )
+    assert (run.clock.attrs["units"], float(run.clock[-1])) == ("s", pytest.approx(1.0))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+from xdynamics.units import SECONDS, Unit
 
 SCHEMA_VERSION = "2"  # "1" until 0.2; archives of another one are compared by the variables and settings that they have
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
@@ -240,8 +242,8 @@ def sampled(name: str) -> str:
 # by which tools find the axis of time, Unidata's word: CF's own, `axis`, stands for dates since an epoch alone
 AXIS = {"_CoordinateAxisType": "Time"}
 FIXED_STEPS = (
-    Variable("time", (STEPS,), "f8", "s", "time of the accepted state", "time", AXIS),
-    Variable("step_size", (STEPS,), "f8", "s", "step used to reach the state; 0 for the initial one and after an event", "step_size"),
+    Variable("time", (STEPS,), "f8", SECONDS.text, "time of the accepted state", "time", AXIS),
+    Variable("step_size", (STEPS,), "f8", SECONDS.text, "step used to reach the state; 0 for the initial one and after an event", "step_size"),
     Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
 )  # fmt: skip
 STEP_NUMBER = Variable(
@@ -253,28 +255,28 @@ STEP_NUMBER = Variable(
     "index",
 )
 FIXED_TRIALS = (
-    Variable("trial_time", (TRIALS,), "f8", "s", "time that the rejected trial started from", "trial"),
+    Variable("trial_time", (TRIALS,), "f8", SECONDS.text, "time that the rejected trial started from", "trial"),
     Variable("trial_step", (TRIALS,), "i8", "1", "row of `step` that the rejected trial started from", "trial"),
-    Variable("trial_step_size", (TRIALS,), "f8", "s", "step of the rejected trial", "trial"),
+    Variable("trial_step_size", (TRIALS,), "f8", SECONDS.text, "step of the rejected trial", "trial"),
     Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where there is no estimate", "trial"),
     Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
 )  # fmt: skip
 FIXED_EVENTS = (
-    Variable("event_time", (EVENTS,), "f8", "s", "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
-    Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", "s", "final bracket of the event time", "event"),
-    Variable("event_time_uncertainty", (EVENTS,), "f8", "s", "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
+    Variable("event_time", (EVENTS,), "f8", SECONDS.text, "accepted time of the event: the right end of its bracket", "event", {"ancillary_variables": "event_time_uncertainty"}),
+    Variable("event_time_bounds", (EVENTS, BOUNDS), "f8", SECONDS.text, "final bracket of the event time", "event"),
+    Variable("event_time_uncertainty", (EVENTS,), "f8", SECONDS.text, "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "row of `step` with the state before the event", "event"),
     Variable("event_row_after", (EVENTS,), "i8", "1", "row of `step` with the state after the event", "event"),
     Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS))) | {"kinds": KINDS_IN_WORDS}),
     Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
 )  # fmt: skip
 EVENT_UNCERTAINTIES = (
-    Variable("event_time_uncertainty_bracket", (EVENTS,), "f8", "s", "part of event_time_uncertainty: width of the final bracket", "event"),
-    Variable("event_time_uncertainty_residual", (EVENTS,), "f8", "s", "part of event_time_uncertainty: residual over the event function's time derivative", "event"),
-    Variable("event_time_uncertainty_interpolation", (EVENTS,), "f8", "s", "part of event_time_uncertainty: error of the interpolant; 0 where substeps are re-integrated", "event"),
+    Variable("event_time_uncertainty_bracket", (EVENTS,), "f8", SECONDS.text, "part of event_time_uncertainty: width of the final bracket", "event"),
+    Variable("event_time_uncertainty_residual", (EVENTS,), "f8", SECONDS.text, "part of event_time_uncertainty: residual over the event function's time derivative", "event"),
+    Variable("event_time_uncertainty_interpolation", (EVENTS,), "f8", SECONDS.text, "part of event_time_uncertainty: error of the interpolant; 0 where substeps are re-integrated", "event"),
 )  # fmt: skip
 FIXED_SAMPLES = (
-    Variable("sample_time", (SAMPLES,), "f8", "s", "time at which the force was evaluated", "sample"),
+    Variable("sample_time", (SAMPLES,), "f8", SECONDS.text, "time at which the force was evaluated", "sample"),
     Variable("sample_step", (SAMPLES,), "i8", "1", "row of `step` that the evaluation led to", "sample"),
     Variable("sample_stage", (SAMPLES,), "i1", "1", "evaluation within the step, from 1; 0 at the start and behind a node of a drive", "sample"),
 )  # fmt: skip
@@ -283,7 +285,9 @@ TEXTS = (
     Variable("force_source", (), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
 GIVEN = "given"
-GIVEN_STEP = Variable("given_step_size", (GIVEN,), "f8", "s", "steps that the march was told to make", "step_size")
+GIVEN_STEP = Variable(
+    "given_step_size", (GIVEN,), "f8", SECONDS.text, "steps that the march was told to make", "step_size"
+)
 MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
@@ -295,7 +299,7 @@ PASSED = Variable(
     "smooth_switches_passed", (SMOOTH_SWITCH,), "i8", "1", "how often a switch that was declared smooth was passed by a step, and not located", "switch"
 )  # fmt: skip
 FIRST_PASSED = Variable(
-    "smooth_switches_first_passed", (SMOOTH_SWITCH,), "f8", "s", "time of the first accepted state behind the switch; nan where it was not passed", "switch"
+    "smooth_switches_first_passed", (SMOOTH_SWITCH,), "f8", SECONDS.text, "time of the first accepted state behind the switch; nan where it was not passed", "switch"
 )  # fmt: skip
 SIDES = {-1: "negative", 0: "elsewhere", 1: "positive"}
 ERROR_NORM = Variable(
@@ -308,6 +312,18 @@ ERROR_NORM = Variable(
 )
 NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
+TIMES = {
+    variable.name
+    for variable in (*FIXED, *EVENT_UNCERTAINTIES, GIVEN_STEP, FIRST_PASSED)
+    if variable.units == SECONDS.text
+}
+
+
+def in_time(variable: Variable, unit: Unit) -> Variable:
+    """Return a variable with its model's unit of time, if it is a time."""
+    return replace(variable, units=unit.text) if variable.name in TIMES else variable
+
+
 OTHER_NAMES = (
     "regime",
     "event_detector",

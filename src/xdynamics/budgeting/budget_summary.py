@@ -11,6 +11,7 @@ import numpy as np
 from xdynamics.evidence.diagnosing.extremes import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
+from xdynamics.units import SECONDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +71,7 @@ def settled_by(budget: xr.Dataset) -> str:
 def place_of(budget: xr.Dataset) -> Iterator[str]:
     """Describe where an extreme is in the run, and how it was found."""
     if (extreme_rule := stated(budget, "extreme_rule")) is not None:
-        second = _unit(budget.attrs.get("time_units", "s"))
+        second = _unit(budget.attrs.get("time_units", SECONDS.text))
         rule = SAID[RULES.index(str(extreme_rule))]
         yield f"found     {rule}, at t = {float(stated(budget, 'extreme_time')):.9g}{second}"
 

@@ -19,7 +19,7 @@ from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.sweeping.sweep import sweep
-from xdynamics.units import Unit, parse_unit, time_in
+from xdynamics.units import SECONDS, Unit, parse_unit, time_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,7 +58,7 @@ class Target:
     event: str = ""
     occurrence: int = 1
     side: str = "before"
-    second: str = "s"
+    second: str = SECONDS.text
 
     @classmethod
     def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:

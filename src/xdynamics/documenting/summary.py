@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import escaped
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, rows_apart, said_of
 from xdynamics.schema import (
     AT_REST,
@@ -193,8 +193,7 @@ def _steps(run: xr.Dataset) -> str:
 
 def _second(run: xr.Dataset) -> str:
     """Return the unit of time as it follows a number; empty if time has none."""
-    units = str(run["time"].attrs.get("units", "s"))
-    return "" if units == "1" else f" {units}"
+    return unit_suffix(time_unit(run))
 
 
 def _counts(run: xr.Dataset) -> str:

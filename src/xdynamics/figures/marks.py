@@ -13,7 +13,7 @@ from xdynamics.faults import escaped
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import contact_force, friction_force
-from xdynamics.units import unit_suffix
+from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,13 +62,13 @@ def typeset(units: str) -> str:
 
 def timed(time: xr.DataArray, what: str = "time") -> str:
     """Label a time axis with its unit; without one if the model's time is dimensionless."""
-    units = str(time.attrs.get("units", "s"))
+    units = str(time.attrs.get("units", SECONDS.text))
     return what if units == "1" else f"{what} ({units})"
 
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     """Write a time with its unit."""
-    return f"t = {value:.{digits}g}{unit_suffix(str(time.attrs.get('units', 's')))}"
+    return f"t = {value:.{digits}g}{unit_suffix(str(time.attrs.get('units', SECONDS.text)))}"
 
 
 def words(text: Any) -> str:

@@ -49,6 +49,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.section import NEEDED, Key, Section
 from xdynamics.model.uncertainty import DISTRIBUTIONS, Discrepancy
+from xdynamics.units import SECONDS
 
 DESCRIPTION = Key("description", TEXT, "what it is, for people; it goes into the record", "none")
 TOLERANCE = Key("time_tolerance", DURATION, "how well it is located", "that of the run")
@@ -105,7 +106,7 @@ OF_CONTACTS = (
 SECTIONS: dict[str, Section] = {
     "time": Section(
         "what time is measured in", "",
-        (Key("unit", TIME_UNIT, "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", "s", "text", "s"),),
+        (Key("unit", TIME_UNIT, "1 where time is a pure number, as in equations without dimensions: then until = \"20\"", SECONDS.text, "text", SECONDS.text),),
         '[time]\nunit = "s"\n',
         make=entries.time_unit, field="time_unit",
     ),

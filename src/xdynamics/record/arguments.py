@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 EVERYWHERE = "everywhere"
-SCALES = {"length": "m", "time": "s", "mass": "kg"}  # units of the scales of nondimensional variables
+SCALES = {"length": "m", "time": SECONDS.text, "mass": "kg"}  # units of the scales of nondimensional variables
 
 
 def scales_of(run: xr.Dataset) -> Scales:

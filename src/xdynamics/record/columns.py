@@ -25,7 +25,7 @@ from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
-from xdynamics.units import NUMBERS, SECONDS, Scales, Unit
+from xdynamics.units import Scales, Unit
 
 Array = NDArray[Any]
 
@@ -78,22 +78,15 @@ def columns_of(layout: Layout, settings: Settings) -> list[Column]:
 @lru_cache(maxsize=64)
 def _columns(about: About) -> list[Column]:
     collected = [*_steps(about), *_trials(about), *event_columns(about), *(_samples(about) if about.samples else [])]
-    return collected if about.model.time_unit == SECONDS else [_without_time(column) for column in collected]
-
-
-def _without_time(column: Column) -> Column:
-    """Give a column of times the unit 1, for models with dimensionless time."""
-    variable = column.variable
-    if variable.units != SECONDS.text:
-        return column
-    return replace(column, variable=replace(variable, units=NUMBERS.text))
+    unit = about.model.time_unit
+    return [replace(column, variable=schema.in_time(column.variable, unit)) for column in collected]
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:
     """Return every variable not along a march with its value: parameters, given steps, its memory, the model, the source."""
     entries: list[tuple[Variable, Any]] = []
     if isinstance(march.settings.step, tuple):
-        entries.append((schema.GIVEN_STEP, np.array(march.settings.step)))
+        entries.append((schema.in_time(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
     for name, one in march.model.parameters.items():
         extra: dict[str, Any] = {}
         if one.spread is not None:

@@ -32,6 +32,7 @@ from xdynamics.schema import (
     STEPS,
     Variable,
 )
+from xdynamics.units import SECONDS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -163,7 +164,7 @@ def _variable(name: str, variable: xr.Variable, expected: Variable | None, *, pl
     ):
         yield f"is a {role} along {tuple(variable.dims)} of type {variable.dtype}, needs {needed} and float64"
     timeless = (
-        expected is not None and expected.units == "s" and attributes.get("units") == "1"
+        expected is not None and expected.units == SECONDS.text and attributes.get("units") == "1"
     )  # a model with dimensionless time
     if expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
         yield f"has units {_short(attributes['units'])}, needs '{expected.units}'"

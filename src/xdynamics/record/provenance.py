@@ -27,7 +27,7 @@ from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, 
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.columns import left_out_tolerances
-from xdynamics.units import NUMBERS, SECONDS, TIME, UNSCALED, unit_suffix
+from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
 
 if TYPE_CHECKING:
     pass
@@ -60,7 +60,7 @@ def attributes(march: March) -> dict[str, Any]:
         "solver_reference": method.reference,
         **_steps(march),
         "solver_until": settings.until,
-        "solver_until_units": "s",
+        "solver_until_units": model.time_unit.text,
         "run_force_evaluations": int(march.now.evaluations),
         **_effort(march),
         "run_accepted_steps": march.accepted,
@@ -82,13 +82,7 @@ def attributes(march: March) -> dict[str, Any]:
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
-    recorded |= _thinning(march) | _nodes_and_scales(settings)
-    if model.time_unit != SECONDS:  # settings that are times are dimensionless too
-        recorded |= {
-            key: NUMBERS.text
-            for key, value in recorded.items()
-            if key.endswith("_units") and isinstance(value, str) and value == SECONDS.text
-        }
+    recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
     return recorded | circumstances("simulated")
 
 
@@ -113,13 +107,13 @@ def _thinning(march: March) -> dict[str, Any]:
     return recorded
 
 
-def _nodes_and_scales(settings: Settings) -> dict[str, Any]:
+def _nodes_and_scales(settings: Settings, second: str) -> dict[str, Any]:
     """Return the times that the march was to land on, and the scales of its nondimensional variables."""
     recorded: dict[str, Any] = {}
     if settings.nodes:
-        recorded |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": "s"}
+        recorded |= {"solver_nodes": np.array(settings.nodes), "solver_nodes_units": second}
     if settings.scales != UNSCALED:
-        for name, unit in SCALES.items():
+        for name, unit in (SCALES | {"time": second}).items():
             recorded |= {f"solver_{name}_scale": getattr(settings.scales, name), f"solver_{name}_scale_units": unit}
     return recorded
 
@@ -166,7 +160,7 @@ def _time_scales(march: March) -> dict[str, Any]:
         return {"run_h_omega_rule": "not looked at: the forces give no finite rate at the start"}
     reported: dict[str, Any] = {
         "run_fastest_rate": scales.rate,
-        "run_fastest_rate_units": "s-1" if march.model.time_unit == SECONDS else NUMBERS.text,
+        "run_fastest_rate_units": NUMBERS.per(march.model.time_unit).text,
         "run_h_omega_start": scales.start,
         "run_h_omega_largest": scales.largest,
         "run_h_omega_rule": RULE.format(rows=scales.rows),
@@ -175,7 +169,7 @@ def _time_scales(march: March) -> dict[str, Any]:
         span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.initial["t"].si
         reported |= {
             "run_slowest_period": scales.period,
-            "run_slowest_period_units": "s",
+            "run_slowest_period_units": march.model.time_unit.text,
             "run_slowest_periods": float(f"{span / scales.period:.3g}"),
         }
     elif np.isnan(scales.period):
@@ -192,12 +186,13 @@ def _located(march: March) -> dict[str, Any]:
     """Return the time tolerance of events that have none of their own, if there are events."""
     if not march.layout.watched:
         return {}
-    return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": "s"}
+    second = march.model.time_unit.text
+    return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": second}
 
 
 def _steps(march: March) -> dict[str, Any]:
     """Describe how steps were chosen."""
-    settings, pacing = march.settings, march.settings.pacing
+    settings, pacing, second = march.settings, march.settings.pacing, march.model.time_unit.text
     if isinstance(settings.step, tuple):
         return {
             "solver_step_control": "given",
@@ -207,7 +202,7 @@ def _steps(march: March) -> dict[str, Any]:
         return {
             "solver_step_control": "fixed",
             "solver_step": settings.step,
-            "solver_step_units": "s",
+            "solver_step_units": second,
             "solver_grid": "t0 + n*h; steps are cut at nodes, events and the end",
             "solver_last_step": _last_step(march),
         }
@@ -216,12 +211,12 @@ def _steps(march: March) -> dict[str, Any]:
         "solver_step_control": "adaptive",
         "solver_controller": settings.scheme.controller,
         "solver_first_step": settings.step or float(march.now.first_step) * scale,
-        "solver_first_step_units": "s",
+        "solver_first_step_units": second,
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
         "solver_safety": pacing.safety,
         "solver_growth_limits": np.array(pacing.growth_limits),
         "solver_min_step": pacing.min_step,
-        "solver_min_step_units": "s",
+        "solver_min_step_units": second,
         "solver_min_step_rule": f"never below {SPACINGS:g} spacings of t in double precision",
         **_longest(march),
         "solver_max_steps": pacing.max_steps,
@@ -233,7 +228,8 @@ def _longest(march: March) -> dict[str, Any]:
     max_step = march.settings.pacing.max_step
     span = march.settings.until - march.model.initial["t"].si
     longest, choice = (max_step, "given") if isfinite(max_step) else (span, "the span")
-    return {"solver_max_step": longest, "solver_max_step_units": "s", "solver_max_step_choice": choice}
+    second = march.model.time_unit.text
+    return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}
 
 
 def _errors(march: March) -> dict[str, Any]:

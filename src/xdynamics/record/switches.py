@@ -94,7 +94,7 @@ def passed(march: March) -> list[tuple[Variable, Array]]:
     return [
         (replace(schema.PASSED, more=more), counts),
         (
-            replace(schema.FIRST_PASSED, more=more, units=march.model.time_unit.text),
+            replace(schema.in_time(schema.FIRST_PASSED, march.model.time_unit), more=more),
             times * march.settings.scales.of(TIME),
         ),
     ]

@@ -19,9 +19,10 @@ from xdynamics.model import Model
 from xdynamics.model.linearisation import mass_matrices
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
+from xdynamics.record.flag_words import time_unit
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, contact_gap, velocity
-from xdynamics.units import parse_unit, spell
+from xdynamics.units import parse_unit, spell, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -339,5 +340,6 @@ def _worst(
     """Return the impact at which a relation is violated most."""
     k = int(np.argmax(residual / np.maximum(bound, np.finfo(float).tiny)))
     event = int(impacts.events[members[k]])
-    where = f"{len(residual)} impacts, worst at event {event}, t = {float(impacts.run['event_time'][event]):.6g} s"
+    where = f"{len(residual)} impacts, worst at event {event}, t = {float(impacts.run['event_time'][event]):.6g}"
+    where += unit_suffix(time_unit(impacts.run))
     return Check(name, relation, observable, units, float(residual[k]), float(bound[k]), where)
