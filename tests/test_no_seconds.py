@@ -178,7 +178,7 @@ def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
     studies = {
         "contrast": xd.contrast(swept, "d"), "sensitivities": xd.sensitivities(swept), "influences": xd.influences(swept),
         "convergence": xd.convergence(steps, "step"), "precision": xd.precision(steps), "ragged": xd.ragged(steps),
-        "indices": xd.sobol_indices(model, {"d": ("0.04", "0.06"), "f": ("0.1", "0.3")}, "q", draws=16, until="1"),
+        "indices": xd.sobol_indices(model, {"d": ("0.04", "0.06"), "f": ("0.1", "0.3")}, "end_q", draws=16, until="1"),
         "ledger": xd.validate(["dop853"], model=ball), "fit": xd.fit(model, data, ["d"], until="2"),
         "extreme": xd.error_budget(model, "maximum_q", until="3"),
     }  # fmt: skip

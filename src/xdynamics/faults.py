@@ -117,7 +117,7 @@ class Ledger:
     >>> ledger = Ledger("model 'ball'", ModelError)
     >>> with ledger.entry("parameter 'm'"):
     ...     raise InputError("value 'x' is no number")
-    >>> ledger.settle()
+    >>> ledger.raise_faults()
     Traceback (most recent call last):
     xdynamics.faults.ModelError: model 'ball': parameter 'm': value 'x' is no number
     """
@@ -131,7 +131,7 @@ class Ledger:
         """Write down one fault; no more are looked for where there are very many."""
         self.faults.append(fault)
         if len(self.faults) >= MOST_SOUGHT:
-            self.settle()
+            self.raise_faults()
 
     @contextlib.contextmanager
     def entry(self, what: str) -> Iterator[None]:
@@ -141,9 +141,9 @@ class Ledger:
         except InputError as error:
             self.faults.extend(f"{what}: {fault}" for fault in error.faults)
             if len(self.faults) >= MOST_SOUGHT:
-                self.settle()
+                self.raise_faults()
 
-    def settle(self) -> None:
+    def raise_faults(self) -> None:
         """Raise the gathered faults as one error, if there are any.
 
         Raises

@@ -41,7 +41,7 @@ class Keyword:
     example : str
         A value in TOML; empty if a model file cannot set it.
     takes : str
-        How a value is written in a model file, if the kind alone does not tell.
+        How a value is written in a model file, if the kind alone does not show it.
     attribute : str
         The record's attribute from which it is read back; empty if there is more than one.
     option : str

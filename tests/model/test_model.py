@@ -250,7 +250,7 @@ def test_no_text_of_a_model_reaches_the_generated_code(
         ({"events": {f"e{n}": {"function": "x"} for n in range(101)}}, "has 101 events, 100 at most"),
         ({"definitions": {f"d{n}": f"d{n + 1} + 1" for n in range(900)} | {"d900": "1"}}, "nested too deeply"),
         ({"definitions": {"d": "m*v_x**2"}, "forces": {"push": {"potential": "d"}}}, "potential of 'push' depends on a velocity"),
-        ({"initial": {"x": 0, "v_x": "1 m s-1"}}, "write the unit behind the number"),
+        ({"initial": {"x": 0, "v_x": "1 m s-1"}}, "write the unit after the number"),
         ({"name": "a\0b"}, "not printable"),
     ],
 )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from xdynamics.faults import InputError
-from xdynamics.record.kinds import is_derived, is_selection, is_whole, left_out_atols, said_of
+from xdynamics.record.kinds import is_derived, is_selection, is_whole, kind_description, left_out_atols
 
 DERIVED = {"derived": "halved", "derived_from": "0a"}
 SELECTION = {"selection_of": "0b", "selection": "3 of 9 rows of 'step'"}
@@ -28,7 +28,7 @@ SELECTION = {"selection_of": "0b", "selection": "3 of 9 rows of 'step'"}
 def test_a_record_is_of_one_kind_and_says_so(attributes: Any, kinds: tuple[bool, ...], said: str) -> None:
     """Assert that derived data, selections and runs are told apart; what is both is derived."""
     assert (is_derived(attributes), is_selection(attributes), is_whole(attributes)) == kinds
-    assert said_of(attributes) == said
+    assert kind_description(attributes) == said
 
 
 def test_tolerances_of_what_was_left_out_come_back() -> None:

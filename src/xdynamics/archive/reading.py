@@ -21,7 +21,7 @@ from xdynamics.archive.source import check_source
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
-from xdynamics.record.kinds import is_evidence, said_of
+from xdynamics.record.kinds import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
 from xdynamics.schema import ROOT_DIGEST, SEALED
 
@@ -152,7 +152,7 @@ def verify(path: str | Path) -> str:
     """
     digest = verified(Path(path))
     with open_run(path, check=False) as run:
-        kind = "" if is_evidence(run.attrs) else said_of(run.attrs)
+        kind = "" if is_evidence(run.attrs) else kind_description(run.attrs)
     if kind:
         warn(f"'{path}' is as it was written, and is {kind}", KindWarning)
     return digest

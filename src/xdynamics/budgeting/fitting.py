@@ -186,7 +186,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     rows = len(table.times) * len(table.values)
     if rows <= len(names):
         ledger.note(f"has {rows} numbers for {len(names)} parameters, needs more")
-    ledger.settle()
+    ledger.raise_faults()
     return Asked(model, names, table, {name: units[name] for name in table.values}, settings)
 
 

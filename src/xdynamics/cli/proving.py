@@ -19,7 +19,7 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
     from xdynamics.faults import ArchiveError, InputError
-    from xdynamics.record.kinds import is_derived, is_selection, said_of
+    from xdynamics.record.kinds import is_derived, is_selection, kind_description
 
     damaged = wrong = False
     for archive in archives:
@@ -34,7 +34,7 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
                 else signatures.protection(Path(archive))
             )
             with open_run(archive, check=False) as run:
-                kind = said_of(run.attrs)
+                kind = kind_description(run.attrs)
                 edited = is_derived(run.attrs) or is_selection(run.attrs)
             line = f"{'as written' if edited else 'verified'}  {archive}  {digest}{f': {kind}' if kind else ''}"
             say([f"{line}  ({shown})"])

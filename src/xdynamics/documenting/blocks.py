@@ -33,19 +33,19 @@ class Formula:
     """A formula in LaTeX, with a caption."""
 
     latex: str
-    said: str = ""
+    caption: str = ""
 
     def html(self) -> str:
         """Return it as HTML: an image with the LaTeX as its text."""
-        caption = f'<span class="said">{escape(self.said)}</span>' if self.said else ""
+        span = f'<span class="said">{escape(self.caption)}</span>' if self.caption else ""
         return (
             f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}"'
-            f' alt="{escape(self.latex)}">{caption}</p>'
+            f' alt="{escape(self.latex)}">{span}</p>'
         )
 
     def markdown(self) -> str:
         """Return it as Markdown."""
-        return f"{f'{self.said}: ' if self.said else ''}$${self.latex}$$"
+        return f"{f'{self.caption}: ' if self.caption else ''}$${self.latex}$$"
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,18 @@ class Picture:
     """A figure as PNG, with a caption."""
 
     content: bytes
-    said: str
+    caption: str
 
     def html(self) -> str:
         """Return it as HTML with the picture embedded."""
         return (
             f'<figure><img src="{_embedded(self.content, "png")}"'
-            f' alt="{escape(self.said)}"><figcaption>{escape(self.said)}</figcaption></figure>'
+            f' alt="{escape(self.caption)}"><figcaption>{escape(self.caption)}</figcaption></figure>'
         )
 
     def markdown(self) -> str:
         """Return it as Markdown with the picture embedded."""
-        return f"![{self.said}]({_embedded(self.content, 'png')})"
+        return f"![{self.caption}]({_embedded(self.content, 'png')})"
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
 STARTER = """\
-# A driven pendulum. `xdynamics help model` tells all sections, `xdynamics help forces` every key of one.
+# A driven pendulum. `xdynamics help model` lists all sections, `xdynamics help forces` every key of one.
 name = "Driven pendulum"
 description = "A pendulum with friction in its bearing, and a torque that swings"
 
@@ -146,7 +146,7 @@ def _model() -> Iterator[str]:
     for name, section in SECTIONS.items():
         yield f"  {f'[{name}]':{width}}  {section.about}"
     yield (
-        "`xdynamics help forces`, and so on, tells the keys of one; `xdynamics new MODEL.toml` writes one to begin"
+        "`xdynamics help forces`, and so on, lists the keys of one; `xdynamics new MODEL.toml` writes one to begin"
         " with."
     )
 

@@ -40,7 +40,7 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
     Returns
     -------
     str
-        The page, `report.md`: of each record title, figure, what it tells, and the digest of its archive.
+        The page, `report.md`: of each record its title, figure, summary, and the digest of its archive.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import escaped
 from xdynamics.record.flag_words import time_unit, words_of
-from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, rows_apart, said_of
+from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
 from xdynamics.schema import (
     AT_REST,
     CHOSEN,
@@ -93,7 +93,7 @@ def _evidence(evidence: xr.Dataset) -> Iterator[str]:
     kind = str(evidence.attrs[EVIDENCE])
     yield str(evidence.attrs.get("title", kind))
     if kind != SWEEP:
-        yield f"kind      {said_of(evidence.attrs)}"
+        yield f"kind      {kind_description(evidence.attrs)}"
     lines_of = next((module.SUMMARIES[kind] for module in _summarising() if kind in module.SUMMARIES), None)
     if lines_of is not None:
         yield from lines_of(evidence)
@@ -124,7 +124,7 @@ def _summarising() -> Iterator[Any]:
 def _partly(run: xr.Dataset) -> Iterator[str]:
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
-    yield f"kind      {said_of(attributes)}"
+    yield f"kind      {kind_description(attributes)}"
     if is_selection(attributes):
         yield f"of run    {attributes['solver_method']}, {attributes['run_outcome']}: {attributes['run_outcome_text']}"
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
@@ -292,7 +292,7 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
     data: dict[str, Any] = {"title": str(attributes.get("title", ""))}
     if not is_run(attributes) or not is_whole(attributes):
         return data | {
-            "kind": said_of(attributes),
+            "kind": kind_description(attributes),
             "sizes": {str(dim): size for dim, size in run.sizes.items()},
         }
     end = {

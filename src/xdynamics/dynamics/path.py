@@ -26,7 +26,7 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.derivatives import jacobian
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
-from xdynamics.model.switches import STEPPED_OVER, switches, told, watched_by
+from xdynamics.model.switches import STEPPED_OVER, switch_inputs, switches, watched_by
 from xdynamics.record.flag_words import words_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, contact_state, friction_state, rate, velocity
@@ -185,7 +185,7 @@ class Path:
     def _sides(self) -> Floats:
         """Side of each switch on which each step is, as the law needs it."""
         model = self._layout.model
-        sides = np.zeros((len(self.times) - 1, len(told(model))))
+        sides = np.zeros((len(self.times) - 1, len(switch_inputs(model))))
         column = 0
         for switch in watched_by(model):
             if switch.drive:

@@ -25,7 +25,7 @@ from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.arguments import scales_of
 from xdynamics.record.columns import state_name
-from xdynamics.record.kinds import RARE, rows_apart, said_of_log
+from xdynamics.record.kinds import RARE, log_description, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.lazy_imports import load_dask_whole
@@ -86,7 +86,7 @@ class Inside:
         units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
-                remedy = said_of_log(run.attrs) or "sample the whole record"
+                remedy = log_description(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
             if run[name].attrs.get("units") != units[name]:
                 raise InputError(

@@ -25,7 +25,7 @@ from xdynamics.model import Model
 from xdynamics.record import check_kind
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.kinds import is_whole, said_of
+from xdynamics.record.kinds import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
 from xdynamics.units.digits import digits
@@ -236,7 +236,7 @@ def check_whole(run: xr.Dataset) -> None:
         Naming what it is instead, or how it was changed.
     """
     if not is_whole(run.attrs):
-        raise InputError(f"this is {said_of(run.attrs)}; a run is marched beside a whole run")
+        raise InputError(f"this is {kind_description(run.attrs)}; a run is marched beside a whole run")
     if all(variable.chunks is None for variable in run.variables.values()):
         archive.check_unchanged(run)
 

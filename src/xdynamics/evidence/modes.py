@@ -18,7 +18,7 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise
 from xdynamics.model.motion import variables
-from xdynamics.record.kinds import said_of_log
+from xdynamics.record.kinds import log_description
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
 from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
@@ -187,7 +187,7 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
     if name not in run.variables:
         raise InputError(
             f"run record has no variable '{name}', which its model needs;"
-            f" {said_of_log(run.attrs) or 'give the whole record'}"
+            f" {log_description(run.attrs) or 'give the whole record'}"
         )
     variable = run.variables[name]
     return parse_unit(str(variable.attrs["units"])).to_si(float(variable[row].values))

@@ -21,7 +21,7 @@ from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.columns import state_name
-from xdynamics.record.kinds import said_of_log
+from xdynamics.record.kinds import log_description
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def evaluated_on(
     if missing := [name for name in names if name not in run.variables]:
         raise InputError(
             f"what is computed between rows needs {', '.join(missing)};"
-            f" {said_of_log(run.attrs) or 'take the whole record'}"
+            f" {log_description(run.attrs) or 'take the whole record'}"
         )
     columns = {name: run[name].values for name in ("regime", *names) if name in run}
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)

@@ -35,7 +35,7 @@ class Tape:
     """
 
     def __init__(self, expressions: Iterable[tuple[str, Node]]) -> None:
-        self._given: dict[str, int] = {}  # names that need a value, and their places
+        self._inputs: dict[str, int] = {}  # names that need a value, and their places
         self._numbers: dict[int, float] = {}
         self._steps: list[tuple[Operation, int, tuple[int, ...]]] = []
         self._size = 0
@@ -44,7 +44,7 @@ class Tape:
         self._named: dict[str, int] = {}
         for name, tree in expressions:
             place = self._place(tree)
-            if name in self._given or name in self._named:
+            if name in self._inputs or name in self._named:
                 self._seen.clear()  # from here on the name means something else
             self._named[name] = place
         self._seen.clear()
@@ -58,12 +58,12 @@ class Tape:
         InputError
             If a name has no value.
         """
-        if missing := [name for name in self._given if name not in values]:
+        if missing := [name for name in self._inputs if name not in values]:
             raise InputError(f"name '{missing[0]}' has no value; there are {', '.join(values) or 'none'}")
         results: list[Any] = [0.0] * self._size
         for place, number in self._numbers.items():
             results[place] = number
-        for name, place in self._given.items():
+        for name, place in self._inputs.items():
             results[place] = values[name]
         for operation, place, operands in self._steps:
             results[place] = operation(*[results[operand] for operand in operands])
@@ -99,7 +99,7 @@ class Tape:
                 operation = FLOATS.operators[node.operator]
                 return self._step(node.operator, operation, self._place(node.left), self._place(node.right))
             case Call(function="where"):
-                return self._step("where", _chosen, *map(self._place, node.arguments))
+                return self._step("where", _where, *map(self._place, node.arguments))
             case Call(function="min" | "max"):
                 first, *others = map(self._place, node.arguments)
                 for other in others:
@@ -130,9 +130,9 @@ class Tape:
         return self._known[key]
 
     def _name(self, name: str) -> int:
-        if name not in self._given:
-            self._given[name] = self._new()
-        return self._given[name]
+        if name not in self._inputs:
+            self._inputs[name] = self._new()
+        return self._inputs[name]
 
     def _new(self) -> int:
         self._size += 1
@@ -143,7 +143,7 @@ def _negative(value: float) -> float:
     return -value
 
 
-def _chosen(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an operand like the others
+def _where(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an operand like the others
     return yes if truth else no
 
 

@@ -129,10 +129,10 @@ class Traced:
             results[place] = _applied(ufunc.__name__, [array[place] for array in arrays])
         return results if results.shape else results[()]
 
-    def __array_function__(self, function: Any, _types: Any, given: Any, _more: Any) -> Any:
+    def __array_function__(self, function: Any, _types: Any, arguments: Any, _more: Any) -> Any:
         """Trace `numpy.where` of one condition."""
-        if function is np.where and len(given) == 3:
-            return _chosen(*given)
+        if function is np.where and len(arguments) == 3:
+            return _where(*arguments)
         raise InputError(f"the function calls numpy.{function.__name__}, which the language of expressions has not")
 
 
@@ -227,7 +227,7 @@ def _compared(operator: str, left: Any, right: Any) -> Any:
     return Traced(Compare(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
-def _chosen(condition: Any, yes: Any, no: Any) -> Traced:
+def _where(condition: Any, yes: Any, no: Any) -> Traced:
     if not isinstance(condition, Traced):
         return _as(yes if condition else no)
     return called("where", condition, yes, no)

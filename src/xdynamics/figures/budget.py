@@ -21,14 +21,14 @@ SPAN = 1e6  # over which bars are drawn: smaller terms have none
 COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
 
-def panels_of(found: xr.Dataset) -> list[Panel]:
+def panels_of(budget: xr.Dataset) -> list[Panel]:
     """Return the panel of the terms and, if random draws were made, that of their intervals beside the linear one."""
-    return [partial(_terms, found), *([partial(_intervals, found)] if "monte_carlo_shortest" in found else [])]
+    return [partial(_terms, budget), *([partial(_intervals, budget)] if "monte_carlo_shortest" in budget else [])]
 
 
-def foot_of(found: xr.Dataset) -> str:
+def foot_of(budget: xr.Dataset) -> str:
     """Describe the number that the budget is for."""
-    return f"{found.attrs['of']} = {stated(found, 'result')}; method {found.attrs['solver_method']}"
+    return f"{budget.attrs['of']} = {stated(budget, 'result')}; method {budget.attrs['solver_method']}"
 
 
 def _terms(budget: xr.Dataset, axes: Axes) -> None:

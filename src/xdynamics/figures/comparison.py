@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FEW = 100  # points up to which each is a dot
 
 
-def panels_of(found: xr.Dataset) -> list[Panel]:
+def panels_of(comparison: xr.Dataset) -> list[Panel]:
     """Return the panels of the differences; for measured data each follows the panel of its measurements.
 
     Raises
@@ -31,20 +31,20 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
     """
     names = [
         str(name).removeprefix("difference_")
-        for name, item in found.data_vars.items()
+        for name, item in comparison.data_vars.items()
         if str(name).startswith("difference_") and item.dims == (AT,)
     ]
     if not names:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
-    beside = [partial(_beside, found, name) for name in names if f"measured_{name}" in found]
-    apart = [partial(_apart, found, name) for name in names]
+    beside = [partial(_beside, comparison, name) for name in names if f"measured_{name}" in comparison]
+    apart = [partial(_apart, comparison, name) for name in names]
     # measurements are drawn left of their residuals
     return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else [*apart]
 
 
-def foot_of(found: xr.Dataset) -> str:
+def foot_of(comparison: xr.Dataset) -> str:
     """Describe what differs, and since when."""
-    parted, cause = (str(found.attrs.get(key, "")) for key in ("parted", "cause"))
+    parted, cause = (str(comparison.attrs.get(key, "")) for key in ("parted", "cause"))
     return "; ".join(
         filter(
             None,

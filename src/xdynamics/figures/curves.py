@@ -142,7 +142,7 @@ def _inner(run: xr.Dataset) -> Inner | None:
     kept = _KNOWN.get(id(run))
     if kept is None or kept[0]() is not run:
         key = id(run)
-        kept = _KNOWN[key] = weakref.ref(run, lambda _: _KNOWN.pop(key, None)), _found(run)
+        kept = _KNOWN[key] = weakref.ref(run, lambda _: _KNOWN.pop(key, None)), _inner_points(run)
     return kept[1]
 
 
@@ -151,7 +151,7 @@ def _is_again(run: xr.Dataset) -> bool:
     return inner is not None and inner.again
 
 
-def _found(run: xr.Dataset) -> Inner | None:
+def _inner_points(run: xr.Dataset) -> Inner | None:
     times, rows = _places(run)
     if not times.size or _is_torn(run):
         return None

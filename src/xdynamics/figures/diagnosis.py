@@ -24,7 +24,7 @@ MOST_LABELS = 12  # exponents up to which each has its digits beside it
 SHOWN = ("period", "phase_offset", "amplitude", "phase_space_area")
 
 
-def panels_of(found: xr.Dataset) -> list[Panel]:
+def panels_of(diagnosis: xr.Dataset) -> list[Panel]:
     """Return the panels of period, phase, amplitude and area of each cycle, and of Lyapunov exponents.
 
     Raises
@@ -32,34 +32,36 @@ def panels_of(found: xr.Dataset) -> list[Panel]:
     InputError
         If there is neither a cycle nor an exponent.
     """
-    names = [name for name in SHOWN if name in found and found.sizes.get(CYCLE, 0) and found[name].notnull().any()]
-    residuals = [
-        str(name) for name, variable in found.data_vars.items() if str(name).startswith("residual_") and variable.dims
+    names = [
+        name
+        for name in SHOWN
+        if name in diagnosis and diagnosis.sizes.get(CYCLE, 0) and diagnosis[name].notnull().any()
     ]
-    if not names and LYAPUNOVS not in found:
-        raise InputError(
-            "there is nothing to draw: the diagnosis has no cycle; what it found is told by `xdynamics show`"
-        )
-    panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
-    panels += [partial(_exponents, found)] if LYAPUNOVS in found else []
-    return panels + [partial(_residual, found, name) for name in residuals]
+    residuals = [
+        str(name)
+        for name, variable in diagnosis.data_vars.items()
+        if str(name).startswith("residual_") and variable.dims
+    ]
+    if not names and LYAPUNOVS not in diagnosis:
+        raise InputError("there is nothing to draw: the diagnosis has no cycle; `xdynamics show` prints what it found")
+    panels: list[Panel] = [partial(_along_cycles, diagnosis, name) for name in names]
+    panels += [partial(_exponents, diagnosis)] if LYAPUNOVS in diagnosis else []
+    return panels + [partial(_residual, diagnosis, name) for name in residuals]
 
 
-def foot_of(found: xr.Dataset) -> str:
+def foot_of(diagnosis: xr.Dataset) -> str:
     """Describe the cycles, the reference of their phases, and how the energy behaved."""
     energy = ""
-    if "energy_band" in found:
-        units = found["energy_band"].attrs["units"]
-        energy = (
-            f"; energy band {float(found['energy_band']):.3g} {units}, drift {float(found['energy_drift']):.3g} {units}"
-        )
+    if "energy_band" in diagnosis:
+        units = diagnosis["energy_band"].attrs["units"]
+        energy = f"; energy band {float(diagnosis['energy_band']):.3g} {units}, drift {float(diagnosis['energy_drift']):.3g} {units}"
     remarks = []
-    if found.sizes.get(CYCLE, 0):
-        remarks.append(f"cycles of {cycles_said(found)}; phases beside {found.attrs['reference']}")
-    if "cycle_doubt" in found.attrs:
-        remarks.append(str(found.attrs["cycle_doubt"]))
-    if LYAPUNOVS in found:
-        remarks.append(f"exponents: {found[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
+    if diagnosis.sizes.get(CYCLE, 0):
+        remarks.append(f"cycles of {cycles_said(diagnosis)}; phases beside {diagnosis.attrs['reference']}")
+    if "cycle_doubt" in diagnosis.attrs:
+        remarks.append(str(diagnosis.attrs["cycle_doubt"]))
+    if LYAPUNOVS in diagnosis:
+        remarks.append(f"exponents: {diagnosis[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
     return "; ".join(remarks) + energy
 
 

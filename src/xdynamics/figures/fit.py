@@ -18,26 +18,26 @@ if TYPE_CHECKING:
 RESIDUAL, MEASURED, DOUBT = "residual_", "measured_", "measured_uncertainty_"
 
 
-def panels_of(found: xr.Dataset) -> list[Panel]:
+def panels_of(fit: xr.Dataset) -> list[Panel]:
     """Return the panels of each quantity and, beside it, of its residuals."""
-    names = [str(name).removeprefix(RESIDUAL) for name in found.data_vars if str(name).startswith(RESIDUAL)]
-    return [draw for name in names for draw in (partial(_values, found, name), partial(_residuals, found, name))]
+    names = [str(name).removeprefix(RESIDUAL) for name in fit.data_vars if str(name).startswith(RESIDUAL)]
+    return [draw for name in names for draw in (partial(_values, fit, name), partial(_residuals, fit, name))]
 
 
-def foot_of(found: xr.Dataset) -> str:
+def foot_of(fit: xr.Dataset) -> str:
     """Report the estimates and the data."""
     rows = zip(
-        found["parameter_name"].values,
-        found["estimate"].values,
-        found["standard_uncertainty"].values,
-        found["parameter_units"].values,
+        fit["parameter_name"].values,
+        fit["estimate"].values,
+        fit["standard_uncertainty"].values,
+        fit["parameter_units"].values,
         strict=True,
     )
     estimates = ", ".join(
         f"{name} = {value:.6g} ± {doubt:.2g}{'' if unit == '1' else f' {unit}'}" for name, value, doubt, unit in rows
     )
-    caveat = "" if int(found.attrs.get("adequate", 1)) else f"; not adequate: {found.attrs['adequate_text']}"
-    return f"{estimates}, at one standard uncertainty; {found.attrs['data']}{caveat}"
+    caveat = "" if int(fit.attrs.get("adequate", 1)) else f"; not adequate: {fit.attrs['adequate_text']}"
+    return f"{estimates}, at one standard uncertainty; {fit.attrs['data']}{caveat}"
 
 
 def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:

@@ -143,7 +143,7 @@ def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
     return [name for name in names if name in run and is_whole(run.attrs) and run[name].values.any()]
 
 
-def struck(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+def impact_needles(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw the impulses of impacts as needles at their times."""
     time = run["event_time"].values
     for colour, name in zip(cycled(names), names, strict=True):

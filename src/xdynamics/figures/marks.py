@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_LABELLED = 12
-MOST_BANDS = 400  # of regimes; what changes more often is not told apart
+MOST_BANDS = 400  # of regimes; what changes more often is not distinguished
 SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
 CROWDED = 0.2  # of the span: names nearer than this to the one before stand above it, or below it near the top
 RIGHT = 0.85  # of the span, from where on they stand to the left
@@ -117,7 +117,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     for n, what in enumerate(dict.fromkeys(happened)):
         chosen = np.array([name == what for name in happened])
         first = int(np.flatnonzero(chosen)[0])
-        line = run[_told_by(run, detectors[first], names)].values
+        line = run[_line_of_event(run, detectors[first], names)].values
         marker = MARKERS.get(kinds[first], "ovsD^P*X"[n % 8])
         axes.plot(
             times[rows[chosen]],
@@ -140,7 +140,7 @@ def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes:
     for row, texts in sorted(labels.items()):
         level = level + 1 if time[row] - before < CROWDED * span else 0
         before = time[row]
-        value = float(run[_told_by(run, texts[0].split()[0], names)][row])
+        value = float(run[_line_of_event(run, texts[0].split()[0], names)][row])
         low, high = axes.get_ylim()
         shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
         last = span > 0.0 and time[row] - time[0] > RIGHT * span  # or the name would leave the frame
@@ -154,7 +154,7 @@ def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes:
         )
 
 
-def _told_by(run: xr.Dataset, detector: str, names: list[str]) -> str:
+def _line_of_event(run: xr.Dataset, detector: str, names: list[str]) -> str:
     """Return the line that an event concerns: its contact's own force, or the first that its function, gap or slip names."""
     variables, forces = run.variables, (contact_force(detector), friction_force(detector))
     if own_forces := [name for name in names if name in forces]:

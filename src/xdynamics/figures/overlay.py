@@ -24,7 +24,7 @@ Several = Mapping[str, xr.Dataset]
 MARKERS = "os^Dv<>P"
 
 
-def panels_of(found: Several) -> list[Panel]:
+def panels_of(records: Several) -> list[Panel]:
     """Return a panel for each number that all have: its differences in refinements, its values per cycle in diagnoses.
 
     Raises
@@ -32,41 +32,43 @@ def panels_of(found: Several) -> list[Panel]:
     InputError
         If they are not all refinements of one thing, or all diagnoses, or share no number.
     """
-    kinds = {str(record.attrs.get(EVIDENCE, "run")) for record in found.values()}
-    varied = {str(record.attrs.get("varied", "")) for record in found.values()}
+    kinds = {str(record.attrs.get(EVIDENCE, "run")) for record in records.values()}
+    varied = {str(record.attrs.get("varied", "")) for record in records.values()}
     if kinds not in ({"refinement"}, {"diagnosis"}) or len(varied) > 1:
         raise InputError(
             "several records are drawn together if all are refinements of one thing or all diagnoses; these are"
             f" {', '.join(sorted(kinds))}"
         )
-    first = next(iter(found.values()))
+    first = next(iter(records.values()))
     if kinds == {"diagnosis"}:
         names = [
             name
             for name in diagnosis.SHOWN
-            if all(name in record and record[name].notnull().any() for record in found.values())
+            if all(name in record and record[name].notnull().any() for record in records.values())
         ]
-        panels: list[Panel] = [partial(_along_cycles, found, name) for name in names]
+        panels: list[Panel] = [partial(_along_cycles, records, name) for name in names]
     else:
         names = [
-            str(name) for name in first.data_vars if all(f"difference_{name}" in record for record in found.values())
+            str(name) for name in first.data_vars if all(f"difference_{name}" in record for record in records.values())
         ]
-        names = [name for name in names if any(refinement.telling(record, name) for record in found.values())] or names
-        panels = [partial(_differences, found, name) for name in names]
+        names = [
+            name for name in names if any(refinement.telling(record, name) for record in records.values())
+        ] or names
+        panels = [partial(_differences, records, name) for name in names]
     if not panels:
         raise InputError("there is nothing to draw together: no number is in all of the records")
     return panels
 
 
-def foot_of(found: Several) -> str:
+def foot_of(records: Several) -> str:
     """Describe what is drawn."""
-    if all("varied" in record.attrs for record in found.values()):
+    if all("varied" in record.attrs for record in records.values()):
         return "difference of each level to the next finer one, at the first place; in brackets the last observed order"
-    if not all("energy_band" in record for record in found.values()):
+    if not all("energy_band" in record for record in records.values()):
         return ""
     energies = [
         f"{name} {float(record['energy_band']):.3g} {record['energy_band'].attrs['units']}"
-        for name, record in found.items()
+        for name, record in records.items()
     ]
     return f"energy bands: {', '.join(energies)}"
 

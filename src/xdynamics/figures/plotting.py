@@ -64,7 +64,7 @@ def plot(
     if hasattr(record, "attrs"):
         kind = str(record.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
-            raise InputError(f"a {kind} has no figure; what it found is told by `xdynamics show`")
+            raise InputError(f"a {kind} has no figure; `xdynamics show` prints what it found")
         page, title = PAGES.get(kind, run.PAGE), str(record.attrs.get("title", "run"))
     else:
         page, title = overlay.PAGE, f"{', '.join(record)}, side by side"

@@ -19,17 +19,19 @@ MARKERS = "os^Dv<>P"
 EVALUATIONS, OFF = "run_force_evaluations", "off_"
 
 
-def panels_of(found: xr.Dataset) -> list[Panel]:
+def panels_of(precision: xr.Dataset) -> list[Panel]:
     """Return the panel of each number."""
-    names = [str(name) for name in found.data_vars if str(name).startswith(OFF) and bool((found[name] > 0).any())]
-    return [partial(_work, found, name) for name in names]
+    names = [
+        str(name) for name in precision.data_vars if str(name).startswith(OFF) and bool((precision[name] > 0).any())
+    ]
+    return [partial(_work, precision, name) for name in names]
 
 
-def foot_of(found: xr.Dataset) -> str:
+def foot_of(precision: xr.Dataset) -> str:
     """Describe what is drawn."""
-    varied = str(found.attrs["varied"])
-    sizes = ", ".join(f"{float(value):.6g}" for value in found[varied].values)
-    return f"each point a run; along a line {varied} = {sizes} {found[varied].attrs['units']}"
+    varied = str(precision.attrs["varied"])
+    sizes = ", ".join(f"{float(value):.6g}" for value in precision[varied].values)
+    return f"each point a run; along a line {varied} = {sizes} {precision[varied].attrs['units']}"
 
 
 def _work(precision: xr.Dataset, name: str, axes: Axes) -> None:

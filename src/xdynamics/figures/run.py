@@ -14,10 +14,10 @@ from xdynamics.figures import control, energy, lines, plane
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.record import check
-from xdynamics.record.kinds import is_whole, rows_apart, said_of_log
+from xdynamics.record.kinds import is_whole, log_description, rows_apart
 from xdynamics.schema import STEPS, velocity
 
-FEWEST_LOCATED = 3  # events, from which on a panel tells more than their list
+FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
 # words by which panels are chosen, besides the names of variables
 KINDS = (
     "plane",
@@ -74,7 +74,7 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
             ' "-l*cos(theta)"]'
         )
     if not panels and wanted is not None:
-        log_note = said_of_log(run.attrs)
+        log_note = log_description(run.attrs)
         raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{log_note and f'; {log_note}'}")
     if not panels:
         raise InputError(
@@ -112,7 +112,7 @@ def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
     kinds = {"trajectory": coordinates, "velocity": moving, "state": _with_role(run, "state"), "other": _others(run)}
     titles = {"state": "first-order state"}
     for kind, names in kinds.items():
-        for group in _by_unit(run, _chosen(kind, names, wanted)):
+        for group in _by_unit(run, _wanted_names(kind, names, wanted)):
             what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
             yield kind, group, partial(lines.against_time, run, group, what, beside)
 
@@ -121,10 +121,10 @@ def _of_forces(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
     """Yield forces and impulses of contacts, drives, and velocities against positions."""
     coordinates = _with_role(run, "coordinate")
     pressed = [name for name in _with_role(run, "reaction") if run[name].values.any()]
-    for names in _by_unit(run, _chosen("contact", pressed, wanted)):
+    for names in _by_unit(run, _wanted_names("contact", pressed, wanted)):
         yield "contact", names, partial(lines.against_time, run, names, lines.CONTACTS, beside)
     for names in _by_unit(run, lines.impulses(run, coordinates)):
-        yield "contact", [], partial(lines.struck, run, names)
+        yield "contact", [], partial(lines.impact_needles, run, names)
     for names in _drives(run):
         yield "drive", names, partial(lines.driven, run, names)
     for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
@@ -146,7 +146,7 @@ def _of_march(run: xr.Dataset, beside: lines.Beside) -> Iterator[Keyed]:
         yield "events", [], partial(control.locations, run)
 
 
-def _chosen(kind: str, names: list[str], wanted: Sequence[str] | None) -> list[str]:
+def _wanted_names(kind: str, names: list[str], wanted: Sequence[str] | None) -> list[str]:
     """Return the variables of a kind to draw: all if the kind is wanted, else those wanted by name."""
     if wanted is None:
         return names if kind != "other" else []

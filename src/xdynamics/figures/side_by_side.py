@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Columns = Mapping[str, tuple[Floats, Floats, Floats | None]]
 
 
-def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
+def beside_of(run: xr.Dataset, source: Any) -> tuple[str, Columns]:
     """Return the label and the columns of another run or of measured data, in the units of the run.
 
     Raises
@@ -31,9 +31,9 @@ def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
     InputError
         If it has no variable in common with the run, or one of another kind of unit.
     """
-    if isinstance(given, str | Path) and Path(given).suffix.lower() == ".nc":
-        given = open_run(given)
-    label, series = _measured(run, given) if is_measured(given) else _of_run(given)
+    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".nc":
+        source = open_run(source)
+    label, series = _measured(run, source) if is_measured(source) else _of_run(source)
     columns = {}
     for name, (times, values, doubts, units) in series.items():
         if name not in run or run[name].dims != (STEPS,):
@@ -48,8 +48,8 @@ def beside_of(run: xr.Dataset, given: Any) -> tuple[str, Columns]:
     return label, columns
 
 
-def _measured(run: xr.Dataset, given: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
-    data = measured(given, [str(variable) for variable in run.data_vars], SKIP, time_unit(run))
+def _measured(run: xr.Dataset, source: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
+    data = measured(source, [str(variable) for variable in run.data_vars], SKIP, time_unit(run))
     series: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
     for name, (values, unit) in data.values.items():
         doubt, own = data.uncertainties.get(name, (np.zeros(values.shape), unit))

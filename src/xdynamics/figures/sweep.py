@@ -109,7 +109,7 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
     if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
         axes.set_aspect("equal", anchor="W")
-    axes.set_title(words(f"{name}{_said(sweep, shown)}"), loc="left", fontsize=10)
+    axes.set_title(words(f"{name}{_other_axes(sweep, shown)}"), loc="left", fontsize=10)
     axes.grid(visible=False)
 
 
@@ -166,7 +166,7 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     omitted += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
     for k, indices in enumerate(choices):
         part = sweep.isel(dict(zip(others, indices, strict=True)))
-        number, label = part[name], _said(part, [dim]).removeprefix(", ")
+        number, label = part[name], _other_axes(part, [dim]).removeprefix(", ")
         colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
         if OCCURRENCE in number.dims:
             _occurrences(axes, x, number.transpose(dim, OCCURRENCE).values, colour, label)
@@ -276,7 +276,7 @@ def _labelled(sweep: xr.Dataset, name: str) -> str:
     return words(name if units == "1" else f"{name} ({units})")
 
 
-def _said(part: xr.Dataset, shown: list[str]) -> str:
+def _other_axes(part: xr.Dataset, shown: list[str]) -> str:
     """Name the values of the other axes for a part of a sweep."""
     settings: list[str] = []
     for name, coordinate in part.coords.items():

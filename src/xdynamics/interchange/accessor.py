@@ -48,12 +48,12 @@ class Dynamics:
 
     def __init__(self, run: xr.Dataset) -> None:
         teach()
-        self._given = run
+        self._received = run
         self._run = plain(run) if is_quantified(run) else run
 
-    def _as_given(self, result: xr.Dataset) -> xr.Dataset:
+    def _in_kind(self, result: xr.Dataset) -> xr.Dataset:
         """Return a result with units in its arrays, if the record has them there."""
-        return quantified(result) if self._run is not self._given else result
+        return quantified(result) if self._run is not self._received else result
 
     def __repr__(self) -> str:
         return "\n".join(summary(self._run))
@@ -76,7 +76,7 @@ class Dynamics:
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
-        return self._as_given(sample(self._run, times, **how))
+        return self._in_kind(sample(self._run, times, **how))
 
     def events(self, name: str | None = None) -> xr.Dataset:
         """Return the located events, or those of one name, with the states on both sides.
@@ -124,7 +124,7 @@ class Dynamics:
                     )
                     variables[f"{side}_{variable}"] = ((EVENTS,), run[variable].values[places], attributes)
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
-        return self._as_given(exhibit("events", title, [digest_of_run(run)], variables, {}))
+        return self._in_kind(exhibit("events", title, [digest_of_run(run)], variables, {}))
 
     def frame(self, dim: str = STEPS) -> pd.DataFrame:
         """Return everything along one dimension as a pandas table, one row for each entry; flags as their words.

@@ -21,7 +21,7 @@ from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, 
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.model.reactions import modes
-from xdynamics.model.switches import told
+from xdynamics.model.switches import switch_inputs
 from xdynamics.schema import acceleration, rate, velocity
 
 # operations of `elementary.intervals` by their number of operands
@@ -152,7 +152,7 @@ class _Printer:
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
-        self._fixed = len(self._constants) - len(modes(layout.model)) - len(told(layout.model))
+        self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
         self._moving = self._variables()
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
 

@@ -317,7 +317,7 @@ def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], 
         _check_settings(model, settings, arrays, ledger)
     if not inputs:
         ledger.note("nothing varies; give parameters, initial, steps or rtols")
-    ledger.settle()
+    ledger.raise_faults()
     return arrays
 
 

@@ -47,7 +47,7 @@ from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
-from xdynamics.model.switches import borders, told
+from xdynamics.model.switches import borders, switch_inputs
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME, Scales
 
@@ -217,7 +217,7 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     """Return the parameters that a law reads; the modes of contacts are the end of them."""
     values = np.array(list(constants(model, scales).values()))
-    changing = len(modes(model)) + len(told(model))
+    changing = len(modes(model)) + len(switch_inputs(model))
     return {"p": values, "modes": values[len(values) - changing :]}
 
 

@@ -40,17 +40,17 @@ def check(statement: Statement) -> dict[str, Dimension]:
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
     _check_times(statement, ledger)
     _check_names(statement, ledger)
-    ledger.settle()
+    ledger.raise_faults()
     dimensions = _declared(statement)
     _define(statement, dimensions, ledger)
-    ledger.settle()
+    ledger.raise_faults()
     _check_initial(statement, dimensions, ledger)
     if energies := statement.lagrangian:
         joule = constant("joule").dimension
         _needs(ledger, "kinetic energy", energies.kinetic, dimensions, joule)
         if energies.potential is not None:
             _needs(ledger, "potential energy", energies.potential, dimensions, joule)
-        ledger.settle()
+        ledger.raise_faults()
     _check_motion(statement, dimensions, ledger)
     for name, state in statement.states.items():
         _needs(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
@@ -76,10 +76,10 @@ def check(statement: Statement) -> dict[str, Dimension]:
     _check_pictured(statement, dimensions, ledger)
     check_validation(statement, dimensions, ledger)
     _check_spreads(statement, dimensions | accelerations, ledger)
-    ledger.settle()
+    ledger.raise_faults()
     with ledger.entry("contacts"):
         check_contacts(statement, dimensions, ledger)
-    ledger.settle()
+    ledger.raise_faults()
     return dimensions
 
 
@@ -226,7 +226,7 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
             start = statement.initial[name]
             ledger.note(
                 f"initial value '{name} = {start}' has units '{start.unit.dimension}', needs '{dimensions[name]}';"
-                " write the unit behind the number"
+                " write the unit after the number"
             )
     for name in statement.initial:
         if name not in needed:

@@ -80,7 +80,7 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
     )
     size = _number(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:
-        raise InputError(f"{_said('restitution', contact.restitution, size)}, needs to be from 0 to 1")
+        raise InputError(f"{_value_text('restitution', contact.restitution, size)}, needs to be from 0 to 1")
     _check_start(tree, statement)
     if contact.position_tolerance is not None and contact.position_tolerance.unit.dimension != gap:
         raise InputError(f"position_tolerance is '{contact.position_tolerance}', needs the unit of the gap, '{gap}'")
@@ -111,12 +111,14 @@ def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statem
     """Refuse negative friction, and static below kinetic friction, where both are known before the start."""
     size, most = _number(slipping, statement), _number(sticking, statement)
     if size is not None and not size >= 0.0:
-        raise InputError(f"{_said(key, slipping, size)}, needs to be non-negative")
+        raise InputError(f"{_value_text(key, slipping, size)}, needs to be non-negative")
     if size is not None and most is not None and not most >= size:
-        raise InputError(f"{_said('static', sticking, most)}, needs to be at least {_said(key, slipping, size)}")
+        raise InputError(
+            f"{_value_text('static', sticking, most)}, needs to be at least {_value_text(key, slipping, size)}"
+        )
 
 
-def _said(key: str, node: Node, size: float) -> str:
+def _value_text(key: str, node: Node, size: float) -> str:
     """Describe a value and the expression it comes from."""
     return f"{key} is {size:.6g}" if not free_names(node) else f"{key}, {text_of(node)}, is {size:.6g} (SI units)"
 

@@ -87,7 +87,7 @@ class Sheet:
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @property
-    def found(self) -> str:
+    def layout(self) -> str:
         """How the table was read, for messages."""
         return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
 
@@ -99,7 +99,7 @@ class Sheet:
         InputError
             With every column without a readable unit, and every name that occurs twice.
         """
-        ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.found})")
+        ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.layout})")
         columns = []
         for cell in self.header:
             with ledger.entry(f"column {shown(cell)}"):
@@ -107,7 +107,7 @@ class Sheet:
         names = [one.name for one in columns]
         for one in sorted({name for name in names if names.count(name) > 1}):
             ledger.note(f"two columns are called {shown(one)}")
-        ledger.settle()
+        ledger.raise_faults()
         return tuple(columns)
 
     def numbers(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
@@ -124,7 +124,7 @@ class Sheet:
         InputError
             With every line that cannot be read as finite numbers.
         """
-        ledger = Ledger(f"table '{self.name}' ({self.found})")
+        ledger = Ledger(f"table '{self.name}' ({self.layout})")
         rows: list[tuple[int, tuple[float, ...]]] = []
         for number, cells in self.lines:
             if len(ledger.faults) >= MOST_FAULTS:
@@ -153,7 +153,7 @@ class Sheet:
                 ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
                 continue
             rows.append((number, row))
-        ledger.settle()
+        ledger.raise_faults()
         return rows
 
     def _number(self, cell: str) -> float | None:

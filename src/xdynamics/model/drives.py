@@ -75,7 +75,7 @@ class Table:
         """
         sheet = Sheet.of(name, text)
         titles = sheet.titles()
-        places = _chosen(sheet, titles, column)
+        places = _value_columns(sheet, titles, column)
         rows = sheet.numbers([*places.values()], skip=gaps == SKIP)
         _check_rows(sheet, rows)
         units = {word: titles[k].unit for word, k in places.items()}
@@ -142,7 +142,7 @@ def doubts_of(name: str, names: Sequence[str]) -> dict[str, int]:
     return {word: names.index(header) for word, header in headers.items() if header in names}
 
 
-def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, int]:
+def _value_columns(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, int]:
     """Return the column indices of argument, values, and uncertainties if any."""
     names = [title.name for title in titles]
     doubts = {header.format(name) for name in names for header in DOUBTS.values()}
@@ -150,7 +150,7 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
     if column:
         matching = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
         if not matching:
-            raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.found}")
+            raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.layout}")
         values = matching
     if len(values) != 1:
         problem = (
@@ -159,7 +159,7 @@ def _chosen(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, i
             else "no column of values beside the first"
         )
         raise InputError(
-            f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.found}, and needs two with"
+            f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.layout}, and needs two with"
             " units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value,"
             " 'u_common(thrust) [N]' of all together"
         )
@@ -187,7 +187,7 @@ def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None
             break
     if len(rows) < 2:
         ledger.note(f"has {len(rows)} rows, needs 2 or more")
-    ledger.settle()
+    ledger.raise_faults()
 
 
 def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:

@@ -78,13 +78,13 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
         entry = {"table": entry}  # a table from Python in place of an entry
     keys(entry, section.known, ())
     if "table" not in entry and "csv" not in entry:
-        raise InputError("key 'table' is missing; name a CSV file there, or write its text behind csv")
+        raise InputError("key 'table' is missing; name a CSV file there, or give its text as csv")
     file = entry.get("table", f"{name}.csv")
     if not isinstance(file, str):
         return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
     if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {file!r} must be the name of a CSV file")
-    return {**entry, "table": file, "csv": entry["csv"] if "csv" in entry else source.reach.text_of(file)}
+    return {**entry, "table": file, "csv": entry["csv"] if "csv" in entry else source.access.text_of(file)}
 
 
 def drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **others: Any) -> Drive:
@@ -108,7 +108,7 @@ def event(**values: Any) -> Event:
 
 
 def contact(**values: Any) -> Contact:
-    """Make a contact; one that rubs needs a slip and a coefficient, and sticks as it slips unless told otherwise."""
+    """Make a contact; one with friction needs a slip and a coefficient, which also holds while it sticks unless `static` is given."""
     if values.get("tangential") == COULOMB:
         if missing := [key for key in _OF_COULOMB[:2] if key not in values]:
             raise InputError(f"tangential '{COULOMB}' needs {' and '.join(missing)}")
@@ -119,12 +119,12 @@ def contact(**values: Any) -> Contact:
 
 
 def friction(kinetic: Node, **others: Any) -> Friction:
-    """Make a friction element, which sticks as it slips unless told otherwise."""
+    """Make a friction element; its static force is the kinetic one unless it has its own."""
     return Friction(kinetic=kinetic, **{"static": kinetic, **others})
 
 
 def named(entry: Any, _: Section, name: str, *__: Any) -> Any:
-    """Return the entry of a closed form, whose own name is the quantity unless told otherwise."""
+    """Return the entry of a closed form, whose name is the quantity unless it names another."""
     if isinstance(entry, str):
         return {"quantity": name, "expression": entry}
     return {"quantity": name, **entry} if isinstance(entry, Mapping) else entry

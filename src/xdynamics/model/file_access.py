@@ -12,11 +12,11 @@ LARGEST_TABLE = 10_000_000  # bytes
 
 # a file's own folder and below; any file; no file, as the tables are part of the text
 BELOW, ANYWHERE, EMBEDDED = "below", "anywhere", "embedded"
-REACHES = (BELOW, ANYWHERE)
+ACCESSES = (BELOW, ANYWHERE)
 
 
 @dataclass(frozen=True)
-class Reach:
+class FileAccess:
     """Where the tables of a model are looked for, and which files are allowed.
 
     Attributes

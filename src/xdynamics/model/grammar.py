@@ -26,9 +26,9 @@ from xdynamics.model.kinds import (
     TEXT,
     TIME_UNIT,
     UNIT,
-    given,
     name_of,
     names_of,
+    raw,
     words,
 )
 from xdynamics.model.lagrangian import Lagrangian
@@ -60,15 +60,15 @@ PLACE = Key(
     "what the time tolerance leaves",
 )
 SPREAD = (
-    Key("uncertainty", given("number in the value's unit, or quantity"), "standard uncertainty", "none"),
+    Key("uncertainty", raw("number in the value's unit, or quantity"), "standard uncertainty", "none"),
     Key(
         "half_width",
-        given("number in the value's unit, or quantity"),
+        raw("number in the value's unit, or quantity"),
         "half the width between bounds, in its place",
         "none",
     ),
     Key("distribution", words(*DISTRIBUTIONS), "how it is distributed", "normal; with half_width rectangular"),
-    Key("degrees_of_freedom", given("number over 2"), "of the distribution t", "needed there"),
+    Key("degrees_of_freedom", raw("number over 2"), "of the distribution t", "needed there"),
 )
 OF_EVENTS = (
     Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
@@ -119,7 +119,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "parameters": Section(
         "constants of the model", "parameter",
-        (Key("value", given("quantity, or a number beside unit"), "of the parameter", NEEDED), Key("unit", given("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", raw("quantity, or a number beside unit"), "of the parameter", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
         '[parameters]\nm = "0.2 kg"\nl = { value = 0.5, unit = "m", uncertainty = 1e-3, description = "length" }\n'
         'k = { value = "40 N m-1", half_width = "1 N m-1", distribution = "triangular" }\n'
         'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n',
@@ -128,7 +128,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "mass": Section(
         "what multiplies the acceleration of each coordinate, and nothing else", "",
-        (Key("<coordinate>", EXPRESSION.of("kg (kg m2 of an angle)"), "mass or moment of inertia", NEEDED), Key("matrix", given("rows of expressions"), "the whole mass matrix in their place, which may depend on coordinates", "")),
+        (Key("<coordinate>", EXPRESSION.of("kg (kg m2 of an angle)"), "mass or moment of inertia", NEEDED), Key("matrix", raw("rows of expressions"), "the whole mass matrix in their place, which may depend on coordinates", "")),
         '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\n',
     ),
     "lagrangian": Section(
@@ -181,7 +181,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "initial": Section(
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
-        (Key("value", given("quantity, or a number beside unit"), "at the start", NEEDED), Key("unit", given("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", raw("quantity, or a number beside unit"), "at the start", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
         'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
@@ -242,7 +242,7 @@ SECTIONS: dict[str, Section] = {
         full=entries.named, make=entries.closed_form, apart=True,
     ),
     "correlations": Section(
-        "correlation coefficients of uncertain inputs", "", (Key("<name>", given("table of numbers from -1 to 1"), "by the other name", "0"),),
+        "correlation coefficients of uncertain inputs", "", (Key("<name>", raw("table of numbers from -1 to 1"), "by the other name", "0"),),
         "[correlations]\nl = { x = 0.3 }\n",
     ),
     "discrepancy": Section(
@@ -256,7 +256,7 @@ SECTIONS: dict[str, Section] = {
         "what the numbers of the model were fitted to, as `fit` writes it", "",
         (
             Key("data", name_of("a CSV file"), "name of the measured data", "none"),
-            Key("adequate", FLAG, "whether the residuals bear the fit out: budgets refuse a model of one that they do not, unless they are asked for it", "true", omitted=None),
+            Key("adequate", FLAG, "whether the residuals support the fit: budgets refuse a model whose fit they do not support, unless asked to take it", "true", omitted=None),
             DESCRIPTION,
         ),
         '[fit]\ndata = "bench.csv"\nadequate = true\ndescription = "residuals are no more than noise"\n',
@@ -275,7 +275,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "run": Section(
         "defaults of `xdynamics run`, each an option of the command too", "",
-        tuple(Key(name, given(key.written), key.about, key.default) for name, key in KEYWORDS.items() if key.example),
+        tuple(Key(name, raw(key.written), key.about, key.default) for name, key in KEYWORDS.items() if key.example),
         "[run]\n" + "".join(f"{name} = {key.example}\n" for name, key in KEYWORDS.items() if key.example),
     ),
 }  # fmt: skip

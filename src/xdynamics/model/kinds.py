@@ -8,7 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse, text_of
 from xdynamics.faults import InputError
-from xdynamics.model.file_access import Reach
+from xdynamics.model.file_access import FileAccess
 from xdynamics.model.parts import Function
 from xdynamics.model.python import Functions, function_of
 from xdynamics.model.table_keys import choice
@@ -34,7 +34,7 @@ class Source:
     """What a model is read with beside its text: Python functions, the files in reach, the unit of time."""
 
     functions: Functions
-    reach: Reach
+    access: FileAccess
     time: Unit = SECONDS
 
 
@@ -70,7 +70,7 @@ def words(*known: str) -> Kind:
     return Kind(takes, lambda value, key, _: choice(value, key, known))
 
 
-def given(takes: str) -> Kind:
+def raw(takes: str) -> Kind:
     """Return the kind of values that are read together with other keys of their entry."""
     return Kind(takes, lambda value, *_: value)
 

@@ -15,7 +15,7 @@ from xdynamics.faults import InputError, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check
 from xdynamics.model.csv_sheet import normal
-from xdynamics.model.file_access import ANYWHERE, BELOW, EMBEDDED, REACHES, Reach
+from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Contact,
@@ -110,7 +110,7 @@ class Model:
     file: Path | None = None  # that it was read from
 
     def __init__(self, **statement: Any) -> None:
-        self._fill(statement, Path(), {}, Reach(Path(), ANYWHERE))
+        self._fill(statement, Path(), {}, FileAccess(Path(), ANYWHERE))
 
     @classmethod
     def from_toml(
@@ -138,8 +138,8 @@ class Model:
             If `tables` is neither word.
         """
         path = Path(path)
-        if tables not in REACHES:
-            raise InputError(f"tables is {tables!r}; there are {', '.join(REACHES)}")
+        if tables not in ACCESSES:
+            raise InputError(f"tables is {tables!r}; there are {', '.join(ACCESSES)}")
         if asked(path, Path.is_dir):
             raise ModelError(f"model file '{path}' is a directory; name the .toml file in it")
         try:
@@ -152,7 +152,7 @@ class Model:
             raise ModelError(
                 f"model file '{path}' cannot be read: it is no text in UTF-8; archives are shown by `xdynamics show`"
             ) from None
-        model = cls._parsed(text, path, functions, Reach(path.parent, tables))
+        model = cls._parsed(text, path, functions, FileAccess(path.parent, tables))
         model.file = path.absolute()
         return model
 
@@ -165,7 +165,7 @@ class Model:
         ModelError
             If the text cannot be read, or with every fault of its statement.
         """
-        return cls._parsed(text, Path("model.toml"), functions, Reach(Path(), EMBEDDED))
+        return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED))
 
     @classmethod
     def from_sympy(cls, equations: Any, **sections: Any) -> Model:
@@ -366,7 +366,7 @@ class Model:
 
     @classmethod
     def _parsed(
-        cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None, reach: Reach
+        cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None, access: FileAccess
     ) -> Model:
         if len(text) > LARGEST_FILE:
             raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_FILE}")
@@ -378,13 +378,17 @@ class Model:
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise ModelError(f"model file '{path}' is no TOML: {error}") from None
         model = object.__new__(cls)
-        model._fill(statement, path, functions or {}, reach)
+        model._fill(statement, path, functions or {}, access)
         return model
 
     def _fill(
-        self, statement: Mapping[str, Any], path: Path, functions: Mapping[str, Callable[..., float]], reach: Reach
+        self,
+        statement: Mapping[str, Any],
+        path: Path,
+        functions: Mapping[str, Callable[..., float]],
+        access: FileAccess,
     ) -> None:
-        whole = read(statement, path, functions, reach)
+        whole = read(statement, path, functions, access)
         self._hold(whole, check(whole))
 
     def _hold(self, statement: Statement, dimensions: dict[str, Dimension]) -> None:

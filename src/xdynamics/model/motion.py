@@ -24,7 +24,7 @@ from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions
-from xdynamics.model.switches import Switch, told, where_it_decides
+from xdynamics.model.switches import Switch, switch_inputs, where_it_decides
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
 
@@ -108,7 +108,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
     values = {name: parameter.quantity.si / sizes[name] for name, parameter in model.parameters.items()}
     values |= {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
-    return values | dict.fromkeys([*modes(model), *told(model)], 0.0)
+    return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
 
 
 @lru_cache(maxsize=16)

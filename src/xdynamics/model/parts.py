@@ -107,7 +107,7 @@ class Function:
         if plain.__code__.co_freevars:
             free = ", ".join(plain.__code__.co_freevars)
             raise InputError(
-                f"function {name!r} takes {free} from around it, which its source does not tell; make it a parameter"
+                f"function {name!r} takes {free} from around it, which its source does not show; make it a parameter"
             )
         return cls(name, tuple(parameters), source, hashlib.sha256(source.encode()).hexdigest(), function)
 

@@ -9,7 +9,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import shown, written
 
 
-def tabled(owner: str, given: Any) -> str:
+def tabled(owner: str, table: Any) -> str:
     """Write a table passed in Python as CSV text, which the model keeps.
 
     Parameters
@@ -25,15 +25,15 @@ def tabled(owner: str, given: Any) -> str:
     InputError
         If it is none of these, or a unit is missing.
     """
-    if hasattr(given, "columns") and hasattr(given, "reset_index"):
-        frame = given.reset_index() if given.index.name else given
+    if hasattr(table, "columns") and hasattr(table, "reset_index"):
+        frame = table.reset_index() if table.index.name else table
         return written({str(name): frame[name] for name in frame.columns})
-    if hasattr(given, "dims") and hasattr(given, "coords"):
-        return written(_columns(owner, given))
-    if isinstance(given, Mapping):
-        return written({str(name): column for name, column in given.items()})
+    if hasattr(table, "dims") and hasattr(table, "coords"):
+        return written(_columns(owner, table))
+    if isinstance(table, Mapping):
+        return written({str(name): column for name, column in table.items()})
     raise InputError(
-        f"table is {shown(str(given))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
+        f"table is {shown(str(table))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
         f' headers: {{"t [s]": …, "{owner} [N]": …}}'
     )
 

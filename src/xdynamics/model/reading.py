@@ -11,7 +11,7 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
-from xdynamics.model.file_access import Reach
+from xdynamics.model.file_access import FileAccess
 from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.kinds import Source, description
 from xdynamics.model.lagrangian import TERMS, motion_of
@@ -26,7 +26,7 @@ from xdynamics.schema import velocity
 from xdynamics.units import CONSTANTS, SECONDS, Quantity, Scales, Unit, time_in
 
 
-def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: Reach) -> Statement:
+def read(statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> Statement:
     """Read every section of a statement.
 
     Raises
@@ -42,12 +42,12 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
         if key not in (*(head.name for head in HEAD), *SECTIONS):
             ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
     tables = {key: _table(statement, key, ledger) for key in SECTIONS}
-    tables["events"], impacts = _told_apart(tables["events"], tables["contacts"], ledger)
+    tables["events"], impacts = _without_impacts(tables["events"], tables["contacts"], ledger)
     start = tables["initial"]
     tables["initial"] = {key: value for key, value in start.items() if key != "regime"}
     parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger), "time_unit": SECONDS}
     for key, section in SECTIONS.items():
-        source = Source(functions, reach, parts["time_unit"])
+        source = Source(functions, access, parts["time_unit"])
         if section.entry:
             parts[section.field or key] = _entries(section, tables[key], source, ledger)
         elif section.make is not None and tables[key]:
@@ -59,13 +59,13 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, reach: 
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(tables["correlations"])
     parts["run"] = _run(tables["run"], parts["time_unit"], ledger)
-    ledger.settle()
+    ledger.raise_faults()
     with ledger.entry("lagrangian" if parts.get("lagrangian") else "mass"):
         if parts.get("lagrangian"):
             _derive(parts, tables["mass"])
         else:
             parts["mass"] = _mass(tables["mass"], list(parts["coordinates"]))
-    ledger.settle()
+    ledger.raise_faults()
     return Statement(**parts)
 
 
@@ -116,7 +116,7 @@ def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[st
     return {}
 
 
-def _told_apart(
+def _without_impacts(
     events: Mapping[str, Any], contacts: Mapping[str, Any], ledger: Ledger
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Return the events, and separately those that are contacts."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.file_access import ANYWHERE, Reach
+from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Parameter
@@ -20,7 +20,7 @@ from xdynamics.model.uncertainty import SIZES, parted
 from xdynamics.units import parse_quantity, parse_unit
 
 _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from
-_OUTSIDE = Reach(Path(), ANYWHERE)
+_OUTSIDE = FileAccess(Path(), ANYWHERE)
 
 
 def replaced(statement: Statement, sections: Mapping[str, Any], functions: Functions) -> Statement:
@@ -35,7 +35,7 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         ledger = Ledger(f"model '{statement.name}'", ModelError)
         for title, entries in sections.items():
             statement = _with_parts(statement, title, entries, ledger, Source(functions, _OUTSIDE, statement.time_unit))
-        ledger.settle()
+        ledger.raise_faults()
         return statement
     tables = tables_of(statement)
     for title, entries in sections.items():

@@ -120,7 +120,7 @@ class Section:
         """The kind of entries that have no keys, but are a value each."""
         return self.keys[0].kind if len(self.keys) == 1 and self.keys[0].is_open else None
 
-    def read(self, name: str, given: Any, source: Source) -> Any:
+    def read(self, name: str, entry: Any, source: Source) -> Any:
         """Read an entry, or the section itself.
 
         Raises
@@ -129,17 +129,17 @@ class Section:
             Naming the key that is wrong.
         """
         if self.values is not None:
-            return self.values.read(given, name, source)
+            return self.values.read(entry, name, source)
         if self.full is not None:
-            given = self.full(given, self, name, source)
-        elif self.brief and not isinstance(given, Mapping):
-            given = {self.brief: given}
+            entry = self.full(entry, self, name, source)
+        elif self.brief and not isinstance(entry, Mapping):
+            entry = {self.brief: entry}
         rest = next((key for key in self.keys if key.is_open), None)
-        if rest is None or not isinstance(given, Mapping):
-            keys(given, self.known, self.needed)
-        values = {key.name: key.kind.read(given[key.name], key.name, source) for key in self.keys if key.name in given}
+        if rest is None or not isinstance(entry, Mapping):
+            keys(entry, self.known, self.needed)
+        values = {key.name: key.kind.read(entry[key.name], key.name, source) for key in self.keys if key.name in entry}
         if rest is not None:
-            others = {key: value for key, value in given.items() if key not in self.known}
+            others = {key: value for key, value in entry.items() if key not in self.known}
             values[rest.field or rest.name] = {key: rest.kind.read(value, key, source) for key, value in others.items()}
         return values if self.make is None else self.make(**values)
 

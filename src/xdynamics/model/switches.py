@@ -230,7 +230,7 @@ def regime_model(model: Model, located: str = LOCATED) -> Model:
     return RegimeModel(model, watched, located)
 
 
-def told(model: Model) -> tuple[str, ...]:
+def switch_inputs(model: Model) -> tuple[str, ...]:
     """Name the numbers that forces take from the march: the side of each switch, or the next points of its table."""
     groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
     return tuple(name for names in groups for name in names)
@@ -270,7 +270,7 @@ def _on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
         side_name = Name(sides[node.arguments[0]])
         return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
     if node.function in ("min", "max"):
-        return _chosen(node, inner, sides)
+        return _extremum_on_sides(node, inner, sides)
     if node.function == "where" and isinstance(node.arguments[0], Compare):
         condition = node.arguments[0]
         known_side = sides.get(Binary("-", condition.left, condition.right))
@@ -279,7 +279,7 @@ def _on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
     return Call(node.function, inner, node.column)
 
 
-def _chosen(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
+def _extremum_on_sides(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
     """Write min and max as `where`, as far as their sides are known."""
     result, others = inner[-1], node.arguments[-1:]
     for i in range(len(inner) - 2, -1, -1):

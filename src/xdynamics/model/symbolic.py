@@ -30,7 +30,7 @@ FUNCTIONS = {
 TERM = "motion"  # the force term that holds the right-hand side
 
 
-def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     """Return the sections of a model from equations of motion and further sections.
 
     Parameters
@@ -84,17 +84,17 @@ def sections_of(equations: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     forces = {
         names[coordinate]: text_of(trees.tree(entry)) for coordinate, entry in zip(coordinates, forcing, strict=True)
     }
-    units = given.get("coordinates", {})
+    units = sections.get("coordinates", {})
     if missing := [names[coordinate] for coordinate in coordinates if names[coordinate] not in units]:
         raise InputError(f'coordinates need a unit for \'{missing[0]}\': coordinates={{"{missing[0]}": "m"}}')
-    if TERM in given.get("forces", {}):
+    if TERM in sections.get("forces", {}):
         raise InputError(f"forces has '{TERM}', which is what the equations are called; rename it")
     own = {
         "coordinates": {names[coordinate]: units[names[coordinate]] for coordinate in coordinates},
         "mass": {"matrix": rows},
     }
-    own["forces"] = {TERM: forces} | dict(given.get("forces", {}))
-    return {"name": "from sympy"} | dict(given) | own
+    own["forces"] = {TERM: forces} | dict(sections.get("forces", {}))
+    return {"name": "from sympy"} | dict(sections) | own
 
 
 class _Taken:

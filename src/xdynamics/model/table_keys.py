@@ -11,7 +11,7 @@ from xdynamics.faults import InputError
 MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
-def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
+def keys(entry: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
     """Check the keys of an entry; see `grammar`.
 
     Raises
@@ -19,10 +19,10 @@ def keys(given: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
     InputError
         If it is not a table, has unknown keys, or lacks a needed one.
     """
-    if not isinstance(given, Mapping):
-        raise InputError(f"{given!r} must be a table with {', '.join(needed)}")
-    faults = [f"key '{key}' is not known{near(key, known)}" for key in given if key not in known]
-    faults += [f"key '{key}' is missing" for key in needed if key not in given]
+    if not isinstance(entry, Mapping):
+        raise InputError(f"{entry!r} must be a table with {', '.join(needed)}")
+    faults = [f"key '{key}' is not known{near(key, known)}" for key in entry if key not in known]
+    faults += [f"key '{key}' is missing" for key in needed if key not in entry]
     if faults:
         raise InputError("; ".join(faults))
 

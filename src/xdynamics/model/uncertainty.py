@@ -104,7 +104,7 @@ def parted(text: Any) -> tuple[str, str] | None:
     return f"{value} {unit}", size
 
 
-def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
+def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
     """Read the spread of an entry, if it has one.
 
     Raises
@@ -112,18 +112,18 @@ def spread_of(given: Mapping[str, Any], value: Quantity) -> Spread | None:
     InputError
         If its keys contradict each other, or its unit is not that of the value.
     """
-    sizes = [key for key in SIZES if key in given]
+    sizes = [key for key in SIZES if key in entry]
     if not sizes:
-        if "distribution" in given or "degrees_of_freedom" in given:
+        if "distribution" in entry or "degrees_of_freedom" in entry:
             raise InputError("has a distribution, and no uncertainty or half_width that says how wide it is")
         return None
     if len(sizes) > 1:
         raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
     bounded = sizes == ["half_width"]
-    distribution = choice(given.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS)
+    distribution = choice(entry.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS)
     if bounded and distribution not in HALF_WIDTHS:
         raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
-    return Spread(_size(given[sizes[0]], sizes[0], value), distribution, bounded, _freedom(given, distribution))
+    return Spread(_size(entry[sizes[0]], sizes[0], value), distribution, bounded, _freedom(entry, distribution))
 
 
 def _size(written: Any, key: str, value: Quantity) -> Quantity:

@@ -147,7 +147,7 @@ def _steps(about: About) -> list[Column]:
         description = model.observed[name].description if name in model.observed else ""
         add(name, description or schema.ENERGIES.get(name, f"{noun} {owner}"), role, units.derived(name))
     for k, one in enumerate(reactions(model)):
-        add(one.name, _said_of(one), "reaction", units.known[one.name], _declared(model, one))
+        add(one.name, _long_name(one), "reaction", units.known[one.name], _declared(model, one))
         collected.append(Column(_state_of(one), _flag(2 + k)))
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
@@ -177,7 +177,7 @@ def _regime(about: About) -> Column:
     return Column(regime, lambda block: block.log.flags[1, : block.rows])
 
 
-def _said_of(reaction: Reaction) -> str:
+def _long_name(reaction: Reaction) -> str:
     """Describe a reaction: its positive direction, and where it is 0."""
     if reaction.sort == NORMAL:
         return f"normal force of contact {reaction.owner}, positive where it pushes; 0 where it is open"

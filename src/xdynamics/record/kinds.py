@@ -69,7 +69,7 @@ def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
         raise InputError(f"{what} needs every row of the march, and this record has {RARE.format(every)}")
 
 
-def said_of_log(attributes: Mapping[Any, Any]) -> str:
+def log_description(attributes: Mapping[Any, Any]) -> str:
     """Describe which columns of its log a record has, and what adds the others; empty if it has all."""
     if LOG not in attributes:
         return ""
@@ -89,11 +89,11 @@ def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
     InputError
         Naming what needs them, and the remedy.
     """
-    if said := said_of_log(attributes):
+    if said := log_description(attributes):
         raise InputError(f"{what} needs all columns of a run's log, and this record has not: {said}")
 
 
-def said_of(attributes: Mapping[Any, Any]) -> str:
+def kind_description(attributes: Mapping[Any, Any]) -> str:
     """Describe a record that is not a whole run; empty for one that is."""
     if is_derived(attributes):
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"

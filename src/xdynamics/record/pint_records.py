@@ -19,11 +19,11 @@ _POWER = re.compile(r"(?<=[A-Za-z])(-?[0-9]+)(?=\s|$)")
 AS_RECORDED = "recorded_units"  # how a unit was spelled: pint puts its parts into an order of its own
 
 
-def is_quantified(given: Any) -> bool:
+def is_quantified(record: Any) -> bool:
     """Whether a Dataset has arrays of pint."""
-    if "pint" not in sys.modules or not hasattr(given, "variables"):
+    if "pint" not in sys.modules or not hasattr(record, "variables"):
         return False
-    return any(_has_unit(variable) for variable in given.variables.values())
+    return any(_has_unit(variable) for variable in record.variables.values())
 
 
 def _has_unit(variable: Any) -> bool:

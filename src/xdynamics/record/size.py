@@ -26,7 +26,7 @@ def bytes_of(march: March, rows: float) -> float:
     return rows * bytes_of_row(march.layout, int(march.run.plan[0].samples))
 
 
-def memory_asked(given: str | float | None) -> float | None:
+def memory_asked(memory: str | float | None) -> float | None:
     """Read a size of memory: a number of bytes, or a text like ``"2 GB"``.
 
     Raises
@@ -39,15 +39,15 @@ def memory_asked(given: str | float | None) -> float | None:
     >>> memory_asked("2 GB"), memory_asked(1e6), memory_asked(None)
     (2000000000.0, 1000000.0, None)
     """
-    if given is None:
+    if memory is None:
         return None
-    match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(given))
+    match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(memory))
     try:
-        size = float(match[1]) * UNITS[match[2] or "B"] if match and not isinstance(given, bool) else 0.0
+        size = float(match[1]) * UNITS[match[2] or "B"] if match and not isinstance(memory, bool) else 0.0
     except ValueError:
         size = 0.0
     if not 0.0 < size < float("inf"):
-        raise InputError(f"memory is {given!r}, needs a positive size like '2 GB', or a number of bytes")
+        raise InputError(f"memory is {memory!r}, needs a positive size like '2 GB', or a number of bytes")
     return size
 
 
@@ -70,7 +70,7 @@ def free_memory() -> float:
     return max(available, 0.0)
 
 
-def said(size: float) -> str:
+def size_text(size: float) -> str:
     """Write a size in words.
 
     Examples
@@ -103,9 +103,9 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
         return
     kept = rows / march.settings.keep_every
     needed = bytes_of(march, kept)
-    what = f"the run makes {rows:.4g} rows, which take {said(needed)}"
+    what = f"the run makes {rows:.4g} rows, which take {size_text(needed)}"
     if march.settings.keep_every > 1:
-        what = f"the run makes {rows:.4g} rows and keeps {kept:.4g} of them, which take {said(needed)}"
+        what = f"the run makes {rows:.4g} rows and keeps {kept:.4g} of them, which take {size_text(needed)}"
     if path is not None:
         try:
             total, _, free = shutil.disk_usage(Path(path).absolute().parent)
@@ -113,14 +113,14 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
             return
         if total and needed > free:  # of no size is a file system that keeps no files, like /proc, which says so itself
             raise InputError(
-                f"{what}, and the disk of '{path}' has {said(free)} free; take a longer step or an earlier end"
+                f"{what}, and the disk of '{path}' has {size_text(free)} free; take a longer step or an earlier end"
             )
         return
     if allowed is None and needed < SMALL:
         return
     room = ROOM * free_memory() if allowed is None else allowed
     if needed > room:
-        limit = f"{said(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
+        limit = f"{size_text(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
         raise InputError(
             f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
             " step or an earlier end"

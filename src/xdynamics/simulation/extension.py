@@ -20,7 +20,7 @@ from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import said_of_log
+from xdynamics.record.kinds import log_description
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,
@@ -122,7 +122,7 @@ def _march_on(kept: xr.Dataset, model: Model, until: str | float, progress: Prog
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if march.layout.reactions or march.layout.smooth:  # energies of impacts and switches that were passed are of states
         left_out = [name for name in march.layout.used if name not in places]
-        if left_out and (note := said_of_log(kept.attrs)):
+        if left_out and (note := log_description(kept.attrs)):
             raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {note}")
     if missing:
         raise InputError(

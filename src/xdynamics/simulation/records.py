@@ -12,7 +12,7 @@ from xdynamics import archive, record
 from xdynamics.evidence.runs import record_of
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
-from xdynamics.record.kinds import said_of
+from xdynamics.record.kinds import kind_description
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +35,7 @@ def kept_run(run: xr.Dataset | str | Path, path: str | Path | None, verb: str) -
         record.check_kind(kept)
         if not named:
             archive.check_unchanged(kept)
-        if kind := said_of(kept.attrs):
+        if kind := kind_description(kept.attrs):
             raise InputError(f"the run cannot be {done}, it is {kind}; {verb} the run itself")
         yield kept
 

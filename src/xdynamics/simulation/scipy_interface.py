@@ -222,22 +222,22 @@ class Written:
         return [node_of(value) for value in self.values]
 
 
-def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]) -> list[Written]:
+def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, arguments: list[Any]) -> list[Written]:
     """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
-    first, second = ([*_each_written(functions, words, t, y, given)] for _ in range(2))
+    first, second = ([*_each_written(functions, words, t, y, arguments)] for _ in range(2))
     for written, again in zip(first, second, strict=True):
         check_repeats(_called(written.function), written.words, written.nodes, again.nodes)
     return first
 
 
 def _each_written(
-    functions: list[RightSide], words: list[str], t: Traced, y: Any, given: list[Any]
+    functions: list[RightSide], words: list[str], t: Traced, y: Any, arguments: list[Any]
 ) -> Iterator[Written]:
     fun, *events = functions
-    rates = _as_many(fun, traced(fun, t, y.copy(), *given), len(words))
+    rates = _as_many(fun, traced(fun, t, y.copy(), *arguments), len(words))
     yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
-        yield Written(event, ("its value",), (traced(event, t, y.copy(), *given),))
+        yield Written(event, ("its value",), (traced(event, t, y.copy(), *arguments),))
 
 
 def _numbers(starts: list[str], own: list[str]) -> Floats:

@@ -23,7 +23,7 @@ from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import is_run, said_of
+from xdynamics.record.kinds import is_run, kind_description
 from xdynamics.record.size import check_room
 from xdynamics.schema import STEP_NUMBER
 from xdynamics.simulation.records import check_destination, marched_record, warn_of_accuracy
@@ -372,7 +372,7 @@ def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]]
     kept = archive.open_run(path)
     with kept:
         if not is_run(kept.attrs):
-            raise InputError(f"'{path}' is {said_of(kept.attrs)}; reproduce the archive of that run")
+            raise InputError(f"'{path}' is {kind_description(kept.attrs)}; reproduce the archive of that run")
         return reproduced(kept, archive.selected_like(kept, _again(kept, functions)))
 
 

@@ -129,7 +129,7 @@ def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     for name, values in entries.items():
         with ledger.entry(f"axis {name!r}"):
             axes.append(_axis(model, str(name), values))
-    ledger.settle()
+    ledger.raise_faults()
     _check_once(axes)
     if len(axes) > MOST_AXES:
         raise InputError(f"there are {len(axes)} axes, {MOST_AXES} at most; let some vary together, or draw them")

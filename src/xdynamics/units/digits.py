@@ -14,7 +14,7 @@ def digits(value: float, *, uncertainty: float = 0.0, relative: float = 0.0, apa
     """Return how many significant digits of a number to write.
 
     So many that rounding to them moves it by less than half its uncertainty, the larger of `uncertainty` and `relative` times its size; never
-    fewer than tell it from another number that is `apart` away.
+    fewer than distinguish it from another number that is `apart` away.
 
     Examples
     --------

@@ -13,9 +13,9 @@ from xdynamics.units.unit import Unit
 _RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
 
 
-def is_range(given: Any) -> bool:
+def is_range(value: Any) -> bool:
     """Whether a text is meant as ``start:stop:count unit``."""
-    return isinstance(given, str) and _RANGE.fullmatch(given) is not None
+    return isinstance(value, str) and _RANGE.fullmatch(value) is not None
 
 
 @dataclass(frozen=True)

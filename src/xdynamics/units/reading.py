@@ -78,7 +78,7 @@ def _product(stripped: str, shown: str) -> Unit:
     return Unit(" ".join(parts) or "1", dimension, factor)
 
 
-def parse_quantity(given: Any) -> Quantity:
+def parse_quantity(value: Any) -> Quantity:
     """Read ``"0.145 kg"``, a bare number (unit ``1``) or a pint quantity.
 
     Raises
@@ -91,14 +91,14 @@ def parse_quantity(given: Any) -> Quantity:
     >>> parse_quantity("10.8 g").si
     0.0108
     """
-    if hasattr(given, "magnitude") and hasattr(given, "unit_items"):
-        powers = [(name, int(power) if power == int(power) else power) for name, power in given.unit_items()]
+    if hasattr(value, "magnitude") and hasattr(value, "unit_items"):
+        powers = [(name, int(power) if power == int(power) else power) for name, power in value.unit_items()]
         return _quantity(
-            _number(given.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(given))
+            _number(value.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(value))
         )
-    if not isinstance(given, str):
-        return _quantity(_number(given), "1", repr(given))
-    text = given.strip()
+    if not isinstance(value, str):
+        return _quantity(_number(value), "1", repr(value))
+    text = value.strip()
     shown = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
         raise InputError(f"quantity {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
@@ -108,7 +108,7 @@ def parse_quantity(given: Any) -> Quantity:
     return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown)
 
 
-def parse_time(given: Any, what: str) -> float:
+def parse_time(value: Any, what: str) -> float:
     """Read a time and return seconds; a bare number is seconds.
 
     Raises
@@ -117,16 +117,16 @@ def parse_time(given: Any, what: str) -> float:
         If `given` is no finite time; the message names `what`.
     """
     try:
-        quantity = parse_quantity(given)
+        quantity = parse_quantity(value)
     except InputError as error:
         raise InputError(f"{what}: {error}") from None
-    bare = isinstance(given, Real)
+    bare = isinstance(value, Real)
     if not bare and quantity.unit.dimension != TIME:
-        raise InputError(f"{what} {given!r} has units '{quantity.unit.dimension}', needs 's'")
+        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'")
     return quantity.si
 
 
-def time_in(unit: Unit, given: Any, what: str) -> float:
+def time_in(unit: Unit, value: Any, what: str) -> float:
     """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
 
     Raises
@@ -134,12 +134,12 @@ def time_in(unit: Unit, given: Any, what: str) -> float:
     InputError
         If it has another unit; the message names `what`.
     """
-    if unit.dimension == TIME or not isinstance(given, str):
-        return parse_time(given, what)
-    quantity = parse_quantity(given)
+    if unit.dimension == TIME or not isinstance(value, str):
+        return parse_time(value, what)
+    quantity = parse_quantity(value)
     if quantity.unit.dimension != NONE:
         raise InputError(
-            f"{what} {given!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
+            f"{what} {value!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
         )
     return quantity.si
 
@@ -150,13 +150,13 @@ def constant(name: str) -> Unit:
     return Unit(spelling, dimension, factor)
 
 
-def _number(given: Any) -> float:
-    if isinstance(given, Real) and not isinstance(given, bool):
+def _number(value: Any) -> float:
+    if isinstance(value, Real) and not isinstance(value, bool):
         try:
-            return float(given)
+            return float(value)
         except OverflowError:
             pass
-    raise InputError(f"quantity {str(given)[:40]!r} is no number with a unit; write it like '0.145 kg'")
+    raise InputError(f"quantity {str(value)[:40]!r} is no number with a unit; write it like '0.145 kg'")
 
 
 def _quantity(value: float, unit: str, shown: str) -> Quantity:

@@ -21,7 +21,7 @@ class Scales:
     mass: float = 1.0
 
     @classmethod
-    def parse(cls, given: dict[str, Any] | None) -> Scales:
+    def parse(cls, scales: dict[str, Any] | None) -> Scales:
         """Read ``{"length": "1 astronomical_unit", …}``; scales not given are one SI unit.
 
         Raises
@@ -31,9 +31,9 @@ class Scales:
         """
         needed = {"length": base_powers(m=1), "time": TIME, "mass": base_powers(kg=1)}
         values = {}
-        if not isinstance(given, Mapping | None):
-            raise InputError(f'scales are {given!r}, need a table like {{ length = "1 m" }}')
-        for name, text in (given or {}).items():
+        if not isinstance(scales, Mapping | None):
+            raise InputError(f'scales are {scales!r}, need a table like {{ length = "1 m" }}')
+        for name, text in (scales or {}).items():
             if name not in needed:
                 raise InputError(f"scale {name!r} is not known; there are length, time and mass")
             quantity = parse_quantity(text)

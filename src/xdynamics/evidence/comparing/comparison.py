@@ -24,7 +24,7 @@ from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError
 from xdynamics.record import check
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.kinds import is_evidence, rows_apart, said_of
+from xdynamics.record.kinds import is_evidence, kind_description, rows_apart
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import parse_unit, unit_suffix
 
@@ -127,7 +127,7 @@ def _check(run: Any) -> None:
     if isinstance(run, str | Path):
         raise InputError(f"'{run}' is a path; open it first, with open_run")
     if isinstance(run, xr.Dataset) and is_evidence(run.attrs):
-        raise InputError(f"this is {said_of(run.attrs)}; compare needs runs")
+        raise InputError(f"this is {kind_description(run.attrs)}; compare needs runs")
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
         raise InputError("compare needs two run records, or one and measured data; one has no 'time' along 'step'")
     check(run, whole=False, values=False)

@@ -20,7 +20,7 @@ from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.csv_sheet import Sheet, Title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
-from xdynamics.model.file_access import ANYWHERE, Reach
+from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, EVIDENCE
 from xdynamics.units import SECONDS, TIME, Unit, parse_unit, unit_suffix
@@ -119,7 +119,7 @@ def residuals(
             ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(observables)}")
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
-    ledger.settle()
+    ledger.raise_faults()
     unit_text = unit_suffix(time_unit(run))
     begin, end = (float(run["time"][k]) for k in (0, -1))
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
@@ -196,8 +196,8 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
 
 def _of_file(path: Path, known: Sequence[str] | None, *, skip: bool) -> Measured:
     """Read the columns of a CSV file."""
-    sheet = Sheet.of(path.name, Reach(path.parent, ANYWHERE).text_of(path.name))
-    titles, left_out = _titles(f"'{path.name}' ({sheet.found})", sheet.header, known)
+    sheet = Sheet.of(path.name, FileAccess(path.parent, ANYWHERE).text_of(path.name))
+    titles, left_out = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known)
     rows = sheet.numbers([*titles], skip=skip)
     if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
@@ -219,7 +219,7 @@ def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | No
     for k, column in titles.items():
         with ledger.entry(f"column {shown([*columns][k])}"):
             columns_read[column.name] = _numbers(cells[k]), column.unit
-    ledger.settle()
+    ledger.raise_faults()
     return _sorted_out(name, columns_read, left_out)
 
 
@@ -240,7 +240,7 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
             if heading.name in {earlier.name for earlier in titles.values()}:
                 raise InputError(f"'{heading.name}' stands there twice")
             titles[k] = heading
-    ledger.settle()
+    ledger.raise_faults()
     if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
         raise InputError(f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(known)}")
     return titles, tuple(left_out)
@@ -265,7 +265,7 @@ def _of_dataset(source: Any) -> Measured:
             f"variables have {', '.join(f'{size} ({name})' for name, size in sizes.items())} rows, need one dimension"
             " for all"
         )
-    ledger.settle()
+    ledger.raise_faults()
     return _sorted_out("the Dataset", columns)
 
 
@@ -316,5 +316,5 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
             )
     if not values or not times.size:
         ledger.note("has no column beside the times" if times.size else "has no rows")
-    ledger.settle()
+    ledger.raise_faults()
     return Measured(name, times * float(unit.factor), unit, values, uncertainties, left_out)

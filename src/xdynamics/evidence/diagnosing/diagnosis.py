@@ -355,7 +355,7 @@ def _beside_closed_form(rows: Chunks, name: str, text: str) -> tuple[Floats, Flo
             raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
         if dimension != model.units[name].dimension:
             raise InputError(f"has units '{dimension}', needs '{model.units[name].text}'")
-    ledger.settle()
+    ledger.raise_faults()
     computed, expected = np.zeros((2, rows.size))
     for part in rows.parts("time", *model.units):
         times, here = part.own("time"), slice(part.first, part.first + part.count)

@@ -13,7 +13,7 @@ from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.refining.study import Study
-from xdynamics.record.size import ROOM, free_memory, said
+from xdynamics.record.size import ROOM, free_memory, size_text
 from xdynamics.units import unit_suffix
 
 Floats = NDArray[np.float64]
@@ -44,10 +44,10 @@ class Bounds:
             return f"more than most_rows = {self.rows:.9g}"
         if keep is not None:
             free = float(shutil.disk_usage(keep).free)
-            return f"and the disk of '{keep}' has {said(free)} free" if size > free else ""
+            return f"and the disk of '{keep}' has {size_text(free)} free" if size > free else ""
         room = ROOM * free_memory() / COPIES if self.memory is None else self.memory
         there = "can be had" if self.memory is None else "were allowed"
-        return f"and {said(room)} of memory {there}" if size > room else ""
+        return f"and {size_text(room)} of memory {there}" if size > room else ""
 
 
 def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
@@ -118,4 +118,4 @@ def _bytes_of_row(study: Study) -> float:
 
 def _extent(study: Study, rows: float) -> str:
     """Write a number of rows and their size."""
-    return f"{rows:.2g} rows ({said(rows * _bytes_of_row(study))})"
+    return f"{rows:.2g} rows ({size_text(rows * _bytes_of_row(study))})"

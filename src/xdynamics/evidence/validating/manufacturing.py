@@ -68,7 +68,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
             if moving := sorted(free_names(tree) & {*model.units, *model.drives}):
                 raise InputError(f"{text!r} reads '{moving[0]}'; a trajectory is of t and parameters")
             wanted[name] = tree
-    ledger.settle()
+    ledger.raise_faults()
     along = wanted | {velocity(name): _rate(wanted[name]) for name in model.coordinates}
     document = tomllib.loads(model.to_toml())
     forces = {name: text_of(force) for name, force in _missing(model, along).items()}
