@@ -177,11 +177,12 @@ def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
     data.write_text("time [1],q [1]\n" + "".join(f"{t / 4},{1.5 - t * t / 50}\n" for t in range(1, 9)))
     studies = {
         "contrast": xd.contrast(swept, "d"), "sensitivities": xd.sensitivities(swept), "influences": xd.influences(swept),
-        "convergence": xd.convergence(steps, "step"), "precision": xd.precision(steps), "ragged": xd.ragged(steps),
+        "convergence": xd.convergence(steps, "step"), "precision": xd.precision(steps),
         "indices": xd.sobol_indices(model, {"d": ("0.04", "0.06"), "f": ("0.1", "0.3")}, "end_q", draws=16, until="1"),
         "ledger": xd.validate(["dop853"], model=ball), "fit": xd.fit(model, data, ["d"], until="2"),
         "extreme": xd.error_budget(model, "maximum_q", until="3"),
     }  # fmt: skip
+    check(texts_of(xd.ragged(steps)), "ragged")
     for what, found in studies.items():
         check(texts_of(found), what)
         path = xd.save(found, tmp_path / f"{what}.nc")
