@@ -103,6 +103,8 @@ def test_one_term_is_left_at_least() -> None:
     names = ["truncation", "roundoff", "interpolation", "event_location", "vt"]
     with no_march(), pytest.raises(xd.InputError, match="no term is left of the budget; there are truncation"):
         xd.error_budget(BALL, "y", without=names, **ASKED)
+    with no_march(), pytest.raises(xd.InputError, match="no term is left of the budget"):
+        xd.error_budget(BALL, "y", only=[], **ASKED)
 
 
 def test_a_certificate_has_every_term() -> None:

@@ -14,6 +14,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.evidence.stages import inputs_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import words_of
@@ -30,6 +31,7 @@ LARGEST, LEAST = "maximum", "minimum"  # over a whole run
 TIME = "t"  # the quantity that is the time of the event itself
 SIDES = ("before", "after")
 ROUNDED = 8.0 * float(np.finfo(float).eps)  # relative rounding of a time
+SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 NEAR = 1e-3  # fraction of a step over which a quantity's rate at an event is taken
 
 
@@ -210,6 +212,11 @@ class Measurand:
     def inputs(self) -> tuple[Any, ...]:
         """Everything that the number depends on, for the names of tasks."""
         return self.model.digest, self.target, inputs_of(self.settings), xdynamics_version()
+
+    @property
+    def sharp(self) -> float:
+        """The time tolerance of events in runs for slopes."""
+        return SHARPER * settings_for(self.model, **self.settings).time_tolerance
 
     def number(self, model: Model, **settings: Any) -> float:
         """March a model, with other settings where they are given, and return its number.

@@ -17,7 +17,6 @@ from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
 from xdynamics.faults import InputError
-from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
 from xdynamics.model.uncertainty import Discrepancy, matrix_of, root_of
@@ -36,7 +35,6 @@ WIDEST, NARROWEST = 1e-2, 1e-9  # relative limits of shifts: wider only up to th
 NOISE = 64.0 * 2.0**-52  # relative to the number, over a shift; a smaller slope counts as zero
 SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of the sixth-order slope from these sides
-SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 AGREED = 0.02  # relative, within which variational equations and differences agree
 BY_DIFFERENCES = (
     "slope by central differences of sixth order over {0:.3g} of its uncertainties; another spacing gives {1:.1g} of"
@@ -148,8 +146,7 @@ def copies(measurand: Measurand, names: Sequence[str], **settings: Any) -> xr.Da
     for i, (name, entry) in enumerate(inputs.items()):
         values[name][i] += np.multiply.outer(np.nan_to_num(_shifts(entry)), SIDES)
     axes = {"input": {named(model, name): _with_units(entry.ravel(), inputs[name]) for name, entry in values.items()}}
-    tolerance = SHARPER * settings_for(model, **measurand.settings).time_tolerance
-    return measurand.numbers(axes, time_tolerance=tolerance, **settings)
+    return measurand.numbers(axes, time_tolerance=measurand.sharp, **settings)
 
 
 def differences(

@@ -111,4 +111,4 @@ def _row(names: Any, keyword: str) -> Collection[str] | None:
         return None
     if not isinstance(row, Collection) or not all(isinstance(name, str) for name in row):
         raise InputError(f"{keyword} is {str(names)[:60]!r}, needs names of terms, like ['roundoff']")
-    return row or None
+    return row

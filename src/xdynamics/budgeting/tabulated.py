@@ -13,7 +13,6 @@ from xdynamics.budgeting.measurand import Measurand
 from xdynamics.budgeting.sources import ErrorSource
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.elementary.arrays import dot
-from xdynamics.march.configuration import settings_for
 from xdynamics.model.drives import Table
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.uncertainty import normal_quantile
@@ -27,7 +26,6 @@ PAIRS, CONTROLS = 32, 4  # of drawn tables: where slopes do not suffice, and to 
 AGREED = 0.02  # relative to a standard uncertainty, within which slopes count as exact
 LEAST = 2.0**-54
 SIGNS = np.array([1.0, -1.0])
-SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 PARTS = np.array([-1.0, -2.0 / 3.0, -1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])  # of a standard uncertainty
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of the sixth-order slope from these
 
@@ -60,13 +58,12 @@ class Copies:
 
     def number(self, change: Floats) -> float:
         """March the model with its table changed by so much, SI; return the number."""
-        model, settings = self.measurand.model, self.measurand.settings
+        model = self.measurand.model
         declared = SECTIONS["drives"].write(model.drives[self.name], model.time_unit)
         text = _written(self.table, self.table.value + change)
         kept = {key: value for key, value in declared.items() if key not in ("column", "gaps")}
         changed = model.replace(drives={self.name: kept | {"csv": text}})
-        tolerance = SHARPER * settings_for(model, **settings).time_tolerance
-        return self.measurand.number(changed, time_tolerance=tolerance)
+        return self.measurand.number(changed, time_tolerance=self.measurand.sharp)
 
     def odd(self, change: Floats) -> float:
         """Return half the difference of the number between a change and its opposite."""

@@ -64,6 +64,7 @@ def budget(model_file: str, output: str | None, changes: tuple[str, ...], **name
     """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
     from xdynamics.budgeting.budget import error_budget
 
+    named |= {name: named[name] or None for name in ("only", "without")}
     _evidence(error_budget, model_file, changes, output, **_of_number_and_march(named))
     if output:
         say([f"budget    {output}"])
