@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
+from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import (
@@ -128,7 +129,7 @@ _KEPT: list[Any] = []
 
 def in_python(program: Program) -> Any:
     """Return the program as printed Python, called with arrays by their names."""
-    scope = dict(PYTHON) | {"_interval": Intervals(FUNCTIONS, rough=True), "_empty": np.empty}
+    scope = PYTHON | PYTHON_TABLES | {"_interval": Intervals(FUNCTIONS, rough=True), "_empty": np.empty}
     exec(python_of(program), scope)
 
     def call(**arrays: Any) -> None:

@@ -278,6 +278,58 @@ def test_a_program_answers_for_its_numbers(runs: int, count: int) -> None:
         assert np.nansum(at[AT.index("unsound")]) == 0.0
 
 
+def test_rows_as_long_as_there_are_runs() -> None:
+    """Assert that a stride equal to the number of runs is still multiplied by it."""
+    u, z = np.random.default_rng(8).normal(size=(24, 4)), np.zeros((24, 4))
+    compiled(lattice(6, 4), runs=4)(y=u, z=z)
+    for lane in range(4):
+        alone = np.zeros(24)
+        in_python(lattice(6, 4))(y=u[:, lane], z=alone)
+        assert z[:, lane].tobytes() == alone.tobytes()
+
+
+@pytest.mark.parametrize("abreast", WIDTHS)
+def test_gathered_indices_have_strides(abreast: int) -> None:
+    """Assert that elements of vectors that lie body by body are read at gathered bodies."""
+    order = tuple(np.random.default_rng(4).permutation(19).tolist())
+    body = (
+        Gather("k", Place("order", 0, (("i", 1),))),
+        Load("x", Place("y", 2, (("k", 3),))),
+        Load("m", Place("p", 0, (("k", 1),))),
+        Compute("mx", "multiply", ("x", "m")),
+        Store(element("z"), "mx"),
+    )
+    y, p, z = np.arange(57.0), np.linspace(1.0, 2.0, 19), np.zeros(19)
+    made = program(Loop("i", 19, body), tables={"order": order})
+    for call in (in_python(made), compiled(made, abreast=abreast)):
+        call(y=y, p=p, z=z)
+        assert z.tolist() == [y[3 * k + 2] * p[k] for k in order]
+        z[:] = 0.0
+
+
+@pytest.mark.parametrize("runs", WIDTHS)
+def test_lanes_look_up_tables_as_python_does(runs: int) -> None:
+    """Assert that every lane finds its piece of the second of two tables, and its value and slope, with Python's bits."""
+    origins = np.array([-2.0, -1.0, 0.5, 0.75, 4.0, 7.0])
+    tables = np.concatenate([np.full(10, 9.0), origins, np.random.default_rng(2).normal(size=24)])
+    places, x = np.array([0, 2, 1, 10, 6, 3]), np.linspace(-2.5, 7.0, runs)
+    made = program(
+        Load("x", Place("y")),
+        Compute("k", "find_piece", ("x", 1)),
+        Compute("kept", "piece_of", (1,)),
+        Compute("a", "value_at", ("x", "k", 1)),
+        Compute("b", "slope_at", ("x", "kept", 1)),
+        Store(Place("z"), "a"),
+        Store(Place("z", 1), "b"),
+    )
+    z, plain = np.zeros((2, runs)), np.zeros((2, runs))
+    compiled(made, runs=runs)(y=x, z=z, tables=tables, pieces=np.repeat(places[:, None], runs, axis=1))
+    for lane in range(runs):
+        in_python(made)(y=x[lane : lane + 1], z=plain[:, lane], tables=tables, pieces=places)
+    assert z.tobytes() == plain.tobytes()
+    assert np.all(np.abs(np.diff(z[0])) > 0.0)
+
+
 I, J = ("i", 1), ("j", 1)
 
 
