@@ -63,3 +63,16 @@ def test_chunks_of_one_row_change_nothing() -> None:
     whole = xd.diagnose(run, companion=False)
     assert whole.sizes["turn"] > 3
     assert_same(xd.diagnose(run.chunk(step=1), companion=False), whole)
+
+
+def test_a_figure_reads_each_chunk_once(tmp_path: Path) -> None:
+    """Assert that a run in chunks is drawn as the run in memory, and forces and samples are read where they are named."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)
+    sizes = [50, run.sizes["step"] - 50]
+    for only, forces in ((None, 0), (["force_gravity_y", "trajectory"], 2)):
+        lazy, reads = chunked(run, sizes)
+        xd.plot(lazy, tmp_path / "lazy.png", only=only)
+        xd.plot(run, tmp_path / "whole.png", only=only)
+        assert (tmp_path / "lazy.png").read_bytes() == (tmp_path / "whole.png").read_bytes()
+        assert max(reads.values()) == 1
+        assert sum(count for (name, _), count in reads.items() if name.startswith("force_")) == forces

@@ -10,12 +10,13 @@ from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
-from xdynamics.schema import EVIDENCE
+from xdynamics.schema import EVIDENCE, SAMPLES
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+ON_REQUEST = ("force", "observable", "gap")  # roles of columns that a figure of a run has only where they are named
 PAGES = {
     kind: module.PAGE
     for module in (budget, comparison, diagnosis, fit, ledger, precision, refinement, sweep)
@@ -39,7 +40,8 @@ def plot(
     ----------
     record : xarray.Dataset, or mapping of str to xarray.Dataset
         A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
-        refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once.
+        refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
+        the columns that are drawn are read, each chunk once.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
     only : str or sequence of str, optional
@@ -60,7 +62,8 @@ def plot(
     """
     if path is not None:
         check_path(Path(path))
-    record = _computed(record)
+    wanted = [only] if isinstance(only, str) else only
+    record = _computed(record, wanted)
     if hasattr(record, "attrs"):
         kind = str(record.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
@@ -76,7 +79,6 @@ def plot(
     if page is not run.PAGE and (only is not None or others):
         raise InputError("only and beside are for figures of a run")
     _check(size, dpi)
-    wanted = [only] if isinstance(only, str) else only
     options: dict[str, Any] = {"only": wanted, "beside": others} if page is run.PAGE else {}
     panels, foot = page.panels_of(record, **options), page.foot_of(record)
     if len(panels) > page.most_panels:
@@ -89,11 +91,20 @@ def plot(
     return figure
 
 
-def _computed(record: Any) -> Any:
-    """Compute lazy evidence, once for all panels; a run is read as it is drawn."""
+def _computed(record: Any, wanted: Sequence[str] | None) -> Any:
+    """Compute lazy evidence, once for all panels; of a run in chunks what is drawn, so that no chunk is read twice."""
     if not hasattr(record, "attrs"):
         return dict(zip(record, computed(*record.values()), strict=True))
-    return computed(record)[0] if record.attrs.get(EVIDENCE) else record
+    if record.attrs.get(EVIDENCE):
+        return computed(record)[0]
+    drawn = [
+        name
+        for name, variable in record.variables.items()
+        if variable.chunks is not None
+        and variable.dims[:1] != (SAMPLES,)
+        and (variable.attrs.get("role") not in ON_REQUEST or name in (wanted or ()))
+    ]
+    return record.assign(computed(record[drawn])[0].variables) if drawn else record
 
 
 def _check(size: Any, dpi: Any) -> None:
