@@ -230,7 +230,7 @@ def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
 
 @pytest.mark.parametrize("runs", [1, 4])
 def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
-    """Assert that a call is made where a number is not zero in some lane, and repeated until it is zero in all."""
+    """Assert calls: one always, one where a number is not zero in some lane, one until it is zero in all."""
     less = (
         Load("n", Place("w")), Compute("some", "more", ("n", 0.0)), Compute("m", "subtract", ("n", 1.0)),
         Compute("left", "choose", ("some", "m", "n")), Store(Place("w"), "left"),
@@ -239,6 +239,7 @@ def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
     more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), Store(Place("w", 1), "m"))
     called = Program("less", "Less.", less), Program("more", "More.", more)
     own = program(
+        Call("more", "at", "y", "z"),
         While(Place("w"), Call("less", "at", "e", "e")),
         When(Place("w"), Call("more", "at", "y", "z")),
         When(Place("w", 2), Call("more", "at", "y", "z")),
@@ -246,7 +247,7 @@ def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
     w, e = np.array([[3.0, 1.0, 2.0, 0.0], [0.0] * 4, [0.0, 0.0, 0.0, 1.0]])[:, -runs:].copy(), np.zeros(runs)
     repeated = w[0].max()
     compiled(own, *called, runs=runs)(w=w, e=e)
-    assert w.tolist() == [[0.0] * runs, [5.0] * runs, [*[0.0] * (runs - 1), 1.0]]
+    assert w.tolist() == [[0.0] * runs, [10.0] * runs, [*[0.0] * (runs - 1), 1.0]]
     assert e.tolist() == [repeated] * runs
 
 
@@ -280,11 +281,11 @@ def test_a_program_answers_for_its_numbers(runs: int, count: int) -> None:
 
 def test_rows_as_long_as_there_are_runs() -> None:
     """Assert that a stride equal to the number of runs is still multiplied by it."""
-    u, z = np.random.default_rng(8).normal(size=(24, 4)), np.zeros((24, 4))
-    compiled(lattice(6, 4), runs=4)(y=u, z=z)
+    u, z = np.random.default_rng(8).normal(size=(56, 4)), np.zeros((56, 4))
+    compiled(lattice(14, 4), runs=4)(y=u, z=z)
     for lane in range(4):
-        alone = np.zeros(24)
-        in_python(lattice(6, 4))(y=u[:, lane], z=alone)
+        alone = np.zeros(56)
+        in_python(lattice(14, 4))(y=u[:, lane], z=alone)
         assert z[:, lane].tobytes() == alone.tobytes()
 
 
