@@ -53,10 +53,8 @@ def march_abreast(
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
     part = Part.of(n, law, inputs[2])
     blocks = _blocks(one, layout, lanes)
-    table, stride = (
-        table_of(blocks | {"tables": one.tables}),
-        law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers))),
-    )
+    table = table_of(blocks | {"tables": one.tables})
+    stride = law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers)))
     state_blocks = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
     sources, rows = _sources(layout, columns), []
     event_log = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
