@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.units import parse_quantity
@@ -417,14 +417,14 @@ def test_what_steps_do_not_undo_is_not_marched_back() -> None:
     asked: dict[str, Any] = {"method": "velocity_verlet", "step": 0.25, "until": 1.0, "summation": "plain"}
     run = xd.simulate(REVERSED, **asked)
     for quantity, at in (("x", 0.25), ("x", 0.3), ("v_y", 1.0)):
-        assert returned(run, REVERSED, Target(quantity, at), asked) == pytest.approx(0.0, abs=1e-14)
-    assert returned(run, REVERSED, Target("x", 0.2), asked) is None
-    assert returned(run, REVERSED, Target("total_energy", 1.0), asked) is None
-    assert returned(run, REVERSED, Target("x", None, "never"), asked) is None
+        assert returned(run, Measurand(REVERSED, Target(quantity, at), asked)) == pytest.approx(0.0, abs=1e-14)
+    assert returned(run, Measurand(REVERSED, Target("x", 0.2), asked)) is None
+    assert returned(run, Measurand(REVERSED, Target("total_energy", 1.0), asked)) is None
+    assert returned(run, Measurand(REVERSED, Target("x", None, "never"), asked)) is None
     watched = xd.Model.from_text(REVERSED.to_toml() + '\n[events.never]\nfunction = "x - 9*metre"\n')
     fourth = asked | {"method": "rk4"}
     for model, how in ((watched, asked), (REVERSED, fourth)):
-        assert returned(xd.simulate(model, **how), model, Target("x", 1.0), how) is None
+        assert returned(xd.simulate(model, **how), Measurand(model, Target("x", 1.0), how)) is None
 
 
 @pytest.mark.parametrize(
