@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -76,3 +77,15 @@ def test_a_figure_reads_each_chunk_once(tmp_path: Path) -> None:
         assert (tmp_path / "lazy.png").read_bytes() == (tmp_path / "whole.png").read_bytes()
         assert max(reads.values()) == 1
         assert sum(count for (name, _), count in reads.items() if name.startswith("force_")) == forces
+
+
+def test_samples_and_comparisons_read_each_chunk_once() -> None:
+    """Assert 300 times in any order on ragged chunks: the bits of the whole, and of two runs no chunk read twice."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.05, until=10.0)
+    times = np.random.default_rng(0).uniform(0.0, 10.0, 300)
+    (lazy, reads), (other, others) = (chunked(run, ragged(run.sizes["step"], parts, 3)) for parts in (7, 5))
+    assert_same(xd.sample(lazy, times).compute(), xd.sample(run, times))
+    assert max(reads.values()) == 1
+    reads.clear()
+    assert (xd.compare(lazy, other, times=times).compute().difference_x == 0).all()
+    assert max(reads.values()) == max(others.values()) == 1
