@@ -33,6 +33,7 @@ from xdynamics.model.parts import (
     State,
     Validation,
 )
+from xdynamics.model.python import Functions
 from xdynamics.model.reading import read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
@@ -365,9 +366,7 @@ class Model:
         return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.forces) or 'none'}>"
 
     @classmethod
-    def _parsed(
-        cls, text: str, path: Path, functions: Mapping[str, Callable[..., float]] | None, access: FileAccess
-    ) -> Model:
+    def _parsed(cls, text: str, path: Path, functions: Functions | None, access: FileAccess) -> Model:
         if len(text) > LARGEST_FILE:
             raise ModelError(f"model file '{path}' has {len(text)} characters, over the limit of {LARGEST_FILE}")
         text = normal(text)
@@ -381,13 +380,7 @@ class Model:
         model._fill(statement, path, functions or {}, access)
         return model
 
-    def _fill(
-        self,
-        statement: Mapping[str, Any],
-        path: Path,
-        functions: Mapping[str, Callable[..., float]],
-        access: FileAccess,
-    ) -> None:
+    def _fill(self, statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> None:
         whole = read(statement, path, functions, access)
         self._hold(whole, check(whole))
 
