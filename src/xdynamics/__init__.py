@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from xdynamics.sweeping.designs import Draws
     from xdynamics.sweeping.ensemble_analysis import contrast, convergence, influences, precision, sensitivities
     from xdynamics.sweeping.indices import sobol_indices
+    from xdynamics.sweeping.logs import open_logs
     from xdynamics.sweeping.member import member
     from xdynamics.sweeping.ragged import ragged
     from xdynamics.sweeping.sweep import sweep
@@ -64,13 +65,13 @@ if TYPE_CHECKING:
 _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults", "SignatureWarning": "faults",
     "StabilityWarning": "faults", "animate": "figures.animation",
-    "check": "record", "complete": "simulation.completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "documenting.bundling", "document": "documenting.document", "recheck": "documenting.bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "simulation.extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
+    "check": "record", "complete": "simulation.completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "documenting.bundling", "document": "documenting.document", "recheck": "documenting.bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "simulation.extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_logs": "sweeping.logs", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
     "refine": "evidence.refining.refinement", "report": "documenting.reporting", "reproduce": "simulation.single_run", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation.single_run", "solve": "simulation.scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.ensemble_analysis", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
 __all__ = [
-    "METHODS", "AccuracyWarning", "ArchiveError", "Declared", "Draws", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "SignatureWarning", "StabilityWarning", "animate", "bundle", "certify", "check", "companion", "compare", "complete", "content_digest", "contrast", "convergence", "diagnose", "discard", "document", "error_budget", "extend", "fit", "influences", "limiting", "manufactured", "member", "modes", "open_run", "open_sweep",
+    "METHODS", "AccuracyWarning", "ArchiveError", "Declared", "Draws", "InputError", "KindWarning", "Model", "ModelError", "PartialRunWarning", "ResumeWarning", "SignatureWarning", "StabilityWarning", "animate", "bundle", "certify", "check", "companion", "compare", "complete", "content_digest", "contrast", "convergence", "diagnose", "discard", "document", "error_budget", "extend", "fit", "influences", "limiting", "manufactured", "member", "modes", "open_logs", "open_run", "open_sweep",
     "plot", "precision", "ragged", "recheck", "refine", "report", "reproduce", "sample", "save", "save_many", "sensitivities", "sign", "simulate", "sobol_indices", "solve", "sweep", "validate", "verify", "verify_signature",
 ]  # fmt: skip
 

@@ -142,7 +142,7 @@ def refuse(*_: object) -> Any:
 def test_a_segment_is_whole_or_not_there(path: Path) -> None:
     """Assert that a write that breaks off leaves the old one as it was, and no part."""
     before = path.read_bytes()
-    with pytest.raises(OSError, match="Input/output error"):
+    with pytest.raises(ArchiveError, match="1.segment' cannot be written: Input/output error; nothing is changed"):
         segment.write(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
     assert path.read_bytes() == before
     assert [one.name for one in path.parent.iterdir()] == ["1.segment"]

@@ -15,7 +15,7 @@ from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.model.grammar import SECTIONS
 
 
-@pytest.mark.parametrize("topic", ["model", "language", "units", "record", "cluster", *SECTIONS])
+@pytest.mark.parametrize("topic", ["model", "language", "units", "record", "cluster", "stores", *SECTIONS])
 def test_topics(topic: str) -> None:
     """Assert that every topic has lines, and each section all its keys with what they take."""
     done = call("help", topic)

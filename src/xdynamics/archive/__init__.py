@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from xdynamics.archive.seals import content_digest
     from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
+    from xdynamics.archive.stores import check_target
     from xdynamics.archive.streaming import stream
-    from xdynamics.archive.target import check_target
     from xdynamics.archive.writing import save, save_many
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
     "check_source": "source",
     "clear_rest": "segments",
-    "check_target": "target",
+    "check_target": "stores",
     "check_unchanged": "integrity",
     "content_digest": "seals",
     "digest_of_run": "integrity",

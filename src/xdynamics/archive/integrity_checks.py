@@ -11,6 +11,7 @@ from xdynamics.archive.bounds import declared, foreign, oversize
 from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.netcdf_library import attributes as attributes_of
+from xdynamics.archive.place import Place
 from xdynamics.archive.seals import Tail, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.archive.text_encoding import bytes_of, form_of
 from xdynamics.faults import ArchiveError, numbered
@@ -36,7 +37,7 @@ class Examination:
     digest: str = ""
     outcome: str = ""
 
-    def settle(self, path: Path) -> None:
+    def settle(self, path: Place) -> None:
         """Raise the faults as one error, if there are any.
 
         Raises

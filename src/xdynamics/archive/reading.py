@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +13,12 @@ from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.inventory import inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, attributes, opened, words_of
 from xdynamics.archive.origin import read
+from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.sandboxed_reading import examined, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, lent
-from xdynamics.archive.source import check_source
+from xdynamics.archive.store import Held
+from xdynamics.archive.stores import store_of
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
@@ -30,12 +31,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) -> xr.Dataset:
+def open_run(path: Given, *, check: bool = True, quantify: bool = False) -> xr.Dataset:
     """Open an archived run, verified; variables are read when they are used, by any thread.
 
     Parameters
     ----------
     path : str or Path
+        A file, or an object like ``"s3://bucket/run.nc"``, which is downloaded whole to a temporary file first.
     check : bool
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
         process has seen the same bytes before, else twice, the second time in a process of its own, which a
@@ -51,63 +53,69 @@ def open_run(path: str | Path, *, check: bool = True, quantify: bool = False) ->
     ArchiveError
         If the file is damaged or no run archive; names what differs.
     """
-    path = Path(path)
-    check_source(path)
-    run, foreign = _opened(path, check=check)
+    place = placed(path)
+    run, foreign = _opened(_held(place), check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
-    _check_record(run, path, values=foreign)
-    result = read(run, partial(_again, path, str(run.attrs.get(ROOT_DIGEST, ""))))
+    _check_record(run, place, values=foreign)
+    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))))
     return quantified(result) if quantify else result
 
 
-def _opened(path: Path, *, check: bool) -> tuple[xr.Dataset, bool]:
+def _held(place: Place) -> Held:
+    """Return an archive as a file of this machine."""
+    store = store_of(place)
+    store.check_source(place)
+    return store.held(place)
+
+
+def _opened(held: Held, *, check: bool) -> tuple[xr.Dataset, bool]:
     """Check a file and open the same one, again if its name went to another meanwhile; return also whether it was unknown."""
     for _ in range(MOST_REPLACED):
-        identity, foreign = _checked(path) if check else (_listed(path), False)
+        identity, foreign = _checked(held) if check else (_listed(held), False)
         try:
-            return lent(path, identity), foreign
+            return lent(held.path, identity, held), foreign
         except DAMAGE as error:
-            if _identity(path) == identity:
-                raise _unreadable(path, error) from None
-    raise ArchiveError(f"'{path}' was replaced each time it was opened; try again when nothing replaces it")
+            if _identity(held) == identity:
+                raise _unreadable(held.place, error) from None
+    raise ArchiveError(f"'{held.place}' was replaced each time it was opened; try again when nothing replaces it")
 
 
-def _unreadable(path: Path, error: Exception) -> ArchiveError:
+def _unreadable(path: Place, error: Exception) -> ArchiveError:
     if isinstance(error, ArchiveError):
         return error
     return ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}")
 
 
-def _checked(path: Path) -> tuple[Identity, bool]:
+def _checked(held: Held) -> tuple[Identity, bool]:
     """Compare a file with its seal and digests; return its identity, and whether its bytes were unknown here."""
-    look = _Look.at(path)
+    look = _Look.at(held)
     if is_known(look.tail):
         see(look.identity)
         return look.identity, False
-    return _examined(path, look)[1], True
+    return _examined(held, look)[1], True
 
 
-def _listed(path: Path) -> Identity:
+def _listed(held: Held) -> Identity:
     """Check that a file has no objects that lead out of it, which the netCDF library follows; return its identity."""
-    identity = _identity(path)
+    identity = _identity(held)
     if not is_seen(identity):
         try:
-            objects = inventory(path)
+            objects = inventory(held.path)
         except DAMAGE as error:
-            raise _unreadable(path, error) from None
-        Examination(tuple(objects.faults)).settle(path)
+            raise _unreadable(held.place, error) from None
+        Examination(tuple(objects.faults)).settle(held.place)
         see(identity)
     return identity
 
 
-def _identity(path: Path) -> Identity:
+def _identity(held: Held) -> Identity:
     try:
-        return identity_of(path)
+        return identity_of(held.path)
     except OSError as error:
-        raise ArchiveError(f"'{path}' cannot be read: {error.strerror or error}") from None
+        raise ArchiveError(f"'{held.place}' cannot be read: {error.strerror or error}") from None
 
 
-def _again(path: Path, digest: str) -> xr.Dataset | None:
+def _again(path: Place, digest: str) -> xr.Dataset | None:
     """Open a file again, if it still holds the same record."""
     try:
         run = open_run(path)
@@ -116,7 +124,7 @@ def _again(path: Path, digest: str) -> xr.Dataset | None:
     return run if run.attrs[ROOT_DIGEST] == digest else None
 
 
-def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
+def _check_record(run: xr.Dataset, path: Place, *, values: bool) -> None:
     """Check that a file with correct digests is a run record; another program or version may have written it."""
     try:
         faults = faults_of(run, values=values)
@@ -130,7 +138,7 @@ def _check_record(run: xr.Dataset, path: Path, *, values: bool) -> None:
         raise ArchiveError(f"'{path}' is as it was written, but no run record:{numbered(faults)}", tuple(faults))
 
 
-def verify(path: str | Path) -> str:
+def verify(path: Given) -> str:
     """Compare an archive with its digests: the file's bytes, every variable, every attribute.
 
     Returns
@@ -150,7 +158,7 @@ def verify(path: str | Path) -> str:
     KindWarning
         If the file is as it was written, and holds a selection of a run or derived data.
     """
-    digest = verified(Path(path))
+    digest = verified(placed(path))
     with open_run(path, check=False) as run:
         kind = "" if is_evidence(run.attrs) else kind_description(run.attrs)
     if kind:
@@ -158,16 +166,15 @@ def verify(path: str | Path) -> str:
     return digest
 
 
-def verified(path: Path) -> str:
+def verified(place: Place) -> str:
     """Compare with the digests alone; see `verify`."""
-    check_source(path)
-    return _examined(path)[0].digest
+    return _examined(_held(place))[0].digest
 
 
-def values_of(path: Path) -> dict[str, NDArray[Any]]:
+def values_of(place: Place) -> dict[str, NDArray[Any]]:
     """Read the values of a file that was written and checked here; texts as bytes, in a quarter of the memory."""
-    values_by_name = {}
-    with opened(path) as file:
+    values_by_name, held = {}, _held(place)
+    with opened(held.path) as file:
         for name, variable in file.variables.items():
             values, about = np.asarray(_stored(variable)), attributes(variable)
             form = form_of(about, values.dtype, variable.dimensions, values.shape)
@@ -193,26 +200,26 @@ class _Look:
     tail: Tail
 
     @classmethod
-    def at(cls, path: Path) -> _Look:
-        identity = _identity(path)
+    def at(cls, held: Held) -> _Look:
+        identity = _identity(held)
         try:
-            return cls(identity, tail_of(path))
+            return cls(identity, tail_of(held.path))
         except OSError as error:
-            raise ArchiveError(f"'{path}' cannot be read: {error.strerror or error}") from None
+            raise ArchiveError(f"'{held.place}' cannot be read: {error.strerror or error}") from None
 
 
-def _examined(path: Path, look: _Look | None = None) -> tuple[Examination, Identity]:
+def _examined(held: Held, look: _Look | None = None) -> tuple[Examination, Identity]:
     """Compare a file with its seal and digests, again if another file took its name meanwhile.
 
     The identity of the file is returned too.
     """
     for _ in range(MOST_REPLACED):
-        look = look or _Look.at(path)
-        examination = examined(path, look.tail)
+        look = look or _Look.at(held)
+        examination = examined(held.path, look.tail)
         identity = look.identity
-        if not examination.faults or identity_of(path) == identity:
+        if not examination.faults or identity_of(held.path) == identity:
             break
         look = None
-    examination.settle(path)
+    examination.settle(held.place)
     see(identity)
     return examination, identity

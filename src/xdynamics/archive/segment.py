@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -18,9 +17,11 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.place import Place
 from xdynamics.archive.seals import Seal
+from xdynamics.archive.store import Held
+from xdynamics.archive.stores import store_of, taking_name
 from xdynamics.faults import ArchiveError
-from xdynamics.runtime.files import synced
 
 Array = NDArray[Any]
 Part = tuple[str, Array]
@@ -37,10 +38,15 @@ _PIECE = 1 << 22  # bytes that are read at once
 class Segment:
     """A segment whose first line and memory are whole: the content of the line, where arrays begin, a digest of both."""
 
-    path: Path
+    held: Held
     said: Mapping[str, Any]
     first: int
     digest: str
+
+    @property
+    def path(self) -> Path:
+        """The file on this machine."""
+        return self.held.path
 
     def memory(self) -> dict[str, Array]:
         """Return the march's memory."""
@@ -76,31 +82,21 @@ class Segment:
 
 
 def write(
-    path: Path, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]
+    place: Place, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]
 ) -> str:
     """Write a segment whole or not at all; return its digest."""
     shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
     header = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
     head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
-    digest, part = hashlib.sha256(head).hexdigest(), path.with_suffix(".part")
-    try:
-        with part.open("wb") as file:
-            file.write(head + _MARK + digest.encode() + b"\n")
-            for array in values:
-                file.write(np.ascontiguousarray(array).data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-        with synced(path.parent):
-            pass
-    except BaseException:
-        with suppress(OSError):
-            part.unlink()
-        raise
+    digest = hashlib.sha256(head).hexdigest()
+    with taking_name(place) as new, new.part.open("wb") as file:
+        file.write(head + _MARK + digest.encode() + b"\n")
+        for array in values:
+            file.write(np.ascontiguousarray(array).data)
     return digest
 
 
-def read(path: Path) -> Segment:
+def read(place: Place) -> Segment:
     """Read the first line of a segment, and compare that and its memory with their digest.
 
     Raises
@@ -108,10 +104,12 @@ def read(path: Path) -> Segment:
     ArchiveError
         With a predicate: what the segment is or does that no segment should.
     """
-    if not path.is_file():
+    store = store_of(place)
+    if store.kind(place) is not None:
         raise ArchiveError("is no file")
+    held = store.held(place)
     try:
-        with path.open("rb") as file:
+        with held.path.open("rb") as file:
             header, first, digest = _head(file)
             size = os.fstat(file.fileno()).st_size
         needed = _behind_head(header, first) + sum(_size(kind, shape) for _, kind, shape in header[ROWS])
@@ -123,7 +121,7 @@ def read(path: Path) -> Segment:
         raise ArchiveError("is damaged, or no segment of this version") from None
     if size != needed:
         raise ArchiveError(f"has {size} bytes and says {needed}")
-    return Segment(path, header, first, digest)
+    return Segment(held, header, first, digest)
 
 
 def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from pathlib import Path
+from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Any
 
@@ -14,10 +12,12 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.archive import segment
+from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.seals import Seal
 from xdynamics.archive.segment import Part, Segment
-from xdynamics.archive.target import check_target
-from xdynamics.archive.temporary_files import fitting, sweep, take
+from xdynamics.archive.store import LockedError
+from xdynamics.archive.stores import check_target, is_folder, store_of
+from xdynamics.archive.temporary_files import fitting
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
 from xdynamics.march import March
@@ -33,7 +33,7 @@ class Segments:
 
     Parameters
     ----------
-    archive : Path
+    archive : Path, or name of an object
         The file that the march streams into.
     march : March
     resume : bool
@@ -45,22 +45,23 @@ class Segments:
         If there are segments without `resume`, they are of another run, or another process writes them.
     """
 
-    def __init__(self, archive: Path, march: March, *, resume: bool) -> None:
+    def __init__(self, archive: Place, march: March, *, resume: bool) -> None:
         self.archive, self.folder = archive, folder_of(archive)
+        self.store = store_of(archive)
         self.march, self.failed = march, False
         self._of = identity(march)
         self._started = self._last = time.monotonic()
         self._found: list[Segment] = []
         self._number, self._before = 1, ""  # of the next one, and the digest of the last
         self._kept: dict[str, int] = {}
-        self._lock: int | None = None
+        self._lock: ExitStack | None = None
         names = _names(self.folder)
         if names and not resume:
             raise InputError(
                 f"'{archive}' has segments of a run that is not finished, in '{self.folder}': go on with it by"
                 f" resume (--resume), or remove them with `xdynamics discard {archive}`"
             )
-        if self.folder.is_dir():
+        if is_folder(self.folder):
             self._claim()
             self._gather(names)
         elif resume:
@@ -73,7 +74,7 @@ class Segments:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         if self._lock is not None:
-            os.close(self._lock)
+            self._lock.close()
 
     def _claim(self) -> None:
         self._lock = _locked(self.folder, self.archive)
@@ -81,7 +82,7 @@ class Segments:
     def __len__(self) -> int:
         return len(self._found)
 
-    def _gather(self, names: list[Path]) -> None:
+    def _gather(self, names: list[Place]) -> None:
         """Take the segments up to the first that is not whole."""
         seals = {one.variable.name: Seal.of(one.variable) for one in record.columns(self.march)}
         for name in names:
@@ -96,7 +97,7 @@ class Segments:
             self._found.append(one)
             self._number, self._before = self._number + 1, one.digest
 
-    def _checked(self, name: Path) -> Segment:
+    def _checked(self, name: Place) -> Segment:
         candidate = segment.read(name)
         if different := apart(candidate.said["of"], self._of):
             raise InputError(
@@ -141,15 +142,15 @@ class Segments:
         of = {"of": self._of, "before": self._before, "t": t, "digests": dict(digests)}
         try:
             if self._lock is None:
-                self.folder.mkdir()
+                self.store.new_folder(self.folder)
                 self._claim()
             rows, values = writer.shapes_since(self._kept), writer.since(self._kept)
             self._before = segment.write(self._name, of, memory, rows, values)
             self._number += 1
         except (OSError, InputError) as error:
             self.failed = True
-            contested = (
-                isinstance(error, FileExistsError) and self.folder.is_dir()
+            contested = isinstance(error, FileExistsError) and is_folder(
+                self.folder
             )  # which was not there when this one began
             why = "another process marches into it too" if contested else getattr(error, "strerror", None) or error
             warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
@@ -161,22 +162,22 @@ class Segments:
             _emptied(self.folder)
 
     @property
-    def _name(self) -> Path:
+    def _name(self) -> Place:
         return self.folder / f"{self._number:06d}.segment"
 
 
-def folder_of(archive: Path) -> Path:
+def folder_of(archive: Place) -> Place:
     """Return where the segments of an archive are."""
-    archive = Path(os.path.realpath(archive))
+    archive = real(archive)
     return archive.parent / fitting(archive.name, before=".", behind=".segments")
 
 
-def has_segments(archive: Path) -> bool:
+def has_segments(archive: Place) -> bool:
     """Whether an archive has segments."""
     return bool(_names(folder_of(archive)))
 
 
-def discard(archive: str | Path) -> int:
+def discard(archive: Given) -> int:
     """Remove the segments of a run that was not finished; the archive itself, if there is one, stays.
 
     Parameters
@@ -194,53 +195,57 @@ def discard(archive: str | Path) -> int:
     InputError
         If there are none, or a process is writing them.
     """
-    check_target(Path(archive))
-    folder = folder_of(Path(archive))
+    place = placed(archive)
+    check_target(place)
+    folder = folder_of(place)
     names = _names(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"'{archive}' has no segments: there is no '{folder}'")
-    lock = _locked(folder, Path(archive))
-    try:
-        _emptied(folder)
-    except OSError as error:
-        raise ArchiveError(f"the segments in '{folder}' cannot be removed: {error.strerror or error}") from None
-    finally:
-        os.close(lock)
+    with _locked(folder, place):
+        try:
+            _emptied(folder)
+        except OSError as error:
+            raise ArchiveError(f"the segments in '{folder}' cannot be removed: {error.strerror or error}") from None
     return len(names)
 
 
-def clear_rest(archive: Path) -> None:
+def clear_rest(archive: Place) -> None:
     """Remove what a killed process left beside a whole archive; see `clear_segments`."""
-    sweep(Path(os.path.realpath(archive)).parent)
+    store_of(archive).clear(real(archive).parent)
     clear_segments(archive)
 
 
-def clear_segments(archive: Path) -> None:
+def clear_segments(archive: Place) -> None:
     """Remove remaining segments of a whole archive; those that cannot be removed, or are being written, stay."""
     folder = folder_of(archive)
     with suppress(OSError, InputError):
-        lock = _locked(folder, archive)
-        try:
-            _emptied(folder)
-        finally:
-            os.close(lock)
+        if is_folder(folder):
+            with _locked(folder, archive):
+                _emptied(folder)
 
 
-def _names(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.segment"))
+def _names(folder: Place) -> list[Any]:
+    return _ending(folder, ".segment")
 
 
-def _emptied(folder: Path) -> None:
+def _ending(folder: Place, suffix: str) -> list[Any]:
+    return [place for place in store_of(folder).names(folder) if place.suffix == suffix]
+
+
+def _emptied(folder: Place) -> None:
     """Remove segments, the last first, so that at any moment the remaining ones can be resumed from."""
-    for name in [*folder.glob("*.part"), *reversed(_names(folder))]:
-        name.unlink()
-    folder.rmdir()
+    store = store_of(folder)
+    store.clear(folder)
+    for name in [*_ending(folder, ".part"), *reversed(_names(folder))]:  # the first are of versions before 0.3
+        store.remove(name)
+    store.remove(folder)
 
 
-def _locked(folder: Path, archive: Path) -> int:
-    """Claim a folder for this process, for as long as the handle is open; return it."""
-    handle = os.open(folder, os.O_RDONLY)
-    if take(handle, needed=False):
-        return handle
-    os.close(handle)
-    raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it")
+def _locked(folder: Place, archive: Place) -> ExitStack:
+    """Claim a folder for this process, for as long as the stack is open; return it."""
+    stack = ExitStack()
+    try:
+        stack.enter_context(store_of(folder).locked(folder))
+    except LockedError as error:
+        raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it ({error})") from None
+    return stack

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import os
 from collections import OrderedDict
 from contextlib import nullcontext
 from pathlib import Path
@@ -13,10 +12,11 @@ from weakref import WeakSet, ref
 
 from xdynamics.archive.bounds import oversize
 from xdynamics.archive.netcdf_library import alone, close_left, file_at, leave
+from xdynamics.archive.store import Held
 from xdynamics.faults import ArchiveError, numbered
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import netCDF4
     import xarray as xr
@@ -34,11 +34,13 @@ class Lent:
     """One archive for xarray's backend, opened whenever it is needed.
 
     It is the same file each time: if another has taken its name, or it was written to, that is an error and never a
-    number of another run.
+    number of another run. A copy of what is in a store bears the name that it has there, and is fetched again in another
+    process.
     """
 
-    def __init__(self, path: Path, identity: Identity | None = None) -> None:
-        self.path = path.absolute()
+    def __init__(self, path: Path, identity: Identity | None = None, held: Held | None = None) -> None:
+        self.path, self.held = path.absolute(), held
+        self.place = held.place if held else self.path
         self.identity = identity or identity_of(path)
         self.in_use = True
         _enter(self)
@@ -80,7 +82,7 @@ class Lent:
             return
         _, own, *then = self.identity
         if inode == own and now != then:
-            raise ArchiveError(f"'{self.path}' was overwritten while it was open; open it again")
+            raise ArchiveError(f"'{self.place}' was overwritten while it was open; open it again")
 
     def _reopened(self) -> netCDF4.Dataset:
         self._check_identity()  # before, too: the library follows links, and another file has not been examined
@@ -94,7 +96,7 @@ class Lent:
 
     def _check_identity(self) -> None:
         if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
-            raise ArchiveError(f"'{self.path}' is another file than the one that was opened; open it again")
+            raise ArchiveError(f"'{self.place}' is another file than the one that was opened; open it again")
 
     def __del__(self) -> None:
         # this may run in any thread at any point: it must not wait
@@ -105,11 +107,18 @@ class Lent:
             leave(file)
 
     def __reduce__(self) -> tuple[Any, ...]:
+        if self.held and self.held.again:
+            return _lent_again, (self.held.again,)
         return Lent, (self.path, self.identity)
 
 
+def _lent_again(again: Callable[[], Held]) -> Lent:
+    held = again()
+    return Lent(held.path, held=held)
+
+
 @alone
-def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
+def lent(path: Path, identity: Identity | None = None, held: Held | None = None) -> xr.Dataset:
     """Open an archive as a Dataset whose variables are read when they are used, by any thread.
 
     Parameters
@@ -117,6 +126,8 @@ def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
     path : Path
     identity : optional
         Of the expected file, if it was examined before.
+    held : Held, optional
+        If it is one of a store.
 
     Raises
     ------
@@ -127,12 +138,12 @@ def lent(path: Path, identity: Identity | None = None) -> xr.Dataset:
 
     from xdynamics.archive.values import Store
 
-    archive = _settled(path) if identity is None else Lent(path, identity)
+    archive = _settled(path) if identity is None else Lent(path, identity, held)
     if faults := oversize(path, archive.acquire()):
-        raise ArchiveError(f"'{path}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
+        raise ArchiveError(f"'{archive.place}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
     store = Store(archive, mode="r")  # type: ignore[no-untyped-call]
     run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
-    run.encoding["source"] = os.fspath(path)
+    run.encoding["source"] = str(held.place if held else path)
     run.set_close(_Closing(archive))
     return run
 

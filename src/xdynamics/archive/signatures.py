@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
-from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.stores import store_of, taking_name
 from xdynamics.archive.temporary_files import fitting
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
-from xdynamics.runtime.files import asked, kind_of, write_new
+from xdynamics.runtime.files import write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -43,13 +43,13 @@ _WAY_TO_PUBLIC = "openssl pkey -in KEY.pem -pubout -out PUBLIC.pem"
 Asking = Callable[[], str]  # for the passphrase of a key
 
 
-def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None = None) -> Path:
+def sign(path: Given, key: str | Path, *, passphrase: str | Asking | None = None) -> Place:
     """Sign an archive: its content digest, the digest of date, versions and machine, and that of every byte of the file.
 
     Parameters
     ----------
     path : str or Path
-        An archive; verified first.
+        An archive, or ``"s3://bucket/run.nc"``; verified first.
     key : str or Path
         A private Ed25519 key in PEM, as `new_key` or ``openssl genpkey -algorithm ed25519`` makes it.
     passphrase : str or callable, optional
@@ -57,7 +57,7 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
 
     Returns
     -------
-    Path
+    Path, or name of an object
         The signature, named as the archive with `.sig` after it (of a name of over 251 bytes its beginning and a digest
         of it); keep it with the archive.
 
@@ -68,13 +68,14 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     ArchiveError
         If the archive is damaged, or there is no place for the signature.
     """
-    private_key, target = _private(Path(key), passphrase), signature_of(Path(path))
-    if kind := asked(target, kind_of):
+    place = placed(path)
+    private_key, target = _private(Path(key), passphrase), signature_of(place)
+    if kind := store_of(target).kind(target):
         raise InputError(
             f"'{target}' is {kind}, and its name is that of the signature of '{path}'; remove it, or give it another"
             " name"
         )
-    message = _message(KIND, _digests(Path(path)))
+    message = _message(KIND, _digests(place))
     signature = base64.b64encode(private_key.sign(message)).decode()
     with taking_name(target) as new:
         lines = f"key {_fingerprint(private_key.public_key())}\nsignature {signature}\n"
@@ -82,7 +83,7 @@ def sign(path: str | Path, key: str | Path, *, passphrase: str | Asking | None =
     return target
 
 
-def verify_signature(path: str | Path, key: str | Path) -> str:
+def verify_signature(path: Given, key: str | Path) -> str:
     """Verify an archive, and that the owner of a key signed exactly this file.
 
     Parameters
@@ -108,26 +109,26 @@ def verify_signature(path: str | Path, key: str | Path) -> str:
     SignatureWarning
         If the signature is one of version 0.2, which covers less than the whole file.
     """
-    public, path = _public(Path(key)), Path(path)
-    digests = _digests(path)
-    signed = _read(path)
+    public, place = _public(Path(key)), placed(path)
+    digests = _digests(place)
+    signed = _read(place)
     if signed.signer != _fingerprint(public):
         raise ArchiveError(
             f"'{path}' was signed by another key, {signed.signer}, and not by '{key}', {_fingerprint(public)}"
         )
     if not _holds(public, signed.signature, _message(signed.kind, signed.digests)):
-        raise ArchiveError(f"the signature '{signature_of(path)}' is not of '{key}': it was altered, or is a forgery")
+        raise ArchiveError(f"the signature '{signature_of(place)}' is not of '{key}': it was altered, or is a forgery")
     for name, what in COVERED[signed.kind].items():
         if signed.digests[name] != digests[name]:
             raise ArchiveError(
                 f"'{path}' is not what was signed: its {what} is {digests[name]}, and {signed.digests[name]} was signed"
             )
     if signed.kind != KIND:
-        warn(f"'{signature_of(path)}' is {NARROW}", SignatureWarning)
+        warn(f"'{signature_of(place)}' is {NARROW}", SignatureWarning)
     return digests["content"]
 
 
-def covered(path: Path) -> str:
+def covered(path: Place) -> str:
     """Describe what a verified signature covers, if that is less than the whole file."""
     return f"; {NARROW}" if _read(path).kind != KIND else ""
 
@@ -174,25 +175,32 @@ def new_key(path: str | Path) -> Path:
     return public
 
 
-def signature_of(path: Path) -> Path:
+def signature_of(path: Place) -> Place:
     """Return where the signature of an archive is; its name is shortened if the archive's leaves no room for the ending."""
     return path.with_name(fitting(path.name, behind=SUFFIX))
 
 
-def protection(path: Path) -> str:
+def protection(path: Place) -> str:
     """Describe what a verification without a key has shown."""
-    if signature_of(path).exists():
+    if _is_there(signature_of(path)):
         return "sealed; signed, and the signature not checked: give --key"
     return "sealed; not signed"
 
 
-def _digests(path: Path) -> dict[str, str]:
+def _is_there(place: Place) -> bool:
+    return store_of(place).kind(place) != ""
+
+
+def _digests(path: Place) -> dict[str, str]:
     """Verify an archive; return its digests of content, circumstances and bytes."""
-    before = identity_of(path) if path.is_file() else None
+    store = store_of(path)
+    before = store.stamp(path)
     content = verify(path)
+    held = store.held(path)
     with open_run(path, check=False) as run:
-        digests = {"content": content, "circumstances": str(run.attrs[VOLATILE_DIGEST]), "bytes": bytes_digest(path)}
-    if identity_of(path) != before:
+        circumstances = str(run.attrs[VOLATILE_DIGEST])
+    digests = {"content": content, "circumstances": circumstances, "bytes": bytes_digest(held.path)}
+    if store.stamp(path) != before:
         raise ArchiveError(f"'{path}' was written to while it was verified; try again")
     return digests
 
@@ -211,12 +219,13 @@ class _Signed:
     signature: bytes
 
 
-def _read(path: Path) -> _Signed:
+def _read(path: Place) -> _Signed:
     """Read the signature beside an archive."""
     place = signature_of(path)
-    if not place.exists():
+    if not _is_there(place):
         raise ArchiveError(f"'{path}' has no signature: there is no '{place}'; copy it with the archive, or sign anew")
-    kind, *lines = _text(place, "signature").decode("ascii", "replace").splitlines() or [""]
+    held = store_of(place).held(place)
+    kind, *lines = _text(held.path, "signature").decode("ascii", "replace").splitlines() or [""]
     words = [line.partition(" ")[::2] for line in lines]
     if kind not in COVERED or [name for name, _ in words] != [*COVERED[kind], "key", "signature"]:
         raise ArchiveError(f"'{place}' is no signature of an archive")

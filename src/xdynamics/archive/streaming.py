@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.segments import Segments
-from xdynamics.archive.target import check_target
+from xdynamics.archive.stores import check_target
 from xdynamics.archive.writer import Writer
 from xdynamics.archive.writing import new_file
 from xdynamics.march import Block, March
@@ -28,12 +28,12 @@ ROWS_AT_EVENTS = 4096  # a short run has no more of them
 BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
 
 
-def stream(march: March, path: str | Path, *, before: Iterable[Part] = (), resume: bool = False) -> Path:
+def stream(march: March, path: Given, *, before: Iterable[Part] = (), resume: bool = False) -> Place:
     """March straight into a file, and return where it is; see `streamed`."""
     return streamed(march, path, before=before, resume=resume).path
 
 
-def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), resume: bool = False) -> Writer:
+def streamed(march: March, path: Given, *, before: Iterable[Part] = (), resume: bool = False) -> Writer:
     """March straight into a file, in bounded memory; one block is written while the next is marched.
 
     Every ten seconds or so the rows since are kept in a segment beside the file, with the march's memory.
@@ -54,10 +54,10 @@ def streamed(march: March, path: str | Path, *, before: Iterable[Part] = (), res
     ArchiveError
         If the file cannot be written; the final name is untouched, and the segments stay.
     """
-    path = Path(path)
-    check_target(path, march.model)
-    with Segments(path, march, resume=resume) as segments:
-        with new_file(path) as writer:
+    place = placed(path)
+    check_target(place, march.model)
+    with Segments(place, march, resume=resume) as segments:
+        with new_file(place, keeps=True) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)
             for variable, value in record.constants(march):
                 dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)

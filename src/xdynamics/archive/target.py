@@ -8,12 +8,12 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from xdynamics.archive.shared_handles import is_lent
 from xdynamics.archive.source import check_name
+from xdynamics.archive.store import NewFile
 from xdynamics.archive.temporary_files import Part, sweep
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import asked, decoded, kind_of, read_bounded, synced
@@ -80,14 +80,6 @@ def check_no_table(path: Path, tables: list[str]) -> None:
         raise InputError(f"'{path}' is a table of the model; name another file")
 
 
-@dataclass
-class NewFile:
-    """A file while it is written: its temporary name, and the name that it will take."""
-
-    part: Path
-    name: Path
-
-
 class Batch:
     """Files that take their names together: all reach the disk by one synchronisation, and then are renamed one by one.
 
@@ -96,7 +88,7 @@ class Batch:
 
     def __init__(self) -> None:
         self._parts = ExitStack()
-        self._files: list[NewFile] = []
+        self._files: list[NewFile[Path]] = []
 
     def __enter__(self) -> Batch:
         return self
@@ -107,7 +99,7 @@ class Batch:
     def __len__(self) -> int:
         return len(self._files)
 
-    def add(self, target: Path) -> NewFile:
+    def add(self, target: Path) -> NewFile[Path]:
         """Make the temporary file of a target."""
         self._files.append(_begun(self._parts, target))
         return self._files[-1]
@@ -144,7 +136,7 @@ class Batch:
         self._files.clear()
 
 
-def _begun(parts: ExitStack, target: Path) -> NewFile:
+def _begun(parts: ExitStack, target: Path) -> NewFile[Path]:
     part = parts.enter_context(Part.beside(target, _NEW if not target.exists() else _PRIVATE))
     return NewFile(part.path, target)
 
@@ -173,7 +165,7 @@ def sync_file_systems(paths: list[Path]) -> None:
 
 
 @contextmanager
-def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile]:
+def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile[Path]]:
     """Lend a temporary name in the folder of a path; when the `with` block is done, the file takes the path's name.
 
     A link goes on pointing: the file that it points to is replaced. Mode and owner of that file stay. The name may be

@@ -88,10 +88,15 @@ def fitting(name: str, *, before: str = "", behind: str = "") -> str:
     return f"{before}{os.fsdecode(encoded)}{behind}"
 
 
+def is_ours(name: str) -> bool:
+    """Whether a name is that of a temporary file, or of its lock."""
+    return _OURS.fullmatch(os.fsencode(name)) is not None
+
+
 def sweep(folder: Path) -> None:
     """Remove the temporary files of dead processes; those that cannot be removed stay."""
     with suppress(OSError), os.scandir(folder) as entries:
-        paths = [Path(entry.path) for entry in entries if _OURS.fullmatch(os.fsencode(entry.name))]
+        paths = [Path(entry.path) for entry in entries if is_ours(entry.name)]
         for path in paths:
             lock = path if path.name.endswith(LOCK) else _lock_of(path)
             with suppress(OSError):

@@ -51,7 +51,7 @@ class Values(BackendArray):
         try:
             values = chosen(variable, key)
         except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a lost disk
-            raise ArchiveError(f"variable '{self.name}' of '{self.lent.path}' cannot be read: {error}") from None
+            raise ArchiveError(f"variable '{self.name}' of '{self.lent.place}' cannot be read: {error}") from None
         finally:
             self.lent.check_unchanged()
         if self.dtype == "S1":
@@ -66,7 +66,7 @@ class Values(BackendArray):
                 row.tobytes().decode()
             except UnicodeDecodeError as error:
                 raise ArchiveError(
-                    f"variable '{self.name}' of '{self.lent.path}' is no text in UTF-8: {error.reason} at {error.start}"
+                    f"variable '{self.name}' of '{self.lent.place}' is no text in UTF-8: {error.reason} at {error.start}"
                 ) from None
 
 

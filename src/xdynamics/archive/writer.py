@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import prod
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.bounds import packed
 from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.place import Place
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
 from xdynamics.archive.text_encoding import Numbers, numbers_of
 from xdynamics.march.outcomes import GOOD
@@ -42,7 +42,7 @@ class Writer:
 
     Attributes
     ----------
-    path : Path
+    path : Path, or name of an object
         The name that the file takes in the end.
     numbered : bool
         Whether outcomes and digests are kept as numbers, as of a sweep's many members; other readers see the numbers.
@@ -54,7 +54,7 @@ class Writer:
         The digest of the file's bytes; known when it has its name.
     """
 
-    path: Path
+    path: Place
     numbered = False
     complete: bool
     digest: str

@@ -16,17 +16,18 @@ from xdynamics import record
 from xdynamics.archive.integrity import standing
 from xdynamics.archive.integrity_checks import compare
 from xdynamics.archive.netcdf_library import alone, opened
+from xdynamics.archive.place import GIVEN, Given, Place, placed
 from xdynamics.archive.sandboxed_reading import examined, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.target import Batch, check_no_table, check_target, taking_name
+from xdynamics.archive.stores import check_target, made_folder, store_of
+from xdynamics.archive.target import Batch
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
-from xdynamics.runtime.files import made_folder
 from xdynamics.schema import (
     COMPRESSION,
     DERIVED,
@@ -49,7 +50,7 @@ MOST_AT_ONCE = 200  # files that reach the disk together: each holds a descripto
 READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
 
 
-def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compress: bool | None = None) -> Path:
+def save(run: xr.Dataset, path: Given, *, derived: str | None = None, compress: bool | None = None) -> Place:
     """Write a run to a netCDF4 file.
 
     The file is written under a temporary name in the same folder, closed, opened again and checked, and takes its
@@ -61,6 +62,8 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
         A run record; checked against the schema first, and compared with what was marched or opened. A part of it
         (`isel` or `sel` of rows, `drop_vars`), nothing else changed, is saved as a selection of the run.
     path : str or Path
+        A file, or an object like ``"s3://bucket/run.nc"``, which is written on this machine and uploaded whole: what was
+        not there is put only if it still is not, and what was there is replaced only if it is still the same.
     derived : str, optional
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
         say so and name the run, and which `verify` and `reproduce` do not take for a run.
@@ -71,7 +74,7 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
 
     Returns
     -------
-    Path
+    Path, or name of an object
         Where it is. A run that ended badly does not replace an archive of one that ended well: it is written beside it,
         as ``run.partial.nc`` beside ``run.nc``, with a warning.
 
@@ -85,15 +88,16 @@ def save(run: xr.Dataset, path: str | Path, *, derived: str | None = None, compr
     """
     if not isinstance(compress, bool | None):
         raise InputError(f"compress is {compress!r}, needs true or false")
-    return _written(_checked(run, Path(path), derived), Path(path), compress=compress)
+    place = placed(path)
+    return _written(_checked(run, place, derived), place, compress=compress)
 
 
 def save_many(
     runs: Iterable[xr.Dataset] | Mapping[str, xr.Dataset],
-    paths: Iterable[str | Path] | str | Path | None = None,
+    paths: Iterable[Given] | Given | None = None,
     *,
     compress: bool | None = None,
-) -> list[Path]:
+) -> list[Place]:
     """Write runs to netCDF4 files, which reach the disk together: faster than one by one if the disk is slow to answer.
 
     All are written beside their names, one synchronisation of the file system follows, and all are renamed,
@@ -128,7 +132,7 @@ def save_many(
     named: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
     places = _places(named, paths)
     ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]
-    written: list[Path] = []
+    written: list[Place] = []
     for first in range(0, len(ready), MOST_AT_ONCE):
         with Batch() as batch:
             written += [
@@ -138,20 +142,21 @@ def save_many(
     return written
 
 
-def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Path]:
+def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
     """Return the file of every run."""
-    if isinstance(paths, str | Path):
-        folder = made_folder(paths)
+    files: list[Place]
+    if isinstance(paths, GIVEN):
+        folder = made_folder(placed(paths))
         files = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
     elif paths is None:
         raise InputError("save_many needs a file for each run, or a folder")
     else:
-        files = [Path(entry) for entry in paths]
+        files = [placed(entry) for entry in paths]
     if len(files) != len(named):
         raise InputError(f"there are {len(named)} runs and {len(files)} paths; give one for each, or a folder")
     for path in files:
         check_target(path)
-    resolved = [path.resolve() for path in files]
+    resolved = [path.resolve() if isinstance(path, Path) else path for path in files]
     duplicates = (
         [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
     )
@@ -160,14 +165,14 @@ def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Path]:
     return files
 
 
-def _checked(run: xr.Dataset, path: Path, derived: str | None) -> xr.Dataset:
+def _checked(run: xr.Dataset, place: Place, derived: str | None) -> xr.Dataset:
     run = _declared(run, derived)
     record.check(run, values=derived is not None)  # otherwise they were checked before
-    check_no_table(path, _tables(run))
+    store_of(place).check_no_table(place, _tables(run))
     return run
 
 
-def _written(run: xr.Dataset, path: Path, *, compress: bool | None, batch: Batch | None = None) -> Path:
+def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: Batch | None = None) -> Place:
     with new_file(path, batch) as writer:
         writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
@@ -238,29 +243,33 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 
 @contextmanager
-def new_file(path: Path, batch: Batch | None = None) -> Iterator[Writer]:
+def new_file(path: Place, batch: Batch | None = None, *, keeps: bool = False) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name, in the end `Writer.path`.
 
-    A run that ended badly does not take the name of an archive of one that ended well, but one beside it.
+    A run that ended badly does not take the name of an archive of one that ended well, but one beside it. With `keeps`, a
+    file that its store does not take stays on this machine.
     """
-    with taking_name(path, batch) as new:
+    with store_of(path).taking_name(path, batch) as new:
+        first = new.name
         with opened(new.part, "w") as file:
             alone(file.set_fill_off)()
             writer = Writer(file)
             writer.path = path
             yield writer
         writer.seal = _finish(new.part)
+        new.keeps = keeps
         if not writer.complete:
             new.name = beside(new.name)
-    if new.name != path.resolve():
+    if new.name != first:
         writer.path = new.name
         message = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
         warn(message, PartialRunWarning)
 
 
-def beside(path: Path) -> Path:
+def beside(path: Place) -> Place:
     """Return a name beside that of an archive whose run ended well; the name itself if there is no such archive."""
-    while path.is_file() and examined(path, tail_of(path)).outcome in GOOD:
+    store = store_of(path)
+    while store.kind(path) is None and examined((held := store.held(path)).path, tail_of(held.path)).outcome in GOOD:
         room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
         path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
     return path

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics import archive
+from xdynamics.archive.place import GIVEN, Given
 from xdynamics.budgeting.budget import budget_stage, error_budget
 from xdynamics.budgeting.budget_request import Request, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
@@ -204,7 +204,7 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
-def remade(certificate: xr.Dataset | str | Path, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
     """Return a certificate made again from nothing but itself, with the same numbers; see `documenting.bundling.recheck`.
 
     Raises
@@ -214,7 +214,7 @@ def remade(certificate: xr.Dataset | str | Path, functions: Mapping[str, Callabl
     InputError
         If it is not a certificate.
     """
-    original = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    original = archive.open_run(certificate) if isinstance(certificate, GIVEN) else certificate
     attributes = getattr(original, "attrs", {})
     if attributes.get(EVIDENCE) != CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")

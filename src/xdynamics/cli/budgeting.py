@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import click
@@ -139,11 +138,12 @@ def _evidence(
 ) -> Any:
     """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
+    from xdynamics.archive.place import placed
     from xdynamics.documenting.summary import summary
 
     model = changed_model(model_file, changes)
     if output:
-        archive.check_target(Path(output))
+        archive.check_target(placed(output))
     evidence = made(make, model, quantity, **arguments)
     if output:
         archive.save(evidence, output)
@@ -199,13 +199,14 @@ def fit(
     Exit code 1 where the search did not come to an end, or the residuals are more than noise.
     """
     from xdynamics import archive
-    from xdynamics.archive.target import taking_name
+    from xdynamics.archive.place import placed
+    from xdynamics.archive.stores import taking_name
     from xdynamics.budgeting.fitting import fit as fitted_to
     from xdynamics.documenting.summary import summary
 
     model = changed_model(model_file, changes)
     for path in filter(None, (output, fitted)):
-        archive.check_target(Path(path))
+        archive.check_target(placed(path))
     result = fitted_to(
         model,
         data,
@@ -219,7 +220,7 @@ def fit(
     if output:
         archive.save(result, output)
     if fitted:
-        with taking_name(Path(fitted)) as new:
+        with taking_name(placed(fitted)) as new:
             new.part.write_text(str(result["model_toml"].values))
     say([*summary(result), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
     sys.exit(DONE if int(result.attrs["adequate"]) else BADLY)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -131,8 +130,9 @@ def _check(output: str | None) -> None:
     """Check that a target can be written, before anything is marched for it."""
     if output:
         from xdynamics.archive import check_target
+        from xdynamics.archive.place import placed
 
-        check_target(Path(output))
+        check_target(placed(output))
 
 
 def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -35,9 +34,11 @@ def show(archive: str, whole: bool, as_json: bool) -> None:
 def _opened(name: str) -> xr.Dataset:
     """Open an archive, or the catalogue of a sweep's folder."""
     from xdynamics.archive import open_run
+    from xdynamics.archive.place import placed
+    from xdynamics.archive.stores import is_folder
     from xdynamics.sweeping.catalogue import open_sweep
 
-    return open_sweep(name) if Path(name).is_dir() else open_run(name)
+    return open_sweep(name) if is_folder(placed(name)) else open_run(name)
 
 
 @main.command()
@@ -103,11 +104,12 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
+    from xdynamics.archive.place import placed
     from xdynamics.dynamics.shortened_steps import wanted_times
     from xdynamics.interchange.csv_export import check_target, text_of, write
     from xdynamics.record.flag_words import time_unit
 
-    target = check_target(Path(output)) if output else None
+    target = check_target(placed(output)) if output else None
     with open_run(archive) as run:
         text = text_of(run, wanted_times(times, time_unit(run)))
     if target is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -55,10 +54,11 @@ def run(
     A long run keeps its finished segments beside the archive until it is complete; --resume continues from them.
     """
     from xdynamics.archive import check_target
+    from xdynamics.archive.place import placed
 
     model = changed_model(model_file, changes, tables)
     arguments = asked(given)
-    check_target(Path(output), model)  # before what marches is imported
+    check_target(placed(output), model)  # before what marches is imported
     from xdynamics.simulation.single_run import simulate
 
     if times is not None:
@@ -66,7 +66,7 @@ def run(
         from xdynamics.march.configuration import settings_for
         from xdynamics.simulation.single_run import check_sampled, times_within
 
-        table = csv_export.check_target(Path(output).with_suffix(".csv"))
+        table = csv_export.check_target(placed(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
         sample_times = times_within(times, model.time_unit, model.initial["t"].si, resolved.until)
@@ -122,6 +122,7 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
 def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
     """Print the summary of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
+    from xdynamics.archive.place import placed
     from xdynamics.documenting.summary import as_data, summary
     from xdynamics.march.outcomes import GOOD
 
@@ -129,7 +130,7 @@ def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
         click.echo(json.dumps(as_data(finished) | {"archive": str(finished.encoding["source"])}))
     else:
         say([*summary(finished), f"archive   {finished.encoding['source']}"])
-    if has_segments(Path(output)) and not as_json:
+    if has_segments(placed(output)) and not as_json:
         say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
     sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import click
 
@@ -18,21 +17,20 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as digest_of
+    from xdynamics.archive.place import placed
+    from xdynamics.archive.stores import is_folder
     from xdynamics.faults import ArchiveError, InputError
     from xdynamics.record.kinds import is_derived, is_selection, kind_description
 
     damaged = wrong = False
     for archive in archives:
         try:
-            if Path(archive).is_dir():
+            place = placed(archive)
+            if is_folder(place):
                 say(_verified_sweep(archive))
                 continue
             digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
-            shown = (
-                f"signed, by '{key}'{signatures.covered(Path(archive))}"
-                if key
-                else signatures.protection(Path(archive))
-            )
+            shown = f"signed, by '{key}'{signatures.covered(place)}" if key else signatures.protection(place)
             with open_run(archive, check=False) as run:
                 kind = kind_description(run.attrs)
                 edited = is_derived(run.attrs) or is_selection(run.attrs)
@@ -49,10 +47,13 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
 
 def _verified_sweep(folder: str) -> Iterator[str]:
     """Verify a sweep's catalogue and every run that it names."""
+    from xdynamics.archive.place import placed
     from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
     digest, files = verify_sweep(folder)
-    note = "; members were being added to it: the same sweep, called again, goes on" if unfinished(Path(folder)) else ""
+    note = (
+        "; members were being added to it: the same sweep, called again, goes on" if unfinished(placed(folder)) else ""
+    )
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
     yield f"verified  {folder}  {digest}: a sweep{runs}{note}"
 

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.folder import check_empty, taking_folder
+from xdynamics.archive.place import GIVEN, Given, Place, placed, real
+from xdynamics.archive.store import Held
+from xdynamics.archive.stores import is_folder, store_of
 from xdynamics.archive.target import taking_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import own_run
@@ -19,7 +21,7 @@ from xdynamics.evidence.validating.ledger import validate
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
 from xdynamics.model import Model
-from xdynamics.runtime.files import KINDS, asked, read_bounded
+from xdynamics.runtime.files import KINDS
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST
 
 if TYPE_CHECKING:
@@ -50,18 +52,18 @@ for name in ("certificate", "run", "ledger"):
 
 
 def bundle(
-    folder: str | Path,
-    certificate: xr.Dataset | str | Path,
+    folder: Given,
+    certificate: xr.Dataset | Given,
     *,
     functions: Mapping[str, Callable[..., float]] | None = None,
     license: str = LICENSE,  # noqa: A002 - as RO-Crate calls it
-) -> Path:
+) -> Place:
     """Put a certificate into a folder of its own, with everything that it was made from and that reproduces it.
 
     Parameters
     ----------
     folder : str or Path
-        Made if it does not exist; must be empty.
+        Made if it does not exist; must be empty. Or ``"s3://bucket/bundle"``.
     certificate : xarray.Dataset, str or Path
         What `certify` returned, or its archive.
     functions : mapping of str to callable, optional
@@ -86,32 +88,32 @@ def bundle(
         from rocrate.rocrate import ROCrate
     except ImportError:
         raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
-    record = archive.open_run(certificate) if isinstance(certificate, str | Path) else certificate
+    record = archive.open_run(certificate) if isinstance(certificate, GIVEN) else certificate
     if getattr(record, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
         raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
-    target = Path(folder)
-    check_empty(target)
+    target = placed(folder)
+    store_of(target).check_empty(target)
     model = Model.from_text(str(record["model_toml"].values), functions=functions)
     run = own_run(model, json.loads(str(record.attrs["asked"])))
     digest, wanted = archive.digest_of_run(run), str(record["run_digest"].values[0])
     if digest != wanted:
         raise ArchiveError(f"the repeated run has the content digest {digest}, the certificate states {wanted}")
     ledger = validate([str(record.attrs["solver_method"])])
-    with taking_folder(target) as built:
+    with store_of(target).taking_folder(target) as built:
         for name, dataset in ((CERTIFICATE, record), (RUN, run), (LEDGER, ledger)):
             archive.save(dataset, built / name)
             plot(dataset, (built / name).with_suffix(".png"))
         _write(built / MODEL, model.to_toml())
         _write(built / SCRIPT, _SCRIPT)
-        _write(built / README, _readme(record, asked(target, Path.resolve).name))
+        _write(built / README, _readme(record, real(target).name))
         _crate(ROCrate(), built, record, license)
         names = [*SAID, CRATE]
-        _write(built / SUMS, "".join(f"{_digest(built / name)}  {name}\n" for name in names))
+        _write(built / SUMS, "".join(f"{_digest(Held(built / name, name))}  {name}\n" for name in names))
     return target
 
 
 def recheck(
-    certificate: xr.Dataset | str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None
+    certificate: xr.Dataset | Given, *, functions: Mapping[str, Callable[..., float]] | None = None
 ) -> xr.Dataset:
     """Make a certificate again from nothing but itself, or its bundle, and compare every number.
 
@@ -135,13 +137,14 @@ def recheck(
     InputError
         If it is no certificate.
     """
-    if not isinstance(certificate, str | Path) or not asked(Path(certificate), Path.is_dir):
+    if not isinstance(certificate, GIVEN) or not is_folder(placed(certificate)):
         return certificates.remade(certificate, functions)
-    folder = Path(certificate)
+    folder = placed(certificate)
     if faults := _faults(folder):
         raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", tuple(faults))
     again = certificates.remade(folder / CERTIFICATE, functions)
-    model = Model.from_toml(folder / MODEL, functions=functions)
+    held = store_of(folder).held(folder / MODEL)
+    model = Model.from_toml(held.path, functions=functions)
     if model.digest != again.attrs["model_digest"]:
         raise ArchiveError(f"'{folder / MODEL}' is another model than the certificate's")
     with archive.open_run(folder / RUN) as run:
@@ -150,7 +153,7 @@ def recheck(
     return again
 
 
-def check_files(folder: Path) -> None:
+def check_files(folder: Place) -> None:
     """Check, before anything is opened, that a bundle holds nothing but regular files.
 
     Raises
@@ -158,6 +161,8 @@ def check_files(folder: Path) -> None:
     ArchiveError
         Naming the links, pipes, folders in it.
     """
+    if not isinstance(folder, Path) or not folder.is_dir():
+        return
     odd = sorted(
         (entry.name, entry.lstat().st_mode) for entry in folder.iterdir() if not stat.S_ISREG(entry.lstat().st_mode)
     )
@@ -169,26 +174,28 @@ def check_files(folder: Path) -> None:
         raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", faults)
 
 
-def _faults(folder: Path) -> list[str]:
+def _faults(folder: Place) -> list[str]:
     """Compare every file of a bundle with its digest."""
     check_files(folder)
-    if not (folder / SUMS).is_file():
+    store = store_of(folder)
+    present = {place.name: place for place in store.names(folder) if store.kind(place) is None}
+    if SUMS not in present:
         return [f"there is no {SUMS}"]
-    sums = read_bounded(folder / SUMS, LONGEST_SUMS).decode(errors="replace")
+    sums = store.content(present[SUMS], LONGEST_SUMS).decode(errors="replace")
     rows = [line.partition("  ") for line in sums.splitlines()]
     digests = {name: digest for digest, _, name in rows}
-    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or not (folder / name).is_file()]
+    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or name not in present]
     damaged = [
         f"{name} differs from its digest"
         for name, digest in digests.items()
-        if name in (*SAID, CRATE) and (folder / name).is_file() and _digest(folder / name) != digest
+        if name in {*SAID, CRATE} & {*present} and _digest(store.held(present[name])) != digest
     ]
-    added = sorted({entry.name for entry in folder.iterdir()} - {*SAID, CRATE, SUMS})
+    added = sorted({*present} - {*SAID, CRATE, SUMS})
     return [*missing, *damaged, *(f"{name} is none of its files" for name in added)]
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
+def _digest(held: Held) -> str:
+    with held.path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest()
 
 
@@ -239,7 +246,7 @@ def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> N
             "description": description,
             "encodingFormat": kinds[Path(name).suffix],
             "contentSize": str((target / name).stat().st_size),
-            "sha256": _digest(target / name),
+            "sha256": _digest(Held(target / name, name)),
         }
         crate.add_file(target / name, dest_path=name, properties=properties)
     crate.metadata.write(target)

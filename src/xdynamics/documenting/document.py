@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.archive.target import check_target, taking_name
+from xdynamics.archive.place import Given, Place, placed, real
+from xdynamics.archive.stores import check_target, store_of, taking_name
 from xdynamics.budgeting.budget_summary import doubt_of, known_to, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
 from xdynamics.documenting import blocks
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 
 FORMATS = {".html": blocks.html, ".htm": blocks.html, ".md": blocks.markdown}
 MOST_EVENTS = 30
+MOST_BYTES = 50_000_000  # of a figure
 
 
-def document(folder: str | Path, path: str | Path) -> Path:
+def document(folder: Given, path: Given) -> Place:
     """Write the report of a bundle as one file, with figures and formulas embedded.
 
     Parameters
@@ -41,7 +42,7 @@ def document(folder: str | Path, path: str | Path) -> Path:
 
     Returns
     -------
-    Path
+    Path, or name of an object
 
     Raises
     ------
@@ -50,20 +51,20 @@ def document(folder: str | Path, path: str | Path) -> Path:
     ArchiveError
         If an archive in it is damaged.
     """
-    folder, path = Path(folder), Path(path)
+    bundle, path = placed(folder), placed(path)
+    store = store_of(bundle)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"report '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
-    if folder.is_dir():
-        check_files(folder)
-    if missing := [name for name in (CERTIFICATE, RUN, LEDGER, MODEL) if not (folder / name).is_file()]:
+    check_files(bundle)
+    if missing := [name for name in (CERTIFICATE, RUN, LEDGER, MODEL) if store.kind(bundle / name) is not None]:
         raise InputError(
-            f"'{folder}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
+            f"'{bundle}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
         )
     check_target(path)
     with (
-        archive.open_run(folder / CERTIFICATE) as certificate,
-        archive.open_run(folder / RUN) as run,
-        archive.open_run(folder / LEDGER) as ledger,
+        archive.open_run(bundle / CERTIFICATE) as certificate,
+        archive.open_run(bundle / RUN) as run,
+        archive.open_run(bundle / LEDGER) as ledger,
     ):
         model = Model.from_text(str(certificate["model_toml"].values))
         sections = [
@@ -71,10 +72,10 @@ def document(folder: str | Path, path: str | Path) -> Path:
             Section("The model", list(of_model(model))),
             _method(run),
             _convergence(certificate),
-            _budget(certificate, (folder / CERTIFICATE).with_suffix(".png").read_bytes()),
-            _run(run, (folder / RUN).with_suffix(".png").read_bytes()),
+            _budget(certificate, _picture(bundle / CERTIFICATE)),
+            _run(run, _picture(bundle / RUN)),
             _ledger(ledger),
-            _again(certificate, folder),
+            _again(certificate, bundle),
         ]
         title = str(certificate.attrs["title"]).removeprefix("certificate of ")
         text = FORMATS[path.suffix.lower()](
@@ -83,6 +84,12 @@ def document(folder: str | Path, path: str | Path) -> Path:
     with taking_name(path) as new:
         new.part.write_text(text, encoding="utf-8")
     return path
+
+
+def _picture(archived: Place) -> bytes:
+    """Return the figure of an archive in a bundle."""
+    picture = archived.with_suffix(".png")
+    return store_of(picture).content(picture, MOST_BYTES)
 
 
 def _result(certificate: xr.Dataset) -> Section:
@@ -261,8 +268,8 @@ def _ledger(ledger: xr.Dataset) -> Section:
     )
 
 
-def _again(certificate: xr.Dataset, folder: Path) -> Section:
-    version, name = certificate.attrs.get("xdynamics_version", ""), folder.resolve().name
+def _again(certificate: xr.Dataset, bundle: Place) -> Section:
+    version, name = certificate.attrs.get("xdynamics_version", ""), real(bundle).name
     command = f"pip install xdynamics=={version} && xdynamics recheck {name}"
     digests = [
         ["model", str(certificate.attrs["model_digest"])],

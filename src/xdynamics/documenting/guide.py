@@ -38,6 +38,20 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
+STORES = (
+    "Whatever takes the name of a file or folder also takes that of an object: s3://bucket/runs/one.nc. It needs",
+    "  pip install 'xdynamics[s3]'",
+    "and credentials in the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or in ~/.aws, never in the",
+    "name; AWS_ENDPOINT_URL names a store that is not Amazon's.",
+    "  xdynamics run pendulum.toml -o s3://bucket/run.nc     (--resume goes on from the segments beside it)",
+    "  xdynamics sweep pendulum.toml --axis 'g=1:10:99 m s-2' -o s3://bucket/grid",
+    "  xd.save(run, 's3://bucket/run.nc'); xd.open_run('s3://bucket/run.nc'); xd.report('s3://bucket/page', run=run)",
+    "  xd.sweep(model, axes, path='grid.zarr')      a Zarr store, of files or objects, for grids too large for one file",
+    "  xd.open_logs('s3://bucket/grid', '0:10:101 s')      the runs of a sweep with keep=['log'] at common times, lazily",
+    "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is verified and read.",
+    "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
+    "the second is told, and nothing is lost. A lock that its process does not renew is free after a minute.",
+)
 STARTER = """\
 # A driven pendulum. `xdynamics help model` lists all sections, `xdynamics help forces` every key of one.
 name = "Driven pendulum"
@@ -128,6 +142,7 @@ def guide(topic: str | None) -> Iterator[str]:
         "units": _units,
         "record": _record,
         "cluster": CLUSTER.splitlines,
+        "stores": lambda: STORES,
         **{name: partial(_section, name) for name in SECTIONS},
     }
     if topic is None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.stores import made_folder, taking_name
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError, numbered
 from xdynamics.figures import plot
-from xdynamics.runtime.files import made_folder
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 PAGE = "report.md"
 
 
-def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
+def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
     """Leave records in a folder: an archive each, a figure each, and one page of words.
 
     Stages that are not computed yet are computed first, all in one graph, so that what several need is marched once.
@@ -32,7 +31,7 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
     Parameters
     ----------
     folder : str or Path
-        Made where it is not there.
+        Made where it is not there; or ``"s3://bucket/results"``.
     **records : xarray.Dataset, or dict of str to xarray.Dataset
         Runs and evidence by name, lazy or not; several by name are drawn together where they are refinements or
         diagnoses.
@@ -54,7 +53,7 @@ def report(folder: str | Path, **records: xr.Dataset | dict[str, xr.Dataset]) ->
         several = entry.values() if isinstance(entry, dict) else [entry]
         if not several or not all(hasattr(record, "attrs") for record in several):
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
-    target = made_folder(folder)
+    target = made_folder(placed(folder))
     whole, faults = _computed(records)
     words = "\n".join(line for name, entry in whole.items() for line in _page_of(target, name, entry))
     words += "".join(f"\n## {name}\n\nfailed    {fault}\n" for name, fault in faults.items())
@@ -106,7 +105,7 @@ def _progress() -> Iterator[None]:
         yield
 
 
-def _page_of(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:
+def _page_of(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:
     """Archive and draw one record, or several by name, and summarise them."""
     datasets = (
         {f"{name}_{key}": dataset for key, dataset in record.items()} if isinstance(record, dict) else {name: record}
@@ -119,7 +118,7 @@ def _page_of(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]
         yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path)}", "```", "")
 
 
-def _drawn(folder: Path, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:
+def _drawn(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:
     """Draw a record, and return the figure's name; empty if there is nothing to draw."""
     try:
         plot(record, folder / f"{name}.png")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
+from xdynamics.archive.place import Given, Place
+from xdynamics.archive.stores import store_of
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def record_of(
-    march: March, path: str | Path | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+    march: March, path: Given | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
 ) -> xr.Dataset:
     """March, and return the record: in memory, or opened from the file that it is streamed to.
 
@@ -37,7 +38,7 @@ def record_of(
     return archive.marched(record.dataset(march, march.blocks(), before))
 
 
-def march(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
+def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
     Raises
@@ -49,7 +50,7 @@ def march(model: Model, path: Path | None = None, memory: str | float | None = N
     """
     load_dask_whole()
     prepared = March(model, unthinned_settings_for(model, **asked))
-    check_room(prepared, memory, path)
+    check_room(prepared, memory, path and store_of(path).written_at(path))
     run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt

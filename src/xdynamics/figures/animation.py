@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, at_time, words
 from xdynamics.figures.plane import MOST_BODIES, left_out, views
@@ -25,14 +26,14 @@ MARGIN = 0.06  # of the larger side
 
 def animate(
     run: xr.Dataset,
-    path: str | Path,
+    path: Given,
     *,
     seconds: float | None = None,
     rate: int = 25,
     trail: float | None = None,
     dpi: int = 90,
     dark: bool = False,
-) -> Path:
+) -> Place:
     """Write the motion of a run in its plane as a film.
 
     Parameters
@@ -62,7 +63,7 @@ def animate(
     InputError
         If the run has no plane, or the film cannot be written.
     """
-    target, shown = Path(path), views(run.copy(deep=False))
+    target, shown = placed(path), views(run.copy(deep=False))
     _check(target, shown, seconds, rate, dpi)
     if trail is not None and not (isinstance(trail, int | float) and 0.0 <= trail < float("inf")):
         raise InputError(f"trail is {trail!r}, needs a non-negative time of the run")
@@ -127,7 +128,7 @@ def _writer(path: Path, rate: int) -> Any:
     return animation.FFMpegWriter(fps=rate)
 
 
-def _check(target: Path, shown: list[Any], seconds: Any, rate: Any, dpi: Any) -> None:
+def _check(target: Place, shown: list[Any], seconds: Any, rate: Any, dpi: Any) -> None:
     check_path(target, FORMATS, "film")
     if not shown or not shown[0]:
         raise InputError(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
@@ -26,7 +26,7 @@ PAGES = {
 
 def plot(
     record: xr.Dataset | Mapping[str, xr.Dataset],
-    path: str | Path | None = None,
+    path: Given | None = None,
     *,
     only: str | Sequence[str] | None = None,
     beside: Any = (),
@@ -61,7 +61,7 @@ def plot(
         If there is nothing to draw, the file's ending is unknown, or its folder does not exist.
     """
     if path is not None:
-        check_path(Path(path))
+        check_path(placed(path))
     wanted = [only] if isinstance(only, str) else only
     record = _computed(record, wanted)
     if hasattr(record, "attrs"):
@@ -72,9 +72,7 @@ def plot(
     else:
         page, title = overlay.PAGE, f"{', '.join(record)}, side by side"
     others = (
-        [beside]
-        if isinstance(beside, str | Path) or hasattr(beside, "attrs") or hasattr(beside, "columns")
-        else [*beside]
+        [beside] if isinstance(beside, GIVEN) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]
     )
     if page is not run.PAGE and (only is not None or others):
         raise InputError("only and beside are for figures of a run")
@@ -87,7 +85,7 @@ def plot(
     with lit(dark=dark):
         figure = sheet(panels, title, foot, page.height_of(len(panels)), size)
         if path is not None:
-            write(figure, Path(path), dpi)
+            write(figure, placed(path), dpi)
     return figure
 
 

@@ -11,7 +11,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.target import check_target, taking_name
+from xdynamics.archive.place import Place
+from xdynamics.archive.stores import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.figures.marks import typeset, words
 
@@ -114,7 +115,7 @@ def lit(*, dark: bool) -> Iterator[None]:
         yield
 
 
-def write(figure: Figure, path: Path, dpi: int = DPI) -> None:
+def write(figure: Figure, path: Place, dpi: int = DPI) -> None:
     """Write a figure whole, or not at all."""
     ending = path.suffix.lower()
     drawn = BytesIO()
@@ -124,7 +125,7 @@ def write(figure: Figure, path: Path, dpi: int = DPI) -> None:
 
 
 @contextmanager
-def kept(what: str, path: Path) -> Iterator[Path]:
+def kept(what: str, path: Place) -> Iterator[Path]:
     """Lend a temporary path to write to; the file then takes its final name whole, or not at all.
 
     Raises
@@ -139,7 +140,7 @@ def kept(what: str, path: Path) -> Iterator[Path]:
         raise ArchiveError(f"{what} {error}") from None
 
 
-def check_path(path: Path, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
+def check_path(path: Place, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
     """Check before drawing that a file can be written.
 
     Raises

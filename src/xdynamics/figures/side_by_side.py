@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.archive import open_run
+from xdynamics.archive.place import GIVEN, placed
 from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import drawn
@@ -31,7 +31,7 @@ def beside_of(run: xr.Dataset, source: Any) -> tuple[str, Columns]:
     InputError
         If it has no variable in common with the run, or one of another kind of unit.
     """
-    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".nc":
+    if isinstance(source, GIVEN) and placed(source).suffix.lower() == ".nc":
         source = open_run(source)
     label, series = _measured(run, source) if is_measured(source) else _of_run(source)
     columns = {}

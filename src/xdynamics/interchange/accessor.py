@@ -19,10 +19,10 @@ from xdynamics.record.pint_records import is_quantified, plain, quantified, teac
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pandas as pd
     from matplotlib.figure import Figure
+
+    from xdynamics.archive.place import Given, Place
 
 teach()  # whoever imported pint-xarray too
 
@@ -170,13 +170,13 @@ class Dynamics:
         """Return the record with units in its arrays, by pint-xarray; every verb takes it so."""
         return quantified(self._run)
 
-    def plot(self, path: str | Path | None = None, **how: Any) -> Figure:
+    def plot(self, path: Given | None = None, **how: Any) -> Figure:
         """Draw the run; see `xdynamics.plot`."""
         from xdynamics.figures import plot
 
         return plot(self._run, path, **how)
 
-    def animate(self, path: str | Path, **how: Any) -> Path:
+    def animate(self, path: Given, **how: Any) -> Place:
         """Write the motion in the plane as a film; see `xdynamics.animate`."""
         from xdynamics.figures.animation import animate
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.place import Place
+from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.schema import AT, AT_TIME, error
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 ENDINGS = (".csv", ".txt")
 
 
-def check_target(path: Path) -> Path:
+def check_target(path: Place) -> Place:
     """Check that a table can be written to a path.
 
     Raises
@@ -31,11 +32,12 @@ def check_target(path: Path) -> Path:
     InputError
         Naming it.
     """
-    if path.suffix.lower() not in ENDINGS and not path.is_dir():
+    folder = is_folder(path)
+    if path.suffix.lower() not in ENDINGS and not folder:
         raise InputError(f"table '{path}' has the ending '{path.suffix}'; it is text, {', '.join(ENDINGS)}")
-    if path.is_dir():
+    if folder:
         raise InputError(f"table '{path}' is a directory; name a file")
-    if not path.parent.is_dir():
+    if isinstance(path, Path) and not path.parent.is_dir():
         raise InputError(f"table '{path}' cannot be written: there is no folder '{path.parent}'")
     return path
 
@@ -53,7 +55,7 @@ def text_of(run: xr.Dataset, wanted: Floats) -> str:
     return text.getvalue()
 
 
-def tabled(run: xr.Dataset, wanted: Floats, path: Path) -> str:
+def tabled(run: xr.Dataset, wanted: Floats, path: Place) -> str:
     """Write a table into a file, as far as the run came; return a line that describes it."""
     reached = wanted[wanted <= float(run["time"][-1])]
     if not reached.size:
@@ -61,7 +63,7 @@ def tabled(run: xr.Dataset, wanted: Floats, path: Path) -> str:
     return write(text_of(run, reached), path)
 
 
-def write(text: str, path: Path) -> str:
+def write(text: str, path: Place) -> str:
     """Write a table into a file; return a line that describes it.
 
     Raises

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.place import Given
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
@@ -27,10 +27,10 @@ Array = NDArray[Any]
 
 
 def complete(
-    run: xr.Dataset | str | Path,
+    run: xr.Dataset | Given,
     *,
     keep_every: int = 1,
-    path: str | Path | None = None,
+    path: Given | None = None,
     functions: Mapping[str, Callable[..., float]] | None = None,
     progress: Progress | None = None,
     resume: bool = False,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.archive.place import Given
 from xdynamics.archive.seals import slabs
 from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
@@ -51,10 +51,10 @@ ROWS = 1 << 12  # that are looked at together
 
 
 def extend(
-    run: xr.Dataset | str | Path,
+    run: xr.Dataset | Given,
     *,
     until: str | float,
-    path: str | Path | None = None,
+    path: Given | None = None,
     resume: bool = False,
     functions: Mapping[str, Callable[..., float]] | None = None,
     progress: Progress | None = None,

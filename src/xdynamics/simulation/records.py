@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
+from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.stores import is_same
 from xdynamics.evidence.runs import record_of
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def kept_run(run: xr.Dataset | str | Path, path: str | Path | None, verb: str) -> Iterator[xr.Dataset]:
+def kept_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> Iterator[xr.Dataset]:
     """Open or check a run from which another is made at `path`; the verb is for messages.
 
     Raises
@@ -28,10 +28,10 @@ def kept_run(run: xr.Dataset | str | Path, path: str | Path | None, verb: str) -
         If it is no whole run, was edited, or is the file that the other run would replace.
     """
     done = f"{verb.removesuffix('e')}ed"
-    named = isinstance(run, str | Path)
-    if named and path is not None and Path(path).exists() and Path(path).samefile(run):
+    named = isinstance(run, GIVEN)
+    if isinstance(run, GIVEN) and path is not None and is_same(placed(path), placed(run)):
         raise InputError(f"'{path}' is the archive that is {done}; name another file")
-    with archive.open_run(run) if isinstance(run, str | Path) else nullcontext(run) as kept:
+    with archive.open_run(run) if isinstance(run, GIVEN) else nullcontext(run) as kept:
         record.check_kind(kept)
         if not named:
             archive.check_unchanged(kept)
@@ -48,14 +48,14 @@ def check_destination(path: Any, *, resume: bool) -> None:
     InputError
         If the path is no name of a file, or a run is to be resumed without one.
     """
-    if path is not None and not isinstance(path, str | PathLike):
+    if path is not None and not isinstance(path, GIVEN):
         raise InputError(f"path is {path!r}, needs the name of a file")
     if resume and path is None:
         raise InputError("resume needs path=…, the file that the run was to be streamed to")
 
 
 def marched_record(
-    march: March, path: str | Path | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
+    march: March, path: Given | None, before: Iterable[tuple[str, Any]] = (), *, resume: bool = False
 ) -> xr.Dataset:
     """March, warn of what was not accurate, and return the record; see `record_of`."""
     run = record_of(march, path, before, resume=resume)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, record
+from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.stores import store_of
 from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
 from xdynamics.evidence.sampling import sample
@@ -72,7 +73,7 @@ def simulate(
     compress: bool | None = None,
     # what is returned, and where it is kept
     times: Sequence[float | str] | str | float | None = None,
-    path: str | Path | None = None,
+    path: Given | None = None,
     resume: bool = False,
     memory: str | float | None = None,
     progress: Progress | None = None,
@@ -144,7 +145,7 @@ def simulate(
         after an early end are left out. Of the log only what they are computed from is kept in memory, a step for each.
         Accepted states joined by straight lines may be far off. With `path` the file still holds the whole record.
     path : str or Path, optional
-        Stream the run to this file, in bounded memory, and return it opened. A run that ends badly does not replace an
+        Stream the run to this file, or object like ``"s3://bucket/run.nc"``, in bounded memory, and return it opened. A run that ends badly does not replace an
         archive of one that ended well: it is written beside it, with a warning. Finished
         parts of a long run are kept in a folder beside it, `.run.nc.segments`, until it is whole.
     resume : bool
@@ -204,7 +205,7 @@ def _simulated(
     model: Model,
     settings: Settings,
     wanted: Floats | None,
-    path: str | Path | None,
+    path: Given | None,
     memory: str | float | None,
     progress: Progress | None,
     *,
@@ -217,11 +218,12 @@ def _simulated(
     if wanted is not None and path is None:
         return _sampled(model, settings, wanted, progress)
     march = March(model, settings, progress)
-    check_room(march, memory, path)
-    if resume and path is not None and _is_whole(march, Path(path)):
-        archive.clear_rest(Path(path))
-        return _at(archive.open_run(path, check=False), wanted, model)
-    return _at(marched_record(march, path, resume=resume), wanted, model)
+    place = None if path is None else placed(path)
+    check_room(march, memory, place and store_of(place).written_at(place))
+    if resume and place is not None and _is_whole(march, place):
+        archive.clear_rest(place)
+        return _at(archive.open_run(place, check=False), wanted, model)
+    return _at(marched_record(march, place, resume=resume), wanted, model)
 
 
 def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[np.float64]:
@@ -281,10 +283,10 @@ def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr
     return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
 
 
-def _is_whole(march: March, path: Path) -> bool:
+def _is_whole(march: March, path: Place) -> bool:
     """Whether a file is the finished archive of a march, so that there is nothing to resume."""
     archive.check_target(path)
-    if not path.is_file() or archive.has_segments(path):
+    if store_of(path).kind(path) is not None or archive.has_segments(path):
         return False
     try:
         with archive.open_run(path) as kept:
@@ -342,7 +344,7 @@ def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -
     return stable_step_of(jacobian, method, model, growth=growth)
 
 
-def reproduce(path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
+def reproduce(path: Given, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """March an archive's own model again, from the file alone, and compare every variable bit for bit.
 
     For a selection the whole run is marched again, and every kept value is looked up in it.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.archive.place import Place
 from xdynamics.faults import InputError, numbered
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, Column, column_of
 from xdynamics.sweeping.collection import DIGEST, plan_of
@@ -72,7 +72,7 @@ class Additions:
         return present
 
 
-def additions(plan: Plan, there: xr.Dataset, catalogue: Path) -> Additions:
+def additions(plan: Plan, there: xr.Dataset, catalogue: Place) -> Additions:
     """Find out which members of a sweep a folder already holds.
 
     Raises

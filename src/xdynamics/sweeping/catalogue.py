@@ -2,58 +2,52 @@
 
 from __future__ import annotations
 
-import fcntl
-import json
-import os
-import shutil
-from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.archive import temporary_files
+from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import values_of
 from xdynamics.archive.seals import tail_of
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.store import TakenError
+from xdynamics.archive.stores import is_folder, made_folder, store_of
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
-from xdynamics.runtime.files import asked, made_folder
 from xdynamics.schema import EVIDENCE, SWEEP
+from xdynamics.sweeping import zarr_catalogue
 from xdynamics.sweeping.additions import Additions, additions
+from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.member_files import archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
-from xdynamics.sweeping.tasks import Chunks, blocks_of, measured_chunks
+from xdynamics.sweeping.tasks import blocks_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
-CUT = "blocks.json"  # sizes of the blocks along each axis
 RUNS = "runs"
 PART, BLOCK = "sweep part", "sweep_block"
 LONG = 64  # digits of a full sha256
-Progress = Callable[[float, float, int], None]
 
 
 REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep marches what is missing"
 
 
-def open_sweep(path: str | Path) -> xr.Dataset:
+def open_sweep(path: Given) -> xr.Dataset:
     """Open and verify the catalogue of a sweep: every member with its axes, outcome, digest and kept variables.
 
     Parameters
     ----------
     path : str or Path
-        The folder that `sweep` marched into.
+        The folder that `sweep` marched into, or ``"s3://bucket/folder"``; or a Zarr store, ``"grid.zarr"``.
 
     Raises
     ------
@@ -71,11 +65,14 @@ def open_sweep(path: str | Path) -> xr.Dataset:
         xr.open_mfdataset("folder/runs/*.nc", engine="netcdf4", combine="nested", concat_dim="step", parallel=False,
                           preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False)
     """
-    folder = Path(path)
+    folder = placed(path)
+    if zarr_catalogue.is_one(folder):
+        return zarr_catalogue.opened(folder)
     file = folder / CATALOGUE
-    if not file.is_file() and (folder / UNFINISHED).is_dir():
+    is_there = _is_file(file)
+    if not is_there and is_folder(folder / UNFINISHED):
         raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
-    if not file.is_file():
+    if not is_there:
         raise InputError(
             f"'{folder}' holds no sweep: there is no {CATALOGUE} in it; name the folder that sweep marched into"
         )
@@ -89,6 +86,10 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     sweep.set_close(opened._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     sweep.encoding["source"] = str(file.absolute())
     return sweep
+
+
+def _is_file(place: Place) -> bool:
+    return store_of(place).kind(place) is None
 
 
 def _with_words(sweep: xr.Dataset) -> xr.Dataset:
@@ -107,7 +108,7 @@ def _with_words(sweep: xr.Dataset) -> xr.Dataset:
     return sweep
 
 
-def verify(path: str | Path) -> str:
+def verify(path: Given) -> str:
     """Compare an archive with its digests, or the folder of a sweep with its catalogue's; return the content digest.
 
     Raises
@@ -122,12 +123,14 @@ def verify(path: str | Path) -> str:
     KindWarning
         If the file is intact, and holds a selection of a run or derived data.
     """
-    path = Path(path)
-    is_sweep = asked(path, Path.is_dir) and ((path / CATALOGUE).exists() or (path / UNFINISHED).exists())
-    return verify_sweep(path)[0] if is_sweep else archive.verify(path)
+    place = placed(path)
+    is_sweep = zarr_catalogue.is_one(place) or (
+        is_folder(place) and (_is_file(place / CATALOGUE) or is_folder(place / UNFINISHED))
+    )
+    return verify_sweep(place)[0] if is_sweep else archive.verify(place)
 
 
-def verify_sweep(path: str | Path) -> tuple[str, int]:
+def verify_sweep(path: Given) -> tuple[str, int]:
     """Verify a sweep's catalogue, and all bytes of every archived run by the seal in the catalogue.
 
     Returns
@@ -140,8 +143,10 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
     ArchiveError
         Naming every file that is damaged, missing or belongs to another run.
     """
-    folder = Path(path)
-    digest = archive.verify(folder / CATALOGUE) if (folder / CATALOGUE).is_file() else ""
+    folder = placed(path)
+    if zarr_catalogue.is_one(folder):
+        return zarr_catalogue.verified(folder), 0
+    digest = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else ""
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
@@ -149,11 +154,11 @@ def verify_sweep(path: str | Path) -> tuple[str, int]:
     return digest, files
 
 
-def _damaged(folder: Path, faults: list[str]) -> ArchiveError:
+def _damaged(folder: Place, faults: list[str]) -> ArchiveError:
     return ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults))
 
 
-def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
+def _faults(folder: Place, sweep: xr.Dataset) -> list[str]:
     """Compare archived runs with the seals in the catalogue; name files that are not among its runs.
 
     Extra runs are allowed while members are being added, or where adding them was interrupted.
@@ -162,24 +167,24 @@ def _faults(folder: Path, sweep: xr.Dataset) -> list[str]:
         return []
     seals = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
     seals.pop("", None)  # of members whose models are refused
-    present = (
-        {f"{RUNS}/{entry.name}" for entry in (folder / RUNS).iterdir() if not entry.name.startswith(".")}
-        if (folder / RUNS).is_dir()
-        else set()
-    )
+    entries = store_of(folder).names(folder / RUNS)
+    present = {f"{RUNS}/{entry.name}" for entry in entries if not entry.name.startswith(".")}
     foreign = [] if unfinished(folder) else sorted(present - {*seals})
     foreign_faults = [f"{name} is no run of the sweep" for name in foreign]
     with ThreadPoolExecutor() as pool:
         return [entry for entry in pool.map(partial(_fault_of, folder), seals.items()) if entry] + foreign_faults
 
 
-def _fault_of(folder: Path, name_and_seal: tuple[str, str]) -> str:
+def _fault_of(folder: Place, name_and_seal: tuple[str, str]) -> str:
     """Describe what is wrong with the archive of a run, given its seal in the catalogue; empty if nothing is."""
     name, seal = name_and_seal
     try:
-        tail = tail_of(folder / name)
-    except FileNotFoundError:
-        return f"{name} is missing"
+        if not _is_file(folder / name):
+            return f"{name} is missing"
+        held = store_of(folder).held(folder / name)
+        tail = tail_of(held.path)
+    except ArchiveError as error:
+        return str(error)
     except OSError as error:
         return f"{name} cannot be read: {error.strerror or error}"
     if tail.digest == seal:
@@ -187,15 +192,15 @@ def _fault_of(folder: Path, name_and_seal: tuple[str, str]) -> str:
     return f"{name}: {tail.fault or f'its seal is {tail.digest or None}, in the catalogue {seal}'}"
 
 
-def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | None) -> xr.Dataset:
-    """March a sweep into a folder, or what is missing of it, and return its catalogue.
+def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> xr.Dataset:
+    """March a sweep into a folder or a Zarr store, or what is missing of it, and return its catalogue.
 
     Parameters
     ----------
     plan : Plan
     members : int, optional
         Members of a task; an interrupted sweep keeps the tasks that it began with.
-    folder : Path
+    folder : Path, or name of a folder of objects
     progress : callable, optional
 
     Raises
@@ -203,10 +208,14 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
     InputError
         If the path is no folder, or it holds another sweep that is no part of this one.
     """
-    for place in (made_folder(folder), folder / RUNS):
-        temporary_files.sweep(place)
+    if zarr_catalogue.is_one(folder):
+        zarr_catalogue.fill(plan, members, folder, progress)
+        return zarr_catalogue.opened(folder)
+    store = store_of(folder)
+    for place in (store.made_folder(folder), folder / RUNS):
+        store.clear(place)
     existing = None
-    if (folder / CATALOGUE).is_file():
+    if _is_file(folder / CATALOGUE):
         sweep = _whole(folder)
         _forget(folder, str(sweep.attrs[DIGEST]))  # left by a process that was stopped after saving the catalogue
         if sweep.attrs[DIGEST] == plan.digest:
@@ -220,27 +229,28 @@ def filled(plan: Plan, members: int | None, folder: Path, progress: Progress | N
             f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
             f" it up by removing '{others[0]}'"
         )
-    with _alone_in(made_folder(work)):
-        blocks = [block for _, block in blocks_of(_begun(plan, members, work))]
-        parts = [work / f"{_said(block)}.nc" for block in blocks]
+    with alone_in(store.made_folder(work)):
+        blocks = [block for _, block in blocks_of(begun(plan, members, work))]
+        parts = [work / f"{said(block)}.nc" for block in blocks]
         _march(plan, blocks, parts, progress, existing)
         archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
         _forget(folder, plan.digest)
     return open_sweep(folder)
 
 
-def _forget(folder: Path, digest: str) -> None:
+def _forget(folder: Place, digest: str) -> None:
     """Remove the blocks of a sweep whose catalogue is complete; those of another sweep stay."""
-    shutil.rmtree(folder / UNFINISHED / _work(digest), ignore_errors=True)
-    with suppress(OSError):
-        (folder / UNFINISHED).rmdir()
+    store = store_of(folder)
+    store.remove_folder(folder / UNFINISHED / _work(digest))
+    with suppress(OSError, ArchiveError):
+        store.remove(folder / UNFINISHED)
 
 
 def _work(digest: str) -> str:
     return digest[:16]
 
 
-def _whole(folder: Path) -> xr.Dataset:
+def _whole(folder: Place) -> xr.Dataset:
     """Open an existing sweep, checking that all its runs are intact."""
     sweep = open_sweep(folder)
     if faults := _faults(folder, sweep):
@@ -248,45 +258,13 @@ def _whole(folder: Path) -> xr.Dataset:
     return sweep
 
 
-def unfinished(folder: Path) -> list[Path]:
+def unfinished(folder: Place) -> list[Place]:
     """List the folders of unfinished sweeps in a folder."""
-    place = folder / UNFINISHED
-    return sorted(path for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
-
-
-@contextmanager
-def _alone_in(work: Path) -> Iterator[None]:
-    """Lock a folder against other processes while this one marches into it."""
-    handle = os.open(work, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                f"another process marches into '{work.parents[1]}'; wait for it, or name another folder"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
-        yield
-    finally:
-        os.close(handle)
-
-
-def _begun(plan: Plan, members: int | None, work: Path) -> Chunks:
-    """Return the chunks that a sweep was begun with, or choose and save them."""
-    file = work / CUT
-    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # no such file, or a damaged one
-        saved = tuple(tuple(map(int, widths)) for widths in json.loads(file.read_text()))
-        if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
-            return saved
-    chunks = measured_chunks(plan, members)
-    with taking_name(file) as new:
-        new.part.write_text(json.dumps(chunks))
-    return chunks
+    return [place for place in store_of(folder).names(folder / UNFINISHED) if is_folder(place)]
 
 
 def _march(
-    plan: Plan, blocks: list[Block], parts: list[Path], progress: Progress | None, existing: Additions | None
+    plan: Plan, blocks: list[Block], parts: list[Place], progress: Progress | None, existing: Additions | None
 ) -> None:
     """March the missing blocks, on whichever dask scheduler is active."""
     from dask import base
@@ -301,37 +279,35 @@ def _march(
     if not todo:
         return
     delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_keep), delayed(existing)
-    with _watching(parts, progress):
-        compute(
-            *(delayed_keep(delayed_plan, list(block), str(part.absolute()), delayed_existing) for block, part in todo)
-        )
+    with watching(parts, progress):
+        compute(*(delayed_keep(delayed_plan, list(block), part.absolute(), delayed_existing) for block, part in todo))
 
 
-def _keep(plan: Plan, block: Block, part: str, existing: Additions | None) -> None:
+def _keep(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:
     """March a block into a file, after archiving its whole runs in files of their own; existing members are copied."""
     values = marched(plan, block, existing.take) if existing else marched(plan, block)
     if plan.keeping.whole:
-        files = Path(part).parents[2] / RUNS
-        files.mkdir(exist_ok=True)
+        files = made_folder(part.parent.parent.parent / RUNS)
         present = existing.there(block) if existing else np.zeros(plan.grid.shape_of(block), bool)
         archived(plan, block, files, values, present)
     variables = {
         variable.name: ((*plan.grid.dims, *variable.dims), values[variable.name], variable.attributes)
         for variable in plan.variables
     }
-    archive.save(exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: _said(block)}), part)
+    kept = exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: said(block)})
+    try:
+        archive.save(kept, part)
+    except TakenError:  # another worker was given the same block, and was faster
+        if not digests_of(part, partial(_is_part, plan, block))[0]:
+            raise
 
 
 def _is_part(plan: Plan, block: Block, part: xr.Dataset) -> bool:
     """Whether a file holds a given block of a sweep, regardless of its name."""
-    return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == _said(block)
+    return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == said(block)
 
 
-def _said(block: Block) -> str:
-    return "_".join(f"{extent.start}-{extent.stop}" for extent in block)
-
-
-def _joined(plan: Plan, blocks: list[Block], parts: list[Path]) -> dict[str, Any]:
+def _joined(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[str, Any]:
     """Read the blocks into full arrays; texts are held as bytes and decoded lazily, part by part."""
     import dask.array
 
@@ -359,28 +335,3 @@ class _Texts:
     def __getitem__(self, key: Any) -> NDArray[Any]:
         texts: NDArray[Any] = self.found[key].astype(self.dtype)
         return texts
-
-
-class _watching:  # noqa: N801 - used as a statement
-    """Report how many blocks are done by counting their files, whichever process writes them."""
-
-    def __init__(self, parts: list[Path], progress: Progress | None) -> None:
-        import threading
-
-        self.parts, self.progress, self.over = parts, progress, threading.Event()
-        self.thread = threading.Thread(target=self._tell, daemon=True) if progress else None
-
-    def __enter__(self) -> None:
-        if self.thread:
-            self.thread.start()
-
-    def __exit__(self, *_: object) -> None:
-        self.over.set()
-        if self.thread:
-            self.thread.join()
-
-    def _tell(self) -> None:
-        while not self.over.wait(1.0):
-            done = sum(part.is_file() for part in self.parts)
-            if self.progress:
-                self.progress(done / len(self.parts), 0.0, done)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
+from xdynamics.archive.place import Place, placed
 from xdynamics.evidence.runs import march
 from xdynamics.faults import ArchiveError
 from xdynamics.march import March
@@ -61,8 +61,8 @@ def member(
     place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
     catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
-    if FILE in catalogued and str(catalogued[FILE].values) and (folder := _folder_of(sweep)):
-        return _opened(folder / str(catalogued[FILE].values), str(catalogued[DIGEST].values))
+    if FILE in catalogued and str(catalogued[FILE].values) and (folder := folder_of(sweep)):
+        return opened(folder / str(catalogued[FILE].values), str(catalogued[DIGEST].values))
     is_archived = FILE in catalogued
     run = _recorded(grid, at) if is_archived and grid.recording else march(grid.model_of(at), **grid.asked_of(at))
     digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, list(grid.model.units))
@@ -87,13 +87,13 @@ def _recorded(grid: Grid, at: At) -> xr.Dataset:
     return archive.marched(record.dataset(single, single.blocks()))
 
 
-def _folder_of(sweep: xr.Dataset) -> Path | None:
+def folder_of(sweep: xr.Dataset) -> Place | None:
     """Return the folder that a sweep was opened from."""
     source = sweep.encoding.get("source")
-    return Path(source).parent if source else None
+    return placed(source).parent if source else None
 
 
-def _opened(file: Path, digest: str) -> xr.Dataset:
+def opened(file: Place, digest: str) -> xr.Dataset:
     """Open a member's archive, and check that it holds the run named in the catalogue."""
     run = archive.open_run(file)
     if run.attrs[ROOT_DIGEST] != digest:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.archive.place import Place
 from xdynamics.archive.reading import open_run, verified
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.segments import clear_segments, has_segments
+from xdynamics.archive.store import TakenError
+from xdynamics.archive.stores import store_of
 from xdynamics.archive.streaming import streamed
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 Values = dict[str, NDArray[Any]]
 
 
-def archived(plan: Plan, block: Block, folder: Path, arrays: Values, known: NDArray[np.bool_]) -> None:
+def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDArray[np.bool_]) -> None:
     """Archive every unknown member of a block, and enter its file, content digest and seal into the arrays.
 
     A member whose file exists and is intact is not marched again; one whose model is refused gets no file.
@@ -48,13 +50,24 @@ def archived(plan: Plan, block: Block, folder: Path, arrays: Values, known: NDAr
         if digest:
             clear_segments(file)  # left by a process that was stopped after finishing the file
         else:
-            written = streamed(march, file, resume=has_segments(file))
-            digest, seal = written.digest, written.seal
+            digest, seal = _streamed(march, file)
             if differences := _apart(march, {name: values[place] for name, values in arrays.items()}):
                 raise InputError(
                     f"member {grid.name_of(at)}: {differences}: this is a fault of xdynamics; please report it"
                 )
         arrays[FILE][place], arrays[DIGEST][place], arrays[SEAL][place] = f"{folder.name}/{file.name}", digest, seal
+
+
+def _streamed(march: March, file: Place) -> tuple[str, str]:
+    """March a member into its file; where another worker did so meanwhile, take that."""
+    try:
+        written = streamed(march, file, resume=has_segments(file))
+    except TakenError:
+        digest, seal = digests_of(file, partial(record.comes_of, march=march))
+        if not digest:
+            raise
+        return digest, seal
+    return written.digest, written.seal
 
 
 def _apart(march: March, abreast: dict[str, Any]) -> str:
@@ -70,11 +83,13 @@ def _apart(march: March, abreast: dict[str, Any]) -> str:
     )
 
 
-def digests_of(file: Path, wanted: Callable[[xr.Dataset], bool]) -> tuple[str, str]:
+def digests_of(file: Place, wanted: Callable[[xr.Dataset], bool]) -> tuple[str, str]:
     """Return content digest and seal of a file that is intact and the wanted one; empty texts otherwise."""
-    if file.is_file():
-        with suppress(ArchiveError, InputError):
-            digest, seal = verified(file), tail_of(file).digest
+    store = store_of(file)
+    with suppress(ArchiveError, InputError):
+        if store.kind(file) is None:
+            held = store.held(file)
+            digest, seal = verified(file), tail_of(held.path).digest
             with open_run(file, check=False) as run:
                 return (digest, seal) if wanted(run) else ("", "")
     return "", ""

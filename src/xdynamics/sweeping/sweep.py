@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics import record
+from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.runtime.lazy_imports import load_dask_whole
@@ -35,7 +34,7 @@ def sweep(
     keep: Sequence[str] | str = (END,),
     times: Any = None,
     occurrences: int | tuple[int, int] = 1,
-    path: str | Path | None = None,
+    path: Given | None = None,
     check: float = 0.0,
     members_per_task: int | None = None,
     progress: Callable[[float, float, int], None] | None = None,
@@ -66,7 +65,8 @@ def sweep(
         How many occurrences of every event to keep, along `occurrence` if more than the first; ``(100, 160)`` leaves
         out the first hundred.
     path : str or Path, optional
-        A folder to march into. The same call continues an interrupted sweep without marching finished members again,
+        A folder to march into, or ``"s3://bucket/folder"``; a name that ends in ``.zarr`` is that of a Zarr store, for
+        sweeps too large for one file, to which no members are added. The same call continues an interrupted sweep without marching finished members again,
         and members can be added to an existing sweep: by a longer or finer axis, one more axis, further methods.
     check : float
         Fraction of members that are also marched alone and compared bit for bit: ``0.01``.
@@ -121,9 +121,9 @@ def sweep(
     members = None if members_per_task is None else _count(members_per_task)
     if path is None:
         return collected(plan, *arrays_of(plan, counted_chunks(grid, members)))
-    if not isinstance(path, str | PathLike):
+    if not isinstance(path, GIVEN):
         raise InputError(f"path is {path!r}, needs the name of a folder")
-    return catalogue.filled(plan, members, Path(path), progress)
+    return catalogue.filled(plan, members, placed(path), progress)
 
 
 def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.place import placed
+from xdynamics.archive.stores import made_folder
 from xdynamics.evidence.observables import observables_of
 from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
@@ -20,7 +22,6 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.size import memory_asked
-from xdynamics.runtime.files import made_folder
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits
@@ -130,7 +131,7 @@ def refine(
     choices = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
     bounds, many = _bounds(most_rows, memory), _occurrences(occurrences)
-    folder = None if keep is None else made_folder(keep)
+    folder = None if keep is None else made_folder(placed(keep))
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
     if not compute:

@@ -1,0 +1,76 @@
+"""The blocks of a sweep that is marched into a store: cut once, by one process at a time, counted while they come."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+from xdynamics.archive.place import Place
+from xdynamics.archive.store import LockedError
+from xdynamics.archive.stores import store_of, taking_name
+from xdynamics.faults import InputError
+from xdynamics.sweeping.members import Block, Plan
+from xdynamics.sweeping.tasks import Chunks, measured_chunks
+
+CUT = "blocks.json"  # sizes of the blocks along each axis
+MOST_CUT = 100_000_000  # bytes of it
+Progress = Callable[[float, float, int], None]
+
+
+@contextmanager
+def alone_in(work: Place) -> Iterator[None]:
+    """Lock a folder against other processes while this one marches into it."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(store_of(work).locked(work))
+        except LockedError as error:
+            raise InputError(
+                f"another process marches into '{work.parent.parent}'; wait for it, or name another folder ({error})"
+            ) from None
+        yield
+
+
+def begun(plan: Plan, members: int | None, work: Place) -> Chunks:
+    """Return the chunks that a sweep was begun with, or choose and save them."""
+    file = work / CUT
+    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # no such file, or a damaged one
+        content = json.loads(store_of(file).content(file, MOST_CUT))
+        saved = tuple(tuple(map(int, widths)) for widths in content)
+        if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
+            return saved
+    chunks = measured_chunks(plan, members)
+    with taking_name(file) as new:
+        new.part.write_text(json.dumps(chunks))
+    return chunks
+
+
+def said(block: Block) -> str:
+    """Name a block by the members along each axis."""
+    return "_".join(f"{extent.start}-{extent.stop}" for extent in block)
+
+
+class watching:  # noqa: N801 - used as a statement
+    """Report how many blocks are done by counting their files, whichever process writes them."""
+
+    def __init__(self, parts: list[Place], progress: Progress | None) -> None:
+        import threading
+
+        self.parts, self.progress, self.over = parts, progress, threading.Event()
+        self.thread = threading.Thread(target=self._tell, daemon=True) if progress else None
+
+    def __enter__(self) -> None:
+        if self.thread:
+            self.thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.over.set()
+        if self.thread:
+            self.thread.join()
+
+    def _tell(self) -> None:
+        while not self.over.wait(1.0):
+            present = {place.name for place in store_of(self.parts[0]).names(self.parts[0].parent)}
+            done = sum(part.name in present for part in self.parts)
+            if self.progress:
+                self.progress(done / len(self.parts), 0.0, done)

@@ -1,0 +1,152 @@
+"""The whole runs of a sweep's members together: states at common times, each read from its file when it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.place import GIVEN, Given, Place
+from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.runtime.lazy_imports import load_dask_whole
+from xdynamics.schema import AT, AT_TIME
+from xdynamics.sweeping.catalogue import open_sweep
+from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
+from xdynamics.sweeping.collection import plan_of
+from xdynamics.sweeping.member import folder_of, opened
+from xdynamics.sweeping.members import DIGEST, FILE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+
+def open_logs(
+    sweep: xr.Dataset | Given,
+    times: Any = None,
+    *,
+    names: Sequence[str] | None = None,
+    functions: Functions | None = None,
+) -> xr.Dataset:
+    """Open the runs that a sweep with ``keep=["log"]`` archived, as one lazy Dataset along its axes, at common times.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset, str or Path
+        What `open_sweep` returned, a part of it, or the folder.
+    times : array_like, s, or texts like ``"0:10:101 s"``
+        By default the sweep's own.
+    names : sequence of str, optional
+        Coordinates, velocities and states; by default all.
+    functions : mapping of str to callable, optional
+        The Python functions that the model's forces call.
+
+    Returns
+    -------
+    xarray.Dataset
+        On the axes' dimensions and `at`, what `sample` gives of every run: nan outside it, and where a member has no run.
+        A file is opened, verified and read when a value of its member is used, by threads or on a cluster.
+
+    Raises
+    ------
+    InputError
+        If the sweep has no archived runs, it is not known where they are, or there are no times.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     grid = xd.sweep(model, {"m": "1:2:3 kg"}, keep=["log"], step="0.1 s", until="1 s", path=folder)
+    ...     logs = open_logs(grid, "0:1:11 s", names=["x"])
+    ...     print(dict(logs.sizes), float(logs.x.sel(m=2)[-1]) == float(xd.member(grid, m=2.0).x[-1]))
+    {'m': 3, 'at': 11} True
+    """
+    load_dask_whole()
+    catalogue = open_sweep(sweep) if isinstance(sweep, GIVEN) else sweep
+    plan = plan_of(catalogue, functions)
+    folder = folder_of(catalogue)
+    if FILE not in catalogue:
+        raise InputError("the sweep has no archived runs: give sweep keep=['log'] and path='a folder'")
+    if folder is None:
+        raise InputError("it is not known where the runs of the sweep are: open it by open_sweep")
+    model = plan.grid.model
+    if unknown := [name for name in names or () if name not in model.units]:
+        raise InputError(f"names have {unknown[0]!r}; there are {', '.join(model.units)}")
+    if times is None and not plan.keeping.times.size:
+        raise InputError("the sweep has no times of its own; give times, like '0:10:101 s'")
+    wanted = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
+    chosen = list(names or model.units)
+    arrays = _arrays(catalogue, folder, wanted, chosen, functions)
+    dims = catalogue[FILE].dims
+    variables: dict[str, Any] = {
+        name: ((*dims, AT), arrays[name], about(model.units[name].text, f"{name} of the run at a time", "coordinate"))
+        for name in chosen
+    }
+    variables[AT_TIME] = ((AT,), wanted, about(model.time_unit.text, "wanted time", "time"))
+    axes = {name: entry for name, entry in catalogue.coords.items() if {*entry.dims} <= {*dims}}
+    logs = exhibit(
+        "logs of a sweep",
+        f"{model.name}: runs over {', '.join(map(str, dims))}",
+        [],
+        variables | {str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in axes.items()},
+        {DIGEST_OF_SWEEP: catalogue.attrs[DIGEST_OF_SWEEP], "model_digest": model.digest},
+    )
+    return logs.set_coords([*axes])
+
+
+def _arrays(
+    sweep: xr.Dataset, folder: Place, times: Floats, names: list[str], functions: Functions | None
+) -> dict[str, Any]:
+    """Return every variable as a dask array, whose tasks read one run each, once for all variables."""
+    import dask.array
+    from dask.base import tokenize
+    from dask.highlevelgraph import HighLevelGraph
+
+    da: Any = dask.array  # its functions are not typed
+    files, digests = (np.asarray(sweep[name].values) for name in (FILE, DIGEST))
+    token = tokenize(str(folder), files, digests, times, names)
+    read = f"log-{token}"
+    places = list(product(*map(range, files.shape)))
+    layers: dict[str, Any] = {
+        read: {
+            (read, *at): (_states, folder / str(files[at]), str(digests[at]), times, names, functions)
+            if files[at]
+            else np.full((len(names), times.size), np.nan)
+            for at in places
+        }
+    }
+    shape = (1,) * files.ndim
+    arrays = {}
+    for i, name in enumerate(names):
+        key = f"{name}-{read}"
+        graph = {(key, *at, 0): (_taken, (read, *at), i, shape) for at in places}
+        merged = HighLevelGraph(layers | {key: graph}, {read: set(), key: {read}})
+        arrays[name] = da.Array(merged, key, (*((1,) * n for n in files.shape), (times.size,)), dtype=float)
+    return arrays
+
+
+def _taken(states: Floats, i: int, shape: tuple[int, ...]) -> Floats:
+    values: Floats = states[i].reshape(*shape, -1)
+    return values
+
+
+def _states(file: Place, digest: str, times: Floats, names: list[str], functions: Functions | None) -> Floats:
+    """Read the states of one run at times, in the order of the names."""
+    states = np.full((len(names), times.size), np.nan)
+    with opened(file, digest) as run:
+        ends = run["time"][[0, -1]].values
+        inside = (times >= ends[0]) & (times <= ends[1])
+        if inside.any():
+            sampled = sample(run, times[inside], functions=functions)
+            states[:, inside] = [sampled[name].values for name in names]
+    return states

@@ -1,0 +1,333 @@
+"""A sweep in a Zarr store: arrays whose chunks are the blocks of members, each written by the worker that marched it.
+
+Plain ``xarray.open_zarr`` opens it, lazily, with units and labels: outcomes are flags, digests bytes. What stands beside the
+arrays, in `.xdynamics`, are the digests of their chunks; a block without one is not finished.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.place import Place
+from xdynamics.archive.store import TakenError
+from xdynamics.archive.stores import made_folder, store_of, taking_name
+from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.march.outcomes import WORDS
+from xdynamics.schema import EVIDENCE, ORIGIN, ROOT_DIGEST, SWEEP
+from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
+from xdynamics.sweeping.collection import DIGEST, collected, with_axes
+from xdynamics.sweeping.kept_quantities import Kept
+from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
+from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, Block, Plan, marched
+from xdynamics.sweeping.tasks import Chunks, blocks_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Values = NDArray[Any]
+
+SUFFIX = ".zarr"
+NOTES, DIGESTS = ".xdynamics", "digests.json"
+METADATA = "zarr.json"
+MOST = 1_000_000_000  # bytes of digests and metadata
+BYTES = "digest_byte"
+MEANINGS = "flag_meanings"
+_TOML = "model_toml"
+
+
+def is_one(place: Place) -> bool:
+    """Whether a place is named as a Zarr store."""
+    return place.suffix == SUFFIX
+
+
+def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> None:
+    """March a sweep into a Zarr store, or what is missing of it.
+
+    Raises
+    ------
+    InputError
+        If the package zarr is missing, whole runs are to be kept, or the store holds another sweep.
+    """
+    _zarr()
+    if plan.keeping.whole:
+        raise InputError(f"keep has 'log', and '{folder}' is a Zarr store, which has no files of runs; name a folder")
+    store, notes = store_of(folder), folder / NOTES
+    if store.kind(notes / DIGESTS) is None:
+        if _facts(folder)["sweep"] == plan.digest:
+            return
+        raise InputError(
+            f"'{folder}' holds another sweep, and members are not added to a Zarr store; name another, or remove it"
+        )
+    made_folder(folder)
+    store.clear(made_folder(notes))
+    with alone_in(notes):
+        chunks = begun(plan, members, notes)
+        if store.kind(folder / METADATA) != "":
+            _check_same(plan, folder)
+        _lay_out(plan, chunks, folder)
+        blocks = [block for _, block in blocks_of(chunks)]
+        _march(plan, blocks, folder, progress)
+        _finish(plan, blocks, folder)
+
+
+def _check_same(plan: Plan, folder: Place) -> None:
+    """Check that what was begun in a store is this sweep."""
+    there = json.loads(store_of(folder).content(folder / METADATA, MOST)).get("attributes", {}).get(DIGEST)
+    if there not in (None, plan.digest):
+        raise InputError(f"'{folder}' holds a part of another sweep; name another store, or remove it")
+
+
+def _lay_out(plan: Plan, chunks: Chunks, folder: Place) -> None:
+    """Write the metadata of every array, and the axes' values; no member is marched for it."""
+    import dask.array
+
+    da: Any = dask.array  # its functions are not typed
+    sweep = collected(plan, {})
+    names = [variable.name for variable in plan.variables]
+    for variable in plan.variables:
+        dims, sizes, dtype, attributes = _form(variable, plan)
+        shape = (*plan.grid.shape, *sizes)
+        empty = da.zeros(shape, dtype=dtype, chunks=(*(widths[0] for widths in chunks), *sizes))
+        sweep[variable.name] = ((*plan.grid.dims, *dims), empty, attributes)
+    texts = {
+        name: entry.astype(object) for name, entry in sweep.variables.items() if entry.dtype.kind == "U" and entry.ndim
+    }
+    sweep = sweep.assign(texts).set_coords([*sweep.coords])
+    attributes = {str(name): _plain(value) for name, value in sweep.attrs.items() if name not in (ORIGIN, ROOT_DIGEST)}
+    sweep.attrs = attributes | {_TOML: str(sweep[_TOML].values), "sweep_variables": names}
+    with _quietly():
+        sweep.drop_vars(_TOML).to_zarr(str(folder), mode="a", compute=False, zarr_format=3, consolidated=True)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _form(variable: Kept, plan: Plan) -> tuple[tuple[str, ...], tuple[int, ...], Any, dict[str, Any]]:
+    """Return further dimensions, their sizes, the type and the attributes of an array: words are flags, digests bytes."""
+    if variable.name == DIGEST_OF_RUN:
+        width = np.dtype(variable.dtype).itemsize // 8
+        return (*variable.dims, BYTES), (*variable.sizes, width), "u1", variable.attributes | {"encoded": "hexadecimal"}
+    if np.dtype(variable.dtype).kind == "U":
+        words = _words(variable.name, plan)
+        flags = {"flag_values": list(range(len(words))), MEANINGS: " ".join(words)}
+        return variable.dims, variable.sizes, "i2", variable.attributes | flags
+    return variable.dims, variable.sizes, np.dtype(variable.dtype), variable.attributes
+
+
+def _words(name: str, plan: Plan) -> list[str]:
+    """Return the words of a variable, in the order of their flags."""
+    return sorted(WORDS) if name == OUTCOME else sorted(plan.grid.model.events)
+
+
+def _numbers(variable: Kept, values: Values, plan: Plan) -> Values:
+    """Return the values of a block as the store keeps them."""
+    if variable.name == DIGEST_OF_RUN:
+        letters = np.char.encode(np.ascontiguousarray(values), "ascii")
+        return np.frombuffer(bytes.fromhex(letters.tobytes().decode()), "u1").reshape(*values.shape, -1)
+    if values.dtype.kind == "U":
+        words = np.array(_words(variable.name, plan))
+        places = np.minimum(np.searchsorted(words, values), words.size - 1)
+        return np.where(words[places] == values, places, -1).astype("i2")
+    return values.astype(variable.dtype, copy=False)
+
+
+def _march(plan: Plan, blocks: list[Block], folder: Place, progress: Progress | None) -> None:
+    """March the blocks that have no digests, or others than their chunks, on whichever dask scheduler is active."""
+    from dask import base
+    from dask.delayed import delayed
+
+    compute: Any = base.compute  # dask's functions are not typed
+    present = {place.name for place in store_of(folder).names(folder / NOTES)}
+    notes = [folder / NOTES / f"{said(block)}.json" for block in blocks]
+    todo = [
+        block for block, note in zip(blocks, notes, strict=True) if note.name not in present or _faults(folder, block)
+    ]
+    if todo:
+        delayed_plan, keep = delayed(plan), delayed(_keep)
+        with watching(notes, progress):
+            compute(*(keep(delayed_plan, list(block), folder.absolute()) for block in todo))
+
+
+def _keep(plan: Plan, block: Block, folder: Place) -> None:
+    """March a block into its chunks, and then note their digests."""
+    values = marched(plan, block)
+    arrays, digests = _arrays(folder, "r+"), {}
+    for variable in plan.variables:
+        numbers = _numbers(variable, values[variable.name], plan)
+        arrays[variable.name][tuple(block)] = numbers
+        digests[variable.name] = _digest(numbers)
+    with suppress(TakenError), taking_name(folder / NOTES / f"{said(block)}.json") as new:
+        new.part.write_text(json.dumps(digests))  # of two workers with one block both write the same
+
+
+def _finish(plan: Plan, blocks: list[Block], folder: Place) -> None:
+    """Put the digests of all blocks into one file, by which the sweep is whole."""
+    store, notes = store_of(folder), folder / NOTES
+    arrays = {said(block): json.loads(store.content(notes / f"{said(block)}.json", MOST)) for block in blocks}
+    metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
+    facts = {"sweep": plan.digest, "metadata": metadata, "axes": _axes_of(folder), "blocks": arrays}
+    with taking_name(notes / DIGESTS) as new:
+        new.part.write_text(json.dumps(facts, sort_keys=True))
+    for block in blocks:
+        store.remove(notes / f"{said(block)}.json")
+
+
+def _axes_of(folder: Place) -> dict[str, str]:
+    """Return digests of the arrays that are not along members: axis values, times, parameters."""
+    arrays = _arrays(folder, "r")
+    kept = set(arrays.attrs["sweep_variables"])
+    return {name: _digest(np.asarray(array[...])) for name, array in sorted(arrays.arrays()) if name not in kept}
+
+
+def _facts(folder: Place) -> dict[str, Any]:
+    """Read the digests of a sweep.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not finished.
+    ArchiveError
+        If they are damaged.
+    """
+    store, file = store_of(folder), folder / NOTES / DIGESTS
+    if store.kind(file) is not None:
+        if store.kind(folder / METADATA) is None:
+            raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
+        raise InputError(
+            f"'{folder}' holds no sweep: there is no '{NOTES}/{DIGESTS}' in it; name what sweep marched into"
+        )
+    try:
+        facts: dict[str, Any] = json.loads(store.content(file, MOST))
+        metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
+    except (ValueError, OSError) as error:
+        raise ArchiveError(f"'{file}' is damaged: {error}") from None
+    if metadata != facts.get("metadata"):
+        raise ArchiveError(
+            f"'{folder / METADATA}' differs from its digest; remove '{folder}', and march the sweep again"
+        )
+    return facts
+
+
+def opened(folder: Place) -> xr.Dataset:
+    """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests."""
+    import xarray as xr
+
+    _zarr()
+    facts = _facts(folder)
+    stored = xr.open_zarr(str(folder), consolidated=True, mask_and_scale=False, decode_times=False)
+    sweep = stored.assign(
+        {name: _as_texts(stored[name]) for name in (OUTCOME, STOPPED_BY, DIGEST_OF_RUN) if name in stored}
+    )
+    words = {name: entry for name, entry in sweep.variables.items() if entry.dtype.kind not in "biufU"}
+    sweep = sweep.assign(
+        {name: (entry.dims, np.array(entry.values.tolist(), str), entry.attrs) for name, entry in words.items()}
+    )
+    sweep[_TOML] = ((), str(stored.attrs[_TOML]), {"units": "1", "long_name": "the model that members share, as TOML"})
+    sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (_TOML, "sweep_variables")}
+    sweep.attrs[ROOT_DIGEST] = sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    if sweep.attrs.get(EVIDENCE) != SWEEP:
+        raise ArchiveError(f"'{folder}' is no sweep")
+    return with_axes(sweep)
+
+
+def _as_texts(numbers: xr.DataArray) -> xr.Variable:
+    """Return flags and bytes as texts, lazily."""
+    import xarray as xr
+
+    attributes = {
+        name: value for name, value in numbers.attrs.items() if name not in ("flag_values", MEANINGS, "encoded")
+    }
+    data: Any = numbers.data
+    if MEANINGS in numbers.attrs:
+        words = np.array([*str(numbers.attrs[MEANINGS]).split(), ""])
+        return xr.Variable(numbers.dims, data.map_blocks(words.__getitem__, dtype=words.dtype), attributes)
+    width = 2 * numbers.shape[-1]
+    texts = data.map_blocks(partial(_hexadecimal, width=width), dtype=f"U{width}", drop_axis=numbers.ndim - 1)
+    return xr.Variable(numbers.dims[:-1], texts, attributes)
+
+
+def _hexadecimal(numbers: Values, width: int) -> Values:
+    letters = np.frombuffer(np.ascontiguousarray(numbers).tobytes().hex().encode(), f"S{width}")
+    return letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
+
+
+def verified(folder: Place) -> str:
+    """Compare every chunk of a sweep, its axes and its metadata with their digests; return the digest of all of them.
+
+    Raises
+    ------
+    ArchiveError
+        Naming the arrays and blocks that differ.
+    """
+    _zarr()
+    facts = _facts(folder)
+    faults = [
+        f"array '{name}' differs" for name, digest in _axes_of(folder).items() if facts["axes"].get(name) != digest
+    ]
+    for name, digests in facts["blocks"].items():
+        block = tuple(slice(*map(int, extent.split("-"))) for extent in name.split("_"))
+        faults += _apart(folder, block, digests)
+    if faults:
+        raise ArchiveError(
+            f"'{folder}' is damaged:{numbered(faults)}\nremove it, and march the sweep again", tuple(faults)
+        )
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _faults(folder: Place, block: Block) -> list[str]:
+    """Compare the chunks of a block that was noted before with its digests."""
+    try:
+        digests = json.loads(store_of(folder).content(folder / NOTES / f"{said(block)}.json", MOST))
+    except ValueError:
+        return ["its digests are damaged"]
+    return _apart(folder, block, digests)
+
+
+def _apart(folder: Place, block: Block, digests: Mapping[str, str]) -> list[str]:
+    arrays, faults = _arrays(folder, "r"), []
+    for name, digest in digests.items():
+        try:
+            same = _digest(np.asarray(arrays[name][tuple(block)])) == digest
+        except Exception as error:  # noqa: BLE001 - of a codec, for bytes that are none of its
+            faults.append(f"array '{name}' cannot be read in block {said(block)}: {error}")
+            continue
+        if not same:
+            faults.append(f"array '{name}' differs in block {said(block)}")
+    return faults
+
+
+def _digest(values: Values) -> str:
+    values = np.ascontiguousarray(values)
+    content = json.dumps(values.tolist()).encode() if values.dtype.kind in "OTU" else values.tobytes()
+    return sha256(f"{values.shape}".encode() + content).hexdigest()
+
+
+def _arrays(folder: Place, mode: str) -> Any:
+    with _quietly():
+        return _zarr().open_group(str(folder), mode=mode)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Leave out zarr's notes that metadata in one file are none of the format's specification yet."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise InputError("sweeps in a Zarr store need the package zarr: pip install 'xdynamics[zarr]'") from None
+    return zarr

@@ -1,0 +1,392 @@
+"""Archives in an object store: whole or not at all, whatever happens on the way to it, and the loser is told."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xdynamics as xd
+from cases.object_server import Way, object_server
+from cases.problems import oscillator
+from xdynamics.archive import lease, object_calls, object_store, segments
+from xdynamics.archive.object_calls import call, client
+from xdynamics.archive.object_store import LOCK, OBJECTS
+from xdynamics.archive.place import ObjectName, placed
+from xdynamics.archive.signatures import new_key
+from xdynamics.archive.store import LockedError, TakenError
+
+pytest.importorskip("s3fs")
+pytest.importorskip("moto")
+MODEL = oscillator().model
+ASKED: dict[str, Any] = {"method": "rk4", "step": 0.1, "until": 1.0}
+RUN = xd.simulate(MODEL, **ASKED)
+OTHER = xd.simulate(MODEL, **(ASKED | {"step": 0.05}))
+SECRET = "hidden-words"
+
+
+@pytest.fixture(scope="module")
+def store() -> Iterator[Way]:
+    """An object store with the bucket `bucket`, and the way to it."""
+    with object_server() as way, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{way.server_port}")
+        patch.setenv("AWS_ACCESS_KEY_ID", "somebody")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
+        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        patch.setattr(object_calls, "ATTEMPTS", 2)
+        patch.setattr(object_calls, "READ", 0.7)
+        client().call_s3("create_bucket", Bucket="bucket")
+        yield way
+
+
+@pytest.fixture
+def place(store: Way, request: pytest.FixtureRequest) -> ObjectName:  # noqa: ARG001 - it has to be there
+    """A name of this test's own, of which nothing is there."""
+    made = placed(f"s3://bucket/{abs(hash(request.node.name)):x}/run.nc")
+    assert isinstance(made, ObjectName)
+    return made
+
+
+def digest(place: ObjectName) -> str:
+    """The content digest of what is under a name."""
+    return xd.verify(str(place))
+
+
+def test_a_run_is_the_same_from_a_store(place: ObjectName, tmp_path: Path) -> None:
+    """Assert the bits of the file in a folder, lazy reading in another process too, and that no copy is left here."""
+    before = {*Path(tempfile.gettempdir()).glob(".run.nc.*")}
+    xd.save(RUN, tmp_path / "run.nc")
+    assert xd.save(RUN, str(place)) == place
+    assert digest(place) == xd.verify(tmp_path / "run.nc")
+    run = xd.open_run(str(place))
+    assert run.encoding["source"] == str(place)
+    again = pickle.loads(pickle.dumps(run))
+    assert again.identical(run.load())
+    del run, again
+    gc.collect()
+    assert {*Path(tempfile.gettempdir()).glob(".run.nc.*")} == before
+
+
+def test_a_signature_is_kept_beside_it(place: ObjectName, tmp_path: Path) -> None:
+    """Assert that a signed object verifies, and not when another takes its name."""
+    public = new_key(tmp_path / "key.pem")
+    xd.save(RUN, str(place))
+    assert str(xd.sign(str(place), tmp_path / "key.pem")) == f"{place}.sig"
+    assert xd.verify_signature(str(place), public) == digest(place)
+    xd.save(OTHER, str(place))
+    with pytest.raises(xd.ArchiveError, match="is not what was signed"):
+        xd.verify_signature(str(place), public)
+
+
+def test_of_two_writers_one_is_told(place: ObjectName) -> None:
+    """Assert that what was new, then what was read, is not written over by who began before, who is told so."""
+
+    def write(early: Any) -> None:
+        with OBJECTS.taking_name(place) as late:
+            late.part.write_text("late")
+            xd.save(early, str(place))
+
+    for run in (RUN, OTHER):
+        with pytest.raises(TakenError, match="run.nc' was written by another process meanwhile, and is left as it is"):
+            write(run)
+        assert digest(place) == xd.content_digest(run)
+
+
+def test_an_opened_run_is_not_another(place: ObjectName) -> None:
+    """Assert that a run which travels to another process is refused there when its object was replaced."""
+    xd.save(RUN, str(place))
+    run = xd.open_run(str(place))
+    sent = pickle.dumps(run)
+    del run
+    xd.save(OTHER, str(place))
+    gc.collect()
+    with pytest.raises(xd.ArchiveError, match="run.nc' is another file than the one that was opened; open it again"):
+        pickle.loads(sent)
+
+
+@pytest.mark.parametrize("what", ["dropped", "lost", "500 InternalError", "503 SlowDown", "silent"])
+def test_what_happens_once_is_overcome(store: Way, place: ObjectName, what: str) -> None:
+    """Assert that a request which is lost, not answered or refused once is repeated; an answer that is lost, understood."""
+    with store.once(what, "PUT") as way:
+        xd.save(RUN, str(place))
+        assert next(entry[2] for entry in way.log if entry[0] == "PUT") == what
+    assert digest(place) == xd.content_digest(RUN)
+
+
+REFUSED = {
+    "dropped": r"no answer from its store \(.*\); call again when it can be reached",
+    "500 InternalError": r"its store failed 2 times \(InternalError\); call again later",
+    "507 XMinioStorageFull": r"its store is full \(XMinioStorageFull\); make room there, or name another",
+    "403 AccessDenied": r"its store denies access with these credentials \(AccessDenied\)",
+    "403 InvalidAccessKeyId": r"its store does not accept the credentials \(InvalidAccessKeyId\); give others by",
+    "403 SignatureDoesNotMatch": r"its store does not accept the credentials \(SignatureDoesNotMatch\)",
+    "501 NotImplemented": r"its store has no conditional writes \(If-None-Match, If-Match\)",
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_refused_is_one_line(store: Way, place: ObjectName, what: str) -> None:
+    """Assert one line that names the object and the remedy, no secret in it, and the old object untouched."""
+    xd.save(RUN, str(place))
+    with store.once(what, "PUT", times=99), pytest.raises(xd.InputError, match=REFUSED[what]) as caught:
+        xd.save(OTHER, str(place))
+    said = str(caught.value)
+    assert said.startswith(f"'{place}' cannot be written: ")
+    assert not [word for word in ("\n", SECRET) if word in said]
+    assert digest(place) == xd.content_digest(RUN)
+
+
+def test_a_march_is_not_lost_with_its_store(store: Way, place: ObjectName) -> None:
+    """Assert that what was marched into a store that is full then stays on this machine, whole, and is named."""
+    refused = pytest.raises(xd.ArchiveError, match=r"is full .*; the whole file is kept as '(.*)'$")
+    with store.once("507 StorageFull", "PUT", times=99), refused as caught:
+        xd.simulate(MODEL, **ASKED, path=str(place))
+    kept = Path(str(caught.value).split("'")[-2])
+    assert xd.verify(kept) == xd.content_digest(RUN)
+    kept.unlink()
+    assert OBJECTS.kind(place) == ""
+
+
+def test_a_broken_download_goes_on(store: Way, place: ObjectName) -> None:
+    """Assert that a download whose connection breaks goes on where it was, and is whole."""
+    xd.save(RUN, str(place))
+    with store.once("cut", "GET") as way:
+        assert digest(place) == xd.content_digest(RUN)
+        assert [entry[2] for entry in way.log if entry[0] == "GET"].count("cut") == 1
+    with store.once("cut", "GET", times=99), pytest.raises(xd.ArchiveError, match="run.nc' cannot be read: no answer"):
+        digest(place)
+
+
+NAMES = {
+    f"s3://somebody:{SECRET}@bucket/run.nc": "credentials stand in an address that begins with 's3://'; leave them out",
+    f"s3://bucket/run.nc?X-Amz-Signature={SECRET}": "credentials stand in an address",
+    "s3://bucket/../run.nc": r"it has '\.\.' between slashes",
+    "s3://bucket//run.nc": "it has '' between slashes",
+    "s3://Bucket/run.nc": "the bucket is 'Bucket', needs 3 to 63 small letters, digits, dots or hyphens",
+    "s3://bucket/a\nb": "it holds characters that cannot be shown",
+    f"s3://bucket/{'long/' * 210}run.nc": "it has 1056 bytes, 1024 are the most",
+    "s3://no-such-bucket/run.nc": "there is no bucket 'no-such-bucket'; make it, or name another",
+    "s3://bucket": "'s3://bucket' is a directory; name a file in it",
+    "gs://bucket/run.nc": "addresses that begin with 'gs://' are unknown",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_wrong_name_is_refused(store: Way, name: str) -> None:  # noqa: ARG001 - it has to be there
+    """Assert one line for each verb, that says what is wrong, and no secret."""
+    for verb in (lambda: xd.open_run(name), lambda: xd.save(RUN, name), lambda: xd.verify(name)):
+        with pytest.raises(xd.InputError, match=NAMES[name]) as caught:
+            verb()
+        assert SECRET not in str(caught.value)
+
+
+def test_a_path_is_no_address(store: Way) -> None:  # noqa: ARG001 - it has to be there
+    """Assert that an address which lost a slash is not taken for a folder."""
+    with pytest.raises(xd.InputError, match="is a Path, which drops a slash of an address; give the address as a text"):
+        xd.save(RUN, Path("s3://bucket/run.nc"))
+
+
+def test_no_credentials_are_told(store: Way, place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """Assert one line with the remedy where there are none at all."""
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):
+        monkeypatch.setenv(name, os.devnull)
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    with pytest.raises(xd.InputError, match="there are no credentials for its store; give them by the environment"):
+        xd.save(RUN, str(place))
+
+
+def test_an_interrupted_march_is_resumed(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that segments are objects beside it, are gone on from to the same bits, and are removed then."""
+    monkeypatch.setattr(segments, "EVERY", 0.0)
+    monkeypatch.setattr(segments, "SHARE", 0.0)
+    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 50)
+    long = ASKED | {"until": 20.0}
+
+    def interrupt(_done: float, t: float, _rows: int) -> None:
+        if t > 12.0:
+            raise RuntimeError("as the test asks")
+
+    with pytest.raises(RuntimeError):
+        xd.simulate(MODEL, **long, path=str(place), progress=interrupt)
+    kept = OBJECTS.names(place.parent / ".run.nc.segments")
+    assert len(kept) > 1
+    assert OBJECTS.kind(place) == ""
+    with pytest.raises(xd.InputError, match="has segments of a run that is not finished"):
+        xd.simulate(MODEL, **long, path=str(place))
+    run = xd.simulate(MODEL, **long, path=str(place), resume=True)
+    assert xd.content_digest(run) == xd.content_digest(xd.simulate(MODEL, **long))
+    assert OBJECTS.names(place.parent) == [place]
+
+
+def test_a_lock_is_one_process_s(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a second is told who has it, and that one whose process ended, or that is not renewed, is free."""
+    folder, lock = place.parent, place.parent / LOCK
+    with (
+        OBJECTS.locked(folder),
+        pytest.raises(LockedError, match=r"is locked by process \d+ of .* s ago; one that is"),
+    ):
+        OBJECTS.locked(folder).__enter__()
+    assert OBJECTS.kind(lock) == ""
+    call(lock, "put_object", Key=lock.key, Body=b'{"token": "aa", "host": "far", "process": 1}')
+    with pytest.raises(LockedError, match="by process 1 of far"):
+        OBJECTS.locked(folder).__enter__()
+    lease._witness("aa").touch()  # of this machine, and nobody has it open
+    with OBJECTS.locked(folder):
+        pass
+    assert not lease._witness("aa").exists()
+    call(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
+    monkeypatch.setattr(lease, "LEASE", 0.0)
+    monkeypatch.setattr(lease, "_Lease", lambda *_: type("Ended", (), {"end": lambda _: None})())
+    with OBJECTS.locked(folder):
+        pass
+
+
+def test_a_lock_is_renewed(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a holder that lives renews its lock, and releases its own alone."""
+    import time
+
+    monkeypatch.setattr(lease, "LEASE", 0.3)
+    lock = place.parent / LOCK
+    with OBJECTS.locked(place.parent):
+        written = call(lock, "head_object", Key=lock.key)["LastModified"]
+        until = time.monotonic() + 5.0
+        while call(lock, "head_object", Key=lock.key)["LastModified"] == written and time.monotonic() < until:
+            time.sleep(0.1)
+        assert call(lock, "head_object", Key=lock.key)["LastModified"] > written
+        call(lock, "put_object", Key=lock.key, Body=b"of another")
+    assert OBJECTS.content(lock, 100) == b"of another"
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from xdynamics.archive import object_store
+from xdynamics.archive.place import placed
+object_store.SINGLE = 5 << 20
+call = object_store.call
+def killed(place, method, **how):
+    if method == sys.argv[2]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return call(place, method, **how)
+object_store.call = killed
+with object_store.OBJECTS.taking_name(placed(sys.argv[1])) as new:
+    new.part.write_bytes(bytes(6 << 20))
+"""
+
+
+def uploads(place: ObjectName) -> list[Any]:
+    """The uploads of an object that are not finished."""
+    return [entry for entry in object_store._uploads(place, place.key) if entry[0] == place.key]
+
+
+def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that nothing stands under the name, and that the next call aborts the upload and frees the lock."""
+    done = subprocess.run([sys.executable, "-c", KILLED, str(place), "complete_multipart_upload"], check=False)
+    assert done.returncode == -9
+    assert OBJECTS.kind(place) == ""
+    assert len(uploads(place)) == 1
+    monkeypatch.setattr(object_store, "SINGLE", 5 << 20)
+    with OBJECTS.taking_name(place) as new:
+        assert uploads(place) == []
+        new.part.write_bytes(bytes(6 << 20))
+    assert len(OBJECTS.content(place, 1 << 24)) == 6 << 20
+    assert [entry["Key"] for entry in call(place, "list_objects_v2", Prefix=place.parent.key)["Contents"]] == [
+        place.key
+    ]
+
+
+def test_a_large_upload_is_under_conditions_too(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of two writers of many parts the second is told, that an upload that fails is aborted, and no lock stays."""
+    monkeypatch.setattr(object_store, "SINGLE", 5 << 20)
+
+    def write(content: bytes) -> None:
+        with OBJECTS.taking_name(place) as late:
+            late.part.write_bytes(bytes(6 << 20))
+            with OBJECTS.taking_name(place) as early:
+                early.part.write_bytes(content)
+
+    for content in (b"first", b"second"):
+        with pytest.raises(TakenError, match="was written by another process meanwhile"):
+            write(content)
+        assert OBJECTS.content(place, 100) == content
+        assert uploads(place) == []
+    assert OBJECTS.names(place.parent) == [place]
+
+
+def test_a_folder_is_whole_or_begun_anew(place: ObjectName) -> None:
+    """Assert that a folder that a dead process left half-built is built again, and that a whole one is not written over."""
+    folder = place.parent / "bundle"
+    for name in (".building", "half.txt"):
+        half = folder / name
+        call(half, "put_object", Key=half.key, Body=b"")
+    with OBJECTS.taking_folder(folder) as built:
+        (built / "one.txt").write_text("one")
+    assert [entry.name for entry in OBJECTS.names(folder)] == ["one.txt"]
+    with pytest.raises(
+        xd.InputError, match="bundle' holds 'one.txt' already; name a folder that is empty, or not there"
+    ):
+        OBJECTS.taking_folder(folder).__enter__()
+
+
+def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
+    """Assert that a sweep which its store broke off goes on, has the numbers of one in memory, and is verified."""
+    folder = str(place.parent)
+    asked: dict[str, Any] = {"axes": {"k": "1:2:2 N m-1"}, "keep": ["end", "log"], **ASKED}
+    with store.once("500 InternalError", "PUT", times=99), pytest.raises(xd.ArchiveError, match="failed 2 times"):
+        xd.sweep(MODEL, **asked, path=folder, members_per_task=1)
+    sweep = xd.sweep(MODEL, **asked, path=folder, members_per_task=1)
+    whole = xd.sweep(MODEL, axes=asked["axes"], **ASKED)
+    assert sweep.end_x.values.tolist() == whole.end_x.values.tolist()
+    assert xd.verify(folder) == sweep.attrs["content_digest"]
+    run = xd.member(xd.open_sweep(folder), k="2 N m-1")
+    assert run.encoding["source"].startswith(f"{folder}/runs/")
+    assert float(run.x[-1]) == float(sweep.end_x[1])
+    broken = placed(run.encoding["source"])
+    run.close()
+    call(broken, "put_object", Key=broken.key, Body=b"broken")
+    with pytest.raises(xd.ArchiveError, match=f"{broken.name}: its seal is None, in the catalogue"):
+        xd.verify(folder)
+
+
+def test_a_sweep_is_one_process_s(place: ObjectName) -> None:
+    """Assert that who marches into a folder of a store keeps others off."""
+    folder = place.parent / "grid"
+    asked: dict[str, Any] = {"axes": {"k": "1:2:3 N m-1"}, **ASKED}
+
+    def also(*_: Any) -> None:
+        with pytest.raises(xd.InputError, match="another process marches into '.*grid'; wait for it"):
+            xd.sweep(MODEL, **asked, path=str(folder))
+        raise KeyError("as the test asks")
+
+    from xdynamics.sweeping import catalogue
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalogue, "_march", also)
+        with pytest.raises(KeyError):
+            xd.sweep(MODEL, **asked, path=str(folder))
+    assert xd.sweep(MODEL, **asked, path=str(folder)).sizes == {"k": 3}
+
+
+def test_a_report_and_a_bundle_go_to_a_store(
+    place: ObjectName, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that the page, archives and figures of a report are there, and a bundle that is made again from there."""
+    if not request.config.getoption("--whole"):
+        pytest.skip("certifies: with --whole")
+    xd.report(str(place.parent / "page"), run=RUN)
+    assert [entry.name for entry in OBJECTS.names(place.parent / "page")] == ["report.md", "run.nc", "run.png"]
+    monkeypatch.setattr(object_calls, "READ", 10.0)
+    certificate = xd.certify(MODEL, quantity="x", at="1 s", method="rk4", step="50 ms")
+    folder = str(xd.bundle(str(place.parent / "bundle"), certificate))
+    assert float(xd.recheck(folder).value) == float(certificate.value)
+    assert str(xd.document(folder, str(place.with_suffix(".html")))).endswith("run.html")

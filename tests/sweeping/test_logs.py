@@ -1,0 +1,66 @@
+"""The whole runs of a sweep together, at common times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import oscillator
+from xdynamics.sweeping import logs
+
+MODEL = oscillator().model
+ASKED: dict[str, Any] = {"axes": {"k": "1:2:2 N m-1", "until": [1.0, 2.0]}, "method": "rk4", "step": 0.1}
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    """A sweep with whole runs, two of which end early."""
+    return xd.sweep(MODEL, **ASKED, keep=["log", "end"], path=tmp_path_factory.mktemp("logs") / "grid")
+
+
+def test_logs_are_what_sample_gives(grid: xr.Dataset) -> None:
+    """Assert along axes and times the states of every member, nan after its end, with units."""
+    opened = xd.open_logs(grid, "0:2:5 s")
+    assert dict(opened.sizes) == {"k": 2, "until": 2, "at": 5}
+    assert opened.x.attrs["units"] == "m"
+    states = xd.sample(xd.member(grid, k="2 N m-1", until="2 s"), "0:2:5 s")
+    for name in ("x", "v_x"):
+        assert opened[name][1, 1].values.tolist() == states[name].values.tolist()
+    assert np.isnan(opened.x[:, 0].values).tolist() == [[False] * 3 + [True] * 2] * 2
+
+
+def test_files_are_read_when_they_are_used(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that nothing is read to open them, and one file once for both variables of one member."""
+    read: list[Any] = []
+    opened = logs.opened
+    monkeypatch.setattr(logs, "opened", lambda *given: read.append(given) or opened(*given))
+    lazy = xd.open_logs(grid, [0.5, 1.0])
+    assert read == []
+    lazy.isel(k=0, until=0).compute()
+    assert len(read) == 1
+
+
+def test_a_run_that_is_hurt_is_named(tmp_path: Path) -> None:
+    """Assert that a damaged file is an error where it is read, and not before."""
+    grid = xd.sweep(MODEL, **ASKED, keep=["log"], path=tmp_path / "grid")
+    file = tmp_path / "grid" / str(grid.run_file[0, 0].values)
+    file.write_bytes(file.read_bytes()[:-9])
+    lazy = xd.open_logs(tmp_path / "grid", [0.5], names=["x"])
+    lazy.isel(k=1).compute()
+    with pytest.raises(xd.ArchiveError, match=f"{file.name}' is damaged or no run archive"):
+        lazy.isel(k=0, until=0).compute()
+
+
+def test_what_has_no_logs_is_refused(grid: xr.Dataset) -> None:
+    """Assert one line with the remedy."""
+    with pytest.raises(xd.InputError, match="has no archived runs: give sweep keep="):
+        xd.open_logs(xd.sweep(MODEL, **ASKED), [0.5])
+    with pytest.raises(xd.InputError, match="names have 'y'; there are x, v_x"):
+        xd.open_logs(grid, [0.5], names=["y"])
+    with pytest.raises(xd.InputError, match="no times of its own; give times"):
+        xd.open_logs(grid)
