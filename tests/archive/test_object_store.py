@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.object_server import Way, object_server
@@ -350,12 +351,22 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
     assert xd.verify(folder) == sweep.attrs["content_digest"]
     run = xd.member(xd.open_sweep(folder), k="2 N m-1")
     assert run.encoding["source"].startswith(f"{folder}/runs/")
-    assert float(run.x[-1]) == float(sweep.end_x[1])
+    assert float(run.x[-1]) == float(sweep.end_x[1]) == float(xd.open_logs(folder, [1.0]).x[1, 0])
     broken = placed(run.encoding["source"])
     run.close()
     call(broken, "put_object", Key=broken.key, Body=b"broken")
     with pytest.raises(xd.ArchiveError, match=f"{broken.name}: its seal is None, in the catalogue"):
         xd.verify(folder)
+
+
+def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
+    """Assert the numbers of a sweep in memory, verified, and opened by plain xarray."""
+    pytest.importorskip("zarr")
+    asked: dict[str, Any] = {"axes": {"k": "1:2:3 N m-1"}, **ASKED}
+    folder = str(place.parent / "grid.zarr")
+    sweep = xd.sweep(MODEL, **asked, path=folder, members_per_task=2)
+    assert xd.verify(folder) == sweep.attrs["content_digest"]
+    assert xr.open_zarr(folder).end_x.values.tolist() == xd.sweep(MODEL, **asked).end_x.values.tolist()
 
 
 def test_a_sweep_is_one_process_s(place: ObjectName) -> None:

@@ -26,7 +26,6 @@ from xdynamics.archive.temporary_files import take
 from xdynamics.faults import InputError
 
 LEASE = 60.0  # s without renewal after which a lock is free
-LONGEST = 4096  # bytes of a lock
 
 
 @contextmanager
@@ -89,7 +88,7 @@ def _taken(lock: ObjectName, what: ObjectName, content: bytes) -> str:
         with suppress_taken():
             return _put(lock, content, IfNoneMatch="*")
         answer = call(lock, "get_object", Key=lock.key)
-        holder: dict[str, Any] = json.loads(body_of(answer)[:LONGEST] or b"{}")
+        holder: dict[str, Any] = json.loads(body_of(answer) or b"{}")
         if holder.get("token") == json.loads(content)["token"]:  # the answer to our own call was lost
             return str(answer["ETag"])
         age = _age(answer)
