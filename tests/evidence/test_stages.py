@@ -128,6 +128,15 @@ def test_a_lazy_refinement_travels_to_another_process() -> None:
 # ------------------------------------------------------------------------------------------------------------- memory
 
 
+def test_a_lazy_sweep_is_sent_without_a_march() -> None:
+    """Assert that a lazy sweep with its origin can be pickled, as `client.compute` does, and marches after that alone."""
+    grid = xd.sweep(OSCILLATOR, {"k": ["1 N m-1", "2 N m-1"]}, keep=["end"], until=1.0)
+    with no_march():
+        sent = pickle.loads(pickle.dumps(grid))
+    assert_same_bits(sent, grid.compute())
+    xd.archive.check_unchanged(sent.compute())
+
+
 def test_a_memory_forgets_what_was_not_used_for_longest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the bound in bytes, the order in which results go, and that a larger one is not kept at all."""
     monkeypatch.setenv(LIMIT, "0.002")

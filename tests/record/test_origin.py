@@ -57,7 +57,7 @@ def test_parts_are_made_when_they_are_asked_for_and_once() -> None:
 def test_a_run_of_which_a_part_is_gone_is_none() -> None:
     """Assert that values are only at hand where all of them are."""
     kept: Origin = marched(record()).attrs["origin"]
-    some = {"x": kept.parts["x"], "text": kept.parts["text"].as_digest}
+    some = {"x": kept.parts["x"], "text": kept.parts["text"].sent}
     assert Origin.of(lambda: some, {}, None).whole() is None
 
 

@@ -54,9 +54,11 @@ class Part:
         return self.known or digest_of(self.name, self.variable)
 
     @property
-    def as_digest(self) -> Part:
-        """The same without its values, to be sent to another process."""
-        return Part(self.name, self.dims, self.shape, self.attributes, known=self.digest)
+    def sent(self) -> Part:
+        """The same for another process: a digest in the place of values; what is lazy stays so, and nothing is marched."""
+        if self.known or self.variable is None or isinstance(self.variable.data, np.ndarray):
+            return Part(self.name, self.dims, self.shape, self.attributes, known=self.digest)
+        return Part(self.name, self.dims, self.shape, self.attributes, self.variable)
 
 
 class Origin(str):
@@ -100,7 +102,7 @@ class Origin(str):
         return self  # a copy has the same origin
 
     def __reduce__(self) -> Any:
-        return _restored, ({name: part.as_digest for name, part in self.parts.items()}, self.attributes, self.source)
+        return _restored, ({name: part.sent for name, part in self.parts.items()}, self.attributes, self.source)
 
 
 def _restored(parts: dict[str, Part], attributes: dict[str, Any], source: Source | None) -> Origin:
