@@ -67,9 +67,7 @@ def test_what_is_needed_is_told() -> None:
     assert [one.name for one in HEAD if one.default == NEEDED] == ["name"]
     with pytest.raises(xd.ModelError, match="state 'fuel': key 'rate' is missing"):
         xd.Model(name="x", states={"fuel": {"unit": "kg"}})
-    with pytest.raises(
-        xd.ModelError, match="drive 'pull': key 'table' is missing; name a CSV file there, or write its"
-    ):
+    with pytest.raises(xd.ModelError, match="drive 'pull': key 'table' is missing; name a CSV file there, or give its"):
         xd.Model(name="x", drives={"pull": {"argument": "t"}})
 
 

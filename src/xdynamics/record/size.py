@@ -75,7 +75,7 @@ def size_text(size: float) -> str:
 
     Examples
     --------
-    >>> said(1.5e9), said(3.2e15), said(12.0)
+    >>> size_text(1.5e9), size_text(3.2e15), size_text(12.0)
     ('1.5 GB', '3.2e+03 TB', '12 B')
     """
     unit = next((name for name in reversed(UNITS) if size >= UNITS[name]), "B")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import xdynamics as xd
 from cases.plain import between_states, plain, rules_in_python
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, UNBOUNDED
-from xdynamics.kernels.drive_tables import _found, _slope, _value
+from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.interval_program import OPERATIONS as NAMES
 from xdynamics.kernels.interval_program import VARIABLES
 from xdynamics.march.events.enclosures import enclose, put
@@ -224,10 +224,11 @@ def test_every_value_of_a_drive_is_enclosed(interpolation: str, outside: str) ->
         low, high = min(one, other), max(one, other)
         if random.integers(2):
             high = min(high, low + 10.0 ** random.uniform(-16, 0))
-        for slope, law in ((False, _value), (True, _slope)):
+        for slope, law in ((False, "_value_at"), (True, "_slope_at")):
             least, most, flaw = enclosed(run, (low, high), slope=slope)
             xs = [x for x in (*inside(random, low, high, 40), *points) if low <= x <= high]
-            values = [law(run.tables, run.places, x, _found(run.tables, run.places, x, 0), 0) for x in xs]
+            pieces = [PYTHON_TABLES["_find_piece"](run.tables, run.places, x, 0) for x in xs]
+            values = [PYTHON_TABLES[law](run.tables, run.places, x, k, 0) for x, k in zip(xs, pieces, strict=True)]
             assert flaw == UNBOUNDED or all(least <= value <= most for value in values), (low, high, least, most)
 
 
