@@ -65,6 +65,16 @@ QUANTITIES = (
 )
 DRAWN = "test_budget_quantities.py -k draws_are"
 COMPARED_RUNS = "difference or later or locations or interpolation or energy_of or bits"
+TRANSITIONS = (
+    "test_transition.py",
+    PHASES,
+    MANY,
+    "test_march.py -k observable_that or (outside and event)",
+    f"test_march.py -k {EVENTS}",
+    "test_actions.py -k everything or stopped or goes_on",
+    "test_isolation.py -k tank or forget",
+    "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
+)
 TOUCHED = {
     "units.py": ("test_units.py",),
     "model/drives.py": (
@@ -182,56 +192,11 @@ TOUCHED = {
     "kernels/python_text.py": ("test_loops.py", "test_programs.py -k grouping or stores or powers"),
     "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
     "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
-    "march/events/transition.py": (
-        "test_transition.py",
-        PHASES,
-        MANY,
-        "test_march.py -k observable_that or (outside and event)",
-        f"test_march.py -k {EVENTS}",
-        "test_actions.py -k everything or stopped or goes_on",
-        "test_isolation.py -k tank or forget",
-        "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
-    ),
-    "march/events/actions.py": (
-        "test_transition.py",
-        PHASES,
-        MANY,
-        "test_march.py -k observable_that or (outside and event)",
-        f"test_march.py -k {EVENTS}",
-        "test_actions.py -k everything or stopped or goes_on",
-        "test_isolation.py -k tank or forget",
-        "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
-    ),
-    "march/events/arming.py": (
-        "test_transition.py",
-        PHASES,
-        MANY,
-        "test_march.py -k observable_that or (outside and event)",
-        f"test_march.py -k {EVENTS}",
-        "test_actions.py -k everything or stopped or goes_on",
-        "test_isolation.py -k tank or forget",
-        "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
-    ),
-    "march/events/dispatch.py": (
-        "test_transition.py",
-        PHASES,
-        MANY,
-        "test_march.py -k observable_that or (outside and event)",
-        f"test_march.py -k {EVENTS}",
-        "test_actions.py -k everything or stopped or goes_on",
-        "test_isolation.py -k tank or forget",
-        "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
-    ),
-    "march/events/event_rows.py": (
-        "test_transition.py",
-        PHASES,
-        MANY,
-        "test_march.py -k observable_that or (outside and event)",
-        f"test_march.py -k {EVENTS}",
-        "test_actions.py -k everything or stopped or goes_on",
-        "test_isolation.py -k tank or forget",
-        "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
-    ),
+    "march/events/transition.py": TRANSITIONS,
+    "march/events/actions.py": TRANSITIONS,
+    "march/events/arming.py": TRANSITIONS,
+    "march/events/dispatch.py": TRANSITIONS,
+    "march/events/event_rows.py": TRANSITIONS,
     "evidence/event_matching.py": (
         "test_evidence_parts.py -k matched or known",
         "test_comparison.py -k matched",

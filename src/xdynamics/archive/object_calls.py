@@ -108,9 +108,9 @@ def call(place: ObjectName, method: str, **arguments: Any) -> dict[str, Any]:
 def refused(error: Exception) -> RefusedError:
     """Return what went wrong, by the client's own error behind that of s3fs."""
     cause = error if getattr(error, "response", None) else error.__cause__ or error
-    told = getattr(cause, "response", None)
-    if isinstance(told, dict) and "Error" in told:
-        return RefusedError(str(told["Error"].get("Code", "")), str(told["Error"].get("Message", "")))
+    response = getattr(cause, "response", None)
+    if isinstance(response, dict) and "Error" in response:
+        return RefusedError(str(response["Error"].get("Code", "")), str(response["Error"].get("Message", "")))
     return RefusedError(type(cause).__name__, "")
 
 

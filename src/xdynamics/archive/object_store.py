@@ -209,9 +209,9 @@ class ObjectStore:
         with _telling(folder, "cannot be removed"):
             for page in list(_pages(folder)):
                 keys = [
-                    {"Key": one["Key"]}
-                    for one in page.get("Contents", [])
-                    if besides is None or one["Key"] != besides.key
+                    {"Key": entry["Key"]}
+                    for entry in page.get("Contents", [])
+                    if besides is None or entry["Key"] != besides.key
                 ]
                 if keys:
                     call(folder, "delete_objects", Delete={"Objects": keys, "Quiet": True})
@@ -245,8 +245,8 @@ def _pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
 
 def _uploads(place: ObjectName, prefix: str) -> list[tuple[str, str]]:
     """List the unfinished uploads of objects whose names begin so."""
-    found = call(place, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
-    return [(str(entry["Key"]), str(entry["UploadId"])) for entry in found]
+    uploads = call(place, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
+    return [(str(entry["Key"]), str(entry["UploadId"])) for entry in uploads]
 
 
 @contextmanager
