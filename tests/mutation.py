@@ -101,7 +101,7 @@ TOUCHED = {
         "test_nested_switches.py -k reproduced or met_in",
         "test_table_switches.py -k reset_beyond and 9 or told_of and rows0",
     ),
-    "march/chattering.py": ("test_switches.py -k told_from",),
+    "march/chattering.py": ("test_chattering.py", "test_switches.py -k told_from"),
     "march/events/event_free_region.py": ("test_silence.py", "test_several_events.py -k box or region and (46 or 69)"),
     "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
     "march/contacts/balance.py": ("test_balance.py -k parts",),
