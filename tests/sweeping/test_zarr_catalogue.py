@@ -114,3 +114,12 @@ def test_what_a_store_does_not_take(stored: Path) -> None:
         xd.sweep(MODEL, **(ASKED | {"keep": ["log"], "times": None}), path=stored)
     with pytest.raises(xd.InputError, match="none.zarr' holds no sweep: there is no '.xdynamics/digests.json' in it"):
         xd.open_sweep(stored.with_name("none.zarr"))
+
+
+def test_a_digest_says_nothing_of_the_machine() -> None:
+    """Assert that metadata, in which processor and versions are, change no digest, and that values do."""
+    facts = {"sweep": "a", "axes": {"k": "b"}, "blocks": {"0": {"x": "c"}}, "metadata": "d"}
+    digest = zarr_catalogue._content_digest(facts)
+    assert zarr_catalogue._content_digest(facts | {"metadata": "e"}) == digest
+    for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("blocks", {"0": {"x": "d"}})):
+        assert zarr_catalogue._content_digest(facts | {name: other}) != digest

@@ -218,6 +218,12 @@ def _facts(folder: Place) -> dict[str, Any]:
     return facts
 
 
+def _content_digest(facts: dict[str, Any]) -> str:
+    """Return the digest of what was asked and what came of it; the metadata, which name the machine too, are not in it."""
+    content = {name: facts[name] for name in ("sweep", "axes", "blocks")}
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def opened(folder: Place) -> xr.Dataset:
     """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests."""
     import xarray as xr
@@ -234,7 +240,7 @@ def opened(folder: Place) -> xr.Dataset:
     )
     sweep[_TOML] = ((), str(stored.attrs[_TOML]), {"units": "1", "long_name": "the model that members share, as TOML"})
     sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (_TOML, "sweep_variables")}
-    sweep.attrs[ROOT_DIGEST] = sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    sweep.attrs[ROOT_DIGEST] = _content_digest(facts)
     if sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{folder}' is no sweep")
     return with_axes(sweep)
@@ -262,7 +268,7 @@ def _hexadecimal(numbers: Values, width: int) -> Values:
 
 
 def verified(folder: Place) -> str:
-    """Compare every chunk of a sweep, its axes and its metadata with their digests; return the digest of all of them.
+    """Compare every chunk of a sweep, its axes and its metadata with their digests; return the content digest.
 
     Raises
     ------
@@ -281,7 +287,7 @@ def verified(folder: Place) -> str:
         raise ArchiveError(
             f"'{folder}' is damaged:{numbered(faults)}\nremove it, and march the sweep again", tuple(faults)
         )
-    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    return _content_digest(facts)
 
 
 def _faults(folder: Place, block: Block) -> list[str]:
