@@ -8,10 +8,13 @@ from xdynamics.expressions.dimensions import dimension_of
 from xdynamics.expressions.latex import latex
 from xdynamics.expressions.parser import parse
 from xdynamics.expressions.tree import (
+    ALONG,
     FUNCTIONS,
+    Along,
     Binary,
     Call,
     Compare,
+    Element,
     Name,
     Negative,
     Node,
@@ -27,10 +30,13 @@ from xdynamics.expressions.tree import (
 )
 
 __all__ = [
+    "ALONG",
     "FUNCTIONS",
+    "Along",
     "Binary",
     "Call",
     "Compare",
+    "Element",
     "Name",
     "Negative",
     "Node",

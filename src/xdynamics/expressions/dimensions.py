@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of, shown
+from xdynamics.expressions.tree import (
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    exponent_of,
+    shown,
+)
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, Dimension
 
@@ -35,7 +48,7 @@ def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
     match node:
         case Number():
             return None if node.value == 0 else NONE
-        case Name():
+        case Name() | Element():
             if node.name not in names:
                 raise InputError(f"name '{node.name}' (column {node.column}) is not declared{_near(node.name, names)}")
             return names[node.name]
@@ -48,6 +61,8 @@ def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
             return NONE
         case Call():
             return _call(node, names)
+        case Along():
+            return _along(node, names)
 
 
 def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
@@ -89,6 +104,16 @@ def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
             f"{label} needs a pure number, got '{shown(node.arguments[0])}' in '{inner}' (column {node.column})"
         )
     return NONE
+
+
+def _along(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
+    """Return the dimension of a function along dimensions: that of its value, of a product, or of a number."""
+    if node.function in ("index", "size"):
+        return NONE
+    if node.function in ("dot", "cross"):
+        left, right = (_dimension(one, names) or NONE for one in node.arguments)
+        return left * right
+    return _agreed(node.arguments, names, f"'{node.function}'")
 
 
 def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:

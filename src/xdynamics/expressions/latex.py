@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, text_of
+from xdynamics.expressions.tree import (
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    text_of,
+)
 
 _GREEK = {
     "alpha",
@@ -53,6 +65,11 @@ def latex(node: Node) -> str:
             return _chain(node)
         case Call():
             return _call(node)
+        case Element():
+            return rf"{_symbol(node.name)}\left[{', '.join(map(_entry, node.entries))}\right]"
+        case Along():
+            values = ", ".join([*map(latex, node.arguments), *map(_entry, node.dims)])
+            return rf"\mathrm{{{node.function}}}\left({values}\right)"
 
 
 def _chain(node: Binary) -> str:
@@ -85,6 +102,10 @@ def _call(node: Call) -> str:
         return rf"\sqrt{{{arguments[0]}}}"
     name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
     return rf"{name}\left({', '.join(arguments)}\right)"
+
+
+def _entry(word: str | int) -> str:
+    return rf"\mathrm{{{str(word).replace('_', chr(92) + '_')}}}"
 
 
 def _symbol(name: str) -> str:

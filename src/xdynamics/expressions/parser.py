@@ -5,13 +5,17 @@ from __future__ import annotations
 import keyword
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 from math import isfinite
 
 from xdynamics.expressions.tree import (
+    ALONG,
     FUNCTIONS,
+    Along,
     Binary,
     Call,
     Compare,
+    Element,
     Name,
     Negative,
     Node,
@@ -25,12 +29,22 @@ LONGEST_WORD = 200
 DEEPEST = 40
 LARGEST_EXPONENT = 16
 
-_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=! ]*")
+_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=!\[\] ]*")
 _TOKEN = re.compile(
     r" *(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
-    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>]))"
+    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>\[\]]))"
 )
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2}
+FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max", "norm")} | {
+    "dot": "dot(a, b, dimension)",
+    "cross": "cross(a, b, dimension)",
+    "first": "first(a, relation)",
+    "second": "second(a, relation)",
+    "shift": "shift(a, dimension, n, fill)",
+    "roll": "roll(a, dimension, n)",
+    "index": "index(dimension)",
+    "size": "size(dimension)",
+}
 _COMPARED = ("<", "<=", ">", ">=", "==", "!=")
 
 
@@ -175,6 +189,8 @@ class _Reader:
             raise self._fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
         if keyword.iskeyword(token.text):
             raise self._fault(token.column, "there is something that is no part of the language")
+        if self.next.text == "[":
+            return Element(token.text, self._entries(), token.column)
         if self.next.text != "(":
             return Name(token.text, token.column)
         self._enter(self._take().column)
@@ -187,8 +203,54 @@ class _Reader:
         self._close(")")
         return self._called(token, arguments)
 
+    def _entries(self) -> tuple[str | int, ...]:
+        """Read the labels and whole numbers in brackets."""
+        self._take()
+        entries: list[str | int] = []
+        while True:
+            sign = self._take().text if self.next.text == "-" else ""
+            token = self._take()
+            if token.kind == "word" and not sign:
+                entries.append(token.text)
+            elif token.kind == "number" and token.text.isdigit():
+                entries.append(int(sign + token.text))
+            else:
+                raise self._unreadable(
+                    "in brackets stand labels and whole numbers alone, like [Jupiter, x] or [-1]", token
+                )
+            if self.next.text != ",":
+                break
+            self._take()
+        if self.next.text != "]":
+            raise self._unreadable("']' is missing")
+        self._take()
+        return tuple(entries)
+
+    def _along(self, token: _Token, arguments: list[Node]) -> Node:
+        """Return a function along dimensions; the last arguments are their names, or whole numbers."""
+        function, column = token.text, token.column
+        arity, most, numbers = ALONG[function]
+        extra = 1 if function == "shift" else 0
+        got, needed = len(arguments), arity + numbers + extra
+        if got < needed + 1 or (most is not None and got > needed + most):
+            raise self._fault(column, f"'{function}' is written {FORMS[function]}, and here has {got} arguments")
+        end = got - numbers - extra
+        values, dims = arguments[:arity], arguments[arity:end]
+        if not all(isinstance(dim, Name) for dim in dims):
+            raise self._fault(column, f"'{function}' is written {FORMS[function]}: a dimension is a name")
+        places = exponent_of(arguments[end]) if numbers else Fraction(0)
+        if places is None or places.denominator != 1:
+            raise self._fault(
+                column, f"'{function}' is written {FORMS[function]}: the number of places is a whole literal"
+            )
+        values += arguments[end + numbers :]
+        names = tuple(dim.name for dim in dims if isinstance(dim, Name))
+        return Along(function, tuple(map(self._expression, values)), names, int(places), column)
+
     def _called(self, token: _Token, arguments: list[Node]) -> Node:
         function, column = token.text, token.column
+        if function in ALONG and function not in FUNCTIONS:
+            return self._along(token, arguments)
         if function not in FUNCTIONS:
             raise self._fault(column, f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}")
         arity, got = FUNCTIONS[function], len(arguments)

@@ -1,4 +1,6 @@
-"""The syntax tree: six kinds of node, compared and hashed by content.
+"""The syntax tree: eight kinds of node, compared and hashed by content.
+
+Two of them, `Element` and `Along`, are for quantities with dimensions; in the trees of single elements they do not occur.
 
 A sum or product of n terms is n - 1 binary nodes, each the left operand of the next. Code that descends a tree handles
 such a chain in a loop, by `chain`, so a sum may have any length; only nesting costs a level of recursion.
@@ -41,6 +43,24 @@ class Number:
 
     value: float
     column: int = field(default=0, compare=False)
+
+
+# what is done along named dimensions or relations: numbers of values, of dimensions (None: one or more), of whole numbers
+ALONG: dict[str, tuple[int, int | None, int]] = {
+    "sum": (1, None, 0),
+    "mean": (1, None, 0),
+    "min": (1, None, 0),
+    "max": (1, None, 0),
+    "norm": (1, None, 0),
+    "dot": (2, 1, 0),
+    "cross": (2, 1, 0),
+    "first": (1, 1, 0),
+    "second": (1, 1, 0),
+    "shift": (1, 1, 1),  # and what stands beyond the end
+    "roll": (1, 1, 1),
+    "index": (0, 1, 0),
+    "size": (0, 1, 0),
+}
 
 
 @dataclass(frozen=True)
@@ -112,7 +132,39 @@ class Call:
     column: int = field(default=0, compare=False)
 
 
-Node = Number | Name | Negative | Binary | Compare | Call
+@dataclass(frozen=True)
+class Element:
+    """One element of a quantity with dimensions: ``r[Jupiter, x]``, ``u[-1]``; a label or a number for each of them."""
+
+    name: str
+    entries: tuple[str | int, ...]
+    column: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Along:
+    """A function along named dimensions or relations: ``sum(a, body)``, ``first(r, pair)``, ``roll(u, site, -1)``.
+
+    Attributes
+    ----------
+    function : str
+        One of `ALONG`; with `min` and `max` a dimension is told from a value where dimensions are known.
+    arguments : tuple of Node
+        The values; of `shift` what stands beyond the end is the second.
+    dims : tuple of str
+        Dimensions, or a relation.
+    places : int
+        How far `shift` and `roll` go.
+    """
+
+    function: str
+    arguments: tuple[Node, ...]
+    dims: tuple[str, ...]
+    places: int = 0
+    column: int = field(default=0, compare=False)
+
+
+Node = Number | Name | Negative | Binary | Compare | Call | Element | Along
 
 _LONGEST_SHOWN = 400
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
@@ -125,7 +177,7 @@ def children(node: Node) -> tuple[Node, ...]:
             return (node.operand,)
         case Binary() | Compare():
             return (node.left, node.right)
-        case Call():
+        case Call() | Along():
             return node.arguments
     return ()
 
@@ -159,7 +211,7 @@ def every(node: Node) -> Iterator[Node]:
 
 def free_names(node: Node) -> set[str]:
     """Return every name that an expression mentions."""
-    return {leaf.name for leaf in every(node) if isinstance(leaf, Name)}
+    return {leaf.name for leaf in every(node) if isinstance(leaf, Name | Element)}
 
 
 def size(node: Node) -> int:
@@ -181,6 +233,10 @@ def text_of(node: Node) -> str:
             return f"{node.function}({', '.join(text_of(argument) for argument in node.arguments)})"
         case Compare():
             return f"{text_of(node.left)} {node.operator} {text_of(node.right)}"
+        case Element():
+            return f"{node.name}[{', '.join(map(str, node.entries))}]"
+        case Along():
+            return _text_along(node)
         case Binary():
             return _text_of_chain(node)
 
@@ -220,6 +276,14 @@ def _limited(node: Node) -> bool:
         exponent = exponent_of(node.right)
         return exponent is None or exponent.denominator != 1
     return isinstance(node, Call) and node.function in ("sqrt", "log", "asin", "acos")
+
+
+def _text_along(node: Along) -> str:
+    """Print values, dimensions, and how far; what stands beyond the end comes last."""
+    arity, _, numbers = ALONG[node.function]
+    values = [text_of(argument) for argument in node.arguments]
+    words = [*values[:arity], *node.dims, *([str(node.places)] if numbers else []), *values[arity:]]
+    return f"{node.function}({', '.join(words)})"
 
 
 def _text_of_chain(node: Binary) -> str:

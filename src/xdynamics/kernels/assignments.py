@@ -7,7 +7,20 @@ import operator
 from collections.abc import Callable
 from fractions import Fraction
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
+from xdynamics.expressions import (
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    exponent_of,
+    shown,
+)
 from xdynamics.kernels.program import Compute, Load, Operand, Place, Store
 
 _OPERATIONS = {
@@ -75,6 +88,8 @@ class Assignments:
                 return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
             case Call():
                 return self._called(tree)
+            case Element() | Along():
+                raise TypeError(f"'{shown(tree)}' is not yet of single elements")
 
     def assign(self, name: str, tree: Node) -> Operand:
         """Compute a tree and name its value."""

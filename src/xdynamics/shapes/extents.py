@@ -1,0 +1,150 @@
+"""Dimensions with their labels, relations with their links, and which name has which of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes.naming import element
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A dimension: how many elements it has, and what they are called.
+
+    Attributes
+    ----------
+    name : str
+    size : int
+    labels : tuple of str
+        One for each element; empty if elements are numbered.
+    """
+
+    name: str
+    size: int
+    labels: tuple[str, ...] = ()
+
+    def label(self, number: int) -> str:
+        """Return the label of an element, or its number."""
+        return self.labels[number] if self.labels else str(number)
+
+    def number(self, entry: str | int) -> int:
+        """Return the number of the element with a label or a number; a negative one counts from the end.
+
+        Raises
+        ------
+        InputError
+            If there is no such element.
+        """
+        if isinstance(entry, str) and entry in self._numbers:
+            return self._numbers[entry]
+        if isinstance(entry, int) and -self.size <= entry < self.size:
+            return entry % self.size
+        known = f"the labels {_few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
+        raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}")
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {label: number for number, label in enumerate(self.labels)}
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """Links between elements of one dimension, or from one dimension to another.
+
+    Attributes
+    ----------
+    name : str
+    source, target : str
+        The dimensions of first and second ends; the same one where elements are related among themselves.
+    first, second : ndarray of int64, shape (links,)
+        The elements at the ends of every link.
+    """
+
+    name: str
+    source: str
+    target: str
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+
+    @property
+    def size(self) -> int:
+        """How many links there are."""
+        return len(self.first)
+
+    @cached_property
+    def extent(self) -> Extent:
+        """The relation as a dimension, whose elements are its links."""
+        return Extent(self.name, self.size)
+
+    def end(self, function: str, link: int) -> tuple[str, int]:
+        """Return dimension and element of the `first` or `second` end of a link."""
+        if function == "first":
+            return self.source, int(self.first[link])
+        return self.target, int(self.second[link])
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """The dimensions and relations of a model, and the dimensions of its names.
+
+    Attributes
+    ----------
+    extents : mapping of str to Extent
+        In the order in which they are declared.
+    relations : mapping of str to Relation
+    dims : mapping of str to tuple of str
+        Of every name that has some: coordinates, velocities, states, parameters, definitions, ….
+    """
+
+    extents: Mapping[str, Extent] = field(default_factory=dict)
+    relations: Mapping[str, Relation] = field(default_factory=dict)
+    dims: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def extent(self, dim: str) -> Extent:
+        """Return a dimension, or a relation as one.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        if dim in self.extents:
+            return self.extents[dim]
+        if dim in self.relations:
+            return self.relations[dim].extent
+        known = _few((*self.relations, *self.extents))
+        raise InputError(f"'{dim}' is no dimension or relation{f'; there are {known}' if known else ''}")
+
+    def ordered(self, dims: set[str]) -> tuple[str, ...]:
+        """Return dimensions in the order of a record: relations first, each as declared."""
+        return tuple(dim for dim in (*self.relations, *self.extents) if dim in dims)
+
+    def shape(self, dims: tuple[str, ...]) -> tuple[int, ...]:
+        """Return the lengths of dimensions."""
+        return tuple(self.extent(dim).size for dim in dims)
+
+    def places(self, dims: tuple[str, ...]) -> Iterator[dict[str, int]]:
+        """Yield the numbers of every element by dimension, the last dimension fastest."""
+        for numbers in product(*map(range, self.shape(dims))):
+            yield dict(zip(dims, numbers, strict=True))
+
+    def element(self, name: str, place: Mapping[str, int], dims: tuple[str, ...] | None = None) -> str:
+        """Return the name of the element of a quantity at a place that has its dimensions among others."""
+        own = self.dims.get(name, ()) if dims is None else dims
+        return element(name, (self.extent(dim).label(place[dim]) for dim in own))
+
+    def elements(self, name: str, dims: tuple[str, ...] | None = None) -> list[str]:
+        """Return the names of all elements of a quantity, the last dimension fastest."""
+        own = self.dims.get(name, ()) if dims is None else dims
+        return [self.element(name, place, own) for place in self.places(own)]
+
+
+def _few(names: tuple[str, ...]) -> str:
+    return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")

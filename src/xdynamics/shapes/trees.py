@@ -1,0 +1,252 @@
+"""Expressions with dimensions: which they have, whether they may be joined, and what they are at one element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import reduce
+
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, shown
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.faults import InputError
+from xdynamics.shapes.extents import Shapes
+
+REDUCTIONS = ("sum", "mean", "min", "max", "norm", "dot")
+ENDS = ("first", "second")
+OF_CROSS = 3  # elements along the dimension of a cross product
+
+
+def prepared(node: Node, shapes: Shapes) -> Node:
+    """Return an expression with `min` and `max` along dimensions told from those that compare values.
+
+    Raises
+    ------
+    InputError
+        If values stand beside dimensions in one of them.
+    """
+    match node:
+        case Negative():
+            return replace(node, operand=prepared(node.operand, shapes))
+        case Binary():
+            first, links = chain(node)
+            tree = prepared(first, shapes)
+            for link in links:
+                tree = Binary(link.operator, tree, prepared(link.right, shapes), link.column)
+            return tree
+        case Compare():
+            return replace(node, left=prepared(node.left, shapes), right=prepared(node.right, shapes))
+        case Call():
+            values = [one for one in node.arguments if not _is_dimension(one, shapes)]
+            if len(values) < len(node.arguments) and node.function in ("min", "max"):
+                return _least(node, values, shapes)
+            return replace(node, arguments=tuple(prepared(one, shapes) for one in node.arguments))
+        case Along():
+            return replace(node, arguments=tuple(prepared(one, shapes) for one in node.arguments))
+    return node
+
+
+def _is_dimension(node: Node, shapes: Shapes) -> bool:
+    known = isinstance(node, Name) and node.name in (*shapes.extents, *shapes.relations)
+    return known and node.name not in shapes.dims  # type: ignore[union-attr]
+
+
+def _least(node: Call, values: list[Node], shapes: Shapes) -> Along:
+    dims = tuple(one.name for one in node.arguments[1:] if isinstance(one, Name) and one not in values)
+    if len(values) != 1 or node.arguments[0] is not values[0]:
+        raise InputError(
+            f"'{shown(node)}' (column {node.column}) joins values and dimensions; write {node.function}(a, dimension) to"
+            f" reduce, or {node.function}(a, b) to compare"
+        )
+    return Along(node.function, (prepared(values[0], shapes),), dims, 0, node.column)
+
+
+def dims_of(node: Node, shapes: Shapes) -> tuple[str, ...]:
+    """Return the dimensions of an expression, in the order of a record.
+
+    Parameters
+    ----------
+    node : Node
+        As `prepared` returns it.
+    shapes : Shapes
+
+    Raises
+    ------
+    InputError
+        Naming the part, the dimension that is missing or too many, and the remedy.
+    """
+    return shapes.ordered(_dims(node, shapes))
+
+
+def _dims(node: Node, shapes: Shapes) -> set[str]:
+    match node:
+        case Name():
+            if _is_dimension(node, shapes):
+                raise InputError(
+                    f"'{node.name}' (column {node.column}) is a dimension, and no value; index({node.name}) is the number"
+                    f" of an element, size({node.name}) how many there are"
+                )
+            return set(shapes.dims.get(node.name, ()))
+        case Element():
+            _numbers(node, shapes)
+            return set()
+        case Binary():
+            first, links = chain(node)
+            dims = _dims(first, shapes)
+            for link in links:
+                if link.operator != "**":
+                    dims |= _dims(link.right, shapes)
+            return dims
+        case Negative():
+            return _dims(node.operand, shapes)
+        case Compare():
+            return _dims(node.left, shapes) | _dims(node.right, shapes)
+        case Call():
+            return set[str]().union(*(_dims(one, shapes) for one in node.arguments))
+        case Along():
+            return _along(node, shapes)
+    return set()
+
+
+def _along(node: Along, shapes: Shapes) -> set[str]:
+    """Return the dimensions of a function along dimensions."""
+    label = f"'{shown(node)}' (column {node.column})"
+    for dim in node.dims:
+        try:
+            shapes.extent(dim)
+        except InputError as error:
+            raise InputError(f"{label}: {error}") from None
+    dims = set[str]().union(*(_dims(one, shapes) for one in node.arguments))
+    if node.function == "size":
+        return set()
+    if node.function == "index":
+        return {node.dims[0]}
+    if node.function in ENDS:
+        return _of_end(node, dims, label, shapes)
+    inner = dims if node.function != "shift" else _dims(node.arguments[0], shapes)
+    for dim in node.dims:
+        if dim not in inner:
+            own = ", ".join(shapes.ordered(inner)) or "none"
+            raise InputError(f"{label} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own}")
+    if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
+        raise InputError(f"{label} goes along '{node.dims[0]}' of {size} elements, and needs 3")
+    return dims - set(node.dims) if node.function in REDUCTIONS else dims
+
+
+def _of_end(node: Along, dims: set[str], label: str, shapes: Shapes) -> set[str]:
+    """Return the dimensions of a value at one end of every link."""
+    name = node.dims[0]
+    if name not in shapes.relations:
+        known = ", ".join(shapes.relations) or "none"
+        raise InputError(f"{label}: '{name}' is no relation; there are: {known}")
+    relation = shapes.relations[name]
+    end = relation.source if node.function == "first" else relation.target
+    if name in dims or end not in dims:
+        own = ", ".join(shapes.ordered(dims)) or "none"
+        fault = "is along the relation already" if name in dims else f"needs a value along '{end}'"
+        raise InputError(f"{label} {fault}: '{shown(node.arguments[0])}' has the dimensions: {own}")
+    return dims - {end} | {name}
+
+
+def _numbers(node: Element, shapes: Shapes) -> dict[str, int]:
+    """Return the place of an element that is written in brackets."""
+    dims = shapes.dims.get(node.name, ())
+    if len(node.entries) != len(dims):
+        own = f"the dimensions {', '.join(dims)}" if dims else "no dimensions"
+        raise InputError(f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}; write an entry for each")
+    return {dim: shapes.extent(dim).number(entry) for dim, entry in zip(dims, node.entries, strict=True)}
+
+
+def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
+    """Return what an expression is at one element: an expression of single elements.
+
+    Parameters
+    ----------
+    node : Node
+        As `prepared` returns it, with dimensions that `dims_of` checked.
+    place : mapping of str to int
+        The number of the element along each of its dimensions, perhaps among others.
+    shapes : Shapes
+
+    Notes
+    -----
+    Sums are ascending, one addition after the other.
+    """
+    match node:
+        case Name():
+            return Name(shapes.element(node.name, place), node.column) if node.name in shapes.dims else node
+        case Element():
+            return Name(shapes.element(node.name, _numbers(node, shapes)), node.column)
+        case Negative():
+            return replace(node, operand=at(node.operand, place, shapes))
+        case Binary():
+            first, links = chain(node)
+            tree = at(first, place, shapes)
+            for link in links:
+                tree = Binary(link.operator, tree, at(link.right, place, shapes), link.column)
+            return tree
+        case Compare():
+            return replace(node, left=at(node.left, place, shapes), right=at(node.right, place, shapes))
+        case Call():
+            return replace(node, arguments=tuple(at(one, place, shapes) for one in node.arguments))
+        case Along():
+            return _at_along(node, place, shapes)
+    return node
+
+
+def _at_along(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+    match node.function:
+        case "index":
+            return Number(float(place[node.dims[0]]), node.column)
+        case "size":
+            return Number(float(shapes.extent(node.dims[0]).size), node.column)
+        case "first" | "second":
+            relation = shapes.relations[node.dims[0]]
+            dim, number = relation.end(node.function, place[relation.name])
+            return at(node.arguments[0], {**place, dim: number}, shapes)
+        case "shift" | "roll":
+            return _moved(node, place, shapes)
+        case "cross":
+            return _crossed(node, place, shapes)
+    return _reduced(node, place, shapes)
+
+
+def _moved(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+    """Return the value some places before."""
+    dim, size = node.dims[0], shapes.extent(node.dims[0]).size
+    number = place[dim] - node.places
+    if node.function == "shift" and not 0 <= number < size:
+        return at(node.arguments[1], place, shapes)
+    return at(node.arguments[0], {**place, dim: number % size}, shapes)
+
+
+def _crossed(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+    """Return an element of a cross product."""
+    dim = node.dims[0]
+    next_, last = (place[dim] + 1) % OF_CROSS, (place[dim] + 2) % OF_CROSS
+    a, b = node.arguments
+    plus, minus = (
+        Binary("*", at(a, {**place, dim: i}, shapes), at(b, {**place, dim: j}, shapes))
+        for i, j in ((next_, last), (last, next_))
+    )
+    return Binary("-", plus, minus)
+
+
+def _reduced(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+    """Return a value reduced along dimensions, the last of them fastest."""
+    places = [{**place, **inner} for inner in shapes.places(node.dims)]
+    terms = [tuple(at(one, inner, shapes) for one in node.arguments) for inner in places]
+    match node.function:
+        case "min" | "max":
+            return Call(node.function, tuple(term for (term,) in terms)) if len(terms) > 1 else terms[0][0]
+        case "dot":
+            return total([Binary("*", a, b) for a, b in terms])
+        case "norm":
+            return Call("sqrt", (total([Binary("**", term, Number(2.0)) for (term,) in terms]),))
+        case "mean":
+            return Binary("/", total([term for (term,) in terms]), Number(float(len(terms))))
+    return total([term for (term,) in terms])
+
+
+def total(terms: list[Node]) -> Node:
+    """Add terms, ascending; none are zero."""
+    return reduce(lambda left, right: Binary("+", left, right), terms) if terms else ZERO
