@@ -6,9 +6,11 @@ rules keep the order in which the expression was written, whatever is installed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from xdynamics.expressions.tree import (
+    Along,
     Binary,
     Call,
     Compare,
@@ -102,14 +104,26 @@ def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
             return gradient
         case Call():
             inner = [derivatives(part, rates) for part in node.arguments]
-            return _by_each(inner, lambda operand_rates: _of_call(node, operand_rates))
+            return _by_each(inner, lambda operand_rates: rate_of(node, operand_rates))
     return {}
+
+
+def rate_of(node: Negative | Binary | Call, rates: Sequence[Node]) -> Node:
+    """Return the derivative of an operation from those of its operands, in which it is linear."""
+    if isinstance(node, Negative):
+        return negative(*rates)
+    if isinstance(node, Call):
+        return _of_call(node, rates)
+    left, right = rates
+    if node.operator in "+-":
+        return add(left, right if node.operator == "+" else negative(right))
+    return _of_product(node, left, right)
 
 
 def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict[str, Node]:
     """Return the derivatives of a binary node from those of its operands."""
     if node.operator not in "+-":
-        return _by_each([left, right], lambda operand_rates: _of_product(node, *operand_rates))
+        return _by_each([left, right], lambda operand_rates: rate_of(node, operand_rates))
     for by, rate in right.items():  # derivatives of the preceding terms stay as they are
         total = add(left.get(by, ZERO), rate if node.operator == "+" else negative(rate))
         if total == ZERO:
@@ -178,10 +192,8 @@ def _expand(node: Node, definitions: Mapping[str, Node], expanded: dict[str, Nod
         case Compare():
             left, right = _expand(node.left, definitions, expanded), _expand(node.right, definitions, expanded)
             return Compare(node.operator, left, right, node.column)
-        case Call():
-            return Call(
-                node.function, tuple(_expand(part, definitions, expanded) for part in node.arguments), node.column
-            )
+        case Call() | Along():
+            return replace(node, arguments=tuple(_expand(part, definitions, expanded) for part in node.arguments))
     return node
 
 
@@ -243,7 +255,7 @@ def _literal(value: float) -> Node:
     return Number(value) if value >= 0 else Negative(Number(-value))
 
 
-def _of_call(node: Call, inner_rates: list[Node]) -> Node:
+def _of_call(node: Call, inner_rates: Sequence[Node]) -> Node:
     if node.function in ("min", "max"):
         return _of_choice(node, inner_rates)
     if node.function == "where":
@@ -259,7 +271,7 @@ def _of_call(node: Call, inner_rates: list[Node]) -> Node:
     return _OUTER[node.function](node.arguments[0], node, inner_rates[0])
 
 
-def _of_choice(node: Call, inner_rates: list[Node]) -> Node:
+def _of_choice(node: Call, inner_rates: Sequence[Node]) -> Node:
     """Differentiate min and max as an equivalent chain of `where`."""
     operator = "<=" if node.function == "min" else ">="
     *rest, _ = node.arguments

@@ -148,7 +148,8 @@ class Along:
     Attributes
     ----------
     function : str
-        One of `ALONG`; with `min` and `max` a dimension is told from a value where dimensions are known.
+        One of `ALONG`; with `min` and `max` a dimension is told from a value where dimensions are known. Derivatives
+        have ``onto`` as well: what links give to the elements at their first and at their second ends.
     arguments : tuple of Node
         The values; of `shift` what stands beyond the end is the second.
     dims : tuple of str
@@ -280,7 +281,7 @@ def _limited(node: Node) -> bool:
 
 def _text_along(node: Along) -> str:
     """Print values, dimensions, and how far; what stands beyond the end comes last."""
-    arity, _, numbers = ALONG[node.function]
+    arity, _, numbers = ALONG.get(node.function, (len(node.arguments), 1, 0))
     values = [text_of(argument) for argument in node.arguments]
     words = [*values[:arity], *node.dims, *([str(node.places)] if numbers else []), *values[arity:]]
     return f"{node.function}({', '.join(words)})"

@@ -5,7 +5,20 @@ elements are what is marched, located and judged. A record has one variable for 
 """
 
 from xdynamics.shapes.extents import Extent, Relation, Shapes
+from xdynamics.shapes.gradient import gradient
 from xdynamics.shapes.naming import element, parted, spoken, written
 from xdynamics.shapes.trees import at, dims_of, prepared
 
-__all__ = ["Extent", "Relation", "Shapes", "at", "dims_of", "element", "parted", "prepared", "spoken", "written"]
+__all__ = [
+    "Extent",
+    "Relation",
+    "Shapes",
+    "at",
+    "dims_of",
+    "element",
+    "gradient",
+    "parted",
+    "prepared",
+    "spoken",
+    "written",
+]

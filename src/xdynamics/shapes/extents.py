@@ -83,6 +83,15 @@ class Relation:
         """The relation as a dimension, whose elements are its links."""
         return Extent(self.name, self.size)
 
+    @cached_property
+    def meeting(self) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
+        """The links that begin, and those that end, at each element that has some."""
+        ends: tuple[dict[int, list[int]], dict[int, list[int]]] = {}, {}
+        for links, numbers in zip(ends, (self.first, self.second), strict=True):
+            for link, number in enumerate(numbers.tolist()):
+                links.setdefault(number, []).append(link)
+        return ends
+
     def end(self, function: str, link: int) -> tuple[str, int]:
         """Return dimension and element of the `first` or `second` end of a link."""
         if function == "first":

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import reduce
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, shown
+from xdynamics.expressions import (
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    free_names,
+    shown,
+)
 from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import children
 from xdynamics.faults import InputError
 from xdynamics.shapes.extents import Shapes
 
@@ -87,67 +102,70 @@ def _dims(node: Node, shapes: Shapes) -> set[str]:
                 )
             return set(shapes.dims.get(node.name, ()))
         case Element():
-            _numbers(node, shapes)
+            element_numbers(node, shapes)
             return set()
         case Binary():
             first, links = chain(node)
-            dims = _dims(first, shapes)
-            for link in links:
-                if link.operator != "**":
-                    dims |= _dims(link.right, shapes)
-            return dims
-        case Negative():
-            return _dims(node.operand, shapes)
-        case Compare():
-            return _dims(node.left, shapes) | _dims(node.right, shapes)
-        case Call():
-            return set[str]().union(*(_dims(one, shapes) for one in node.arguments))
+            return _dims(first, shapes).union(*(_dims(link.right, shapes) for link in links))
         case Along():
-            return _along(node, shapes)
-    return set()
+            return dims_along(node, [_dims(one, shapes) for one in node.arguments], shapes)
+    return set[str]().union(*(_dims(one, shapes) for one in children(node)))
 
 
-def _along(node: Along, shapes: Shapes) -> set[str]:
-    """Return the dimensions of a function along dimensions."""
-    label = f"'{shown(node)}' (column {node.column})"
+def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[str]:
+    """Return the dimensions of a function along dimensions from those of its values, which are checked."""
     for dim in node.dims:
         try:
             shapes.extent(dim)
         except InputError as error:
-            raise InputError(f"{label}: {error}") from None
-    dims = set[str]().union(*(_dims(one, shapes) for one in node.arguments))
+            raise InputError(f"{_label(node)}: {error}") from None
+    dims = set[str]().union(*inner)
     if node.function == "size":
         return set()
     if node.function == "index":
         return {node.dims[0]}
     if node.function in ENDS:
-        return _of_end(node, dims, label, shapes)
-    inner = dims if node.function != "shift" else _dims(node.arguments[0], shapes)
+        return _of_end(node, dims, shapes)
+    if node.function == "onto":
+        return dims - set(node.dims) | {end_of(node, shapes)}
+    own_dims = dims if node.function != "shift" else set(inner[0])
     for dim in node.dims:
-        if dim not in inner:
-            own = ", ".join(shapes.ordered(inner)) or "none"
-            raise InputError(f"{label} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own}")
+        if dim not in own_dims:
+            own = ", ".join(shapes.ordered(own_dims)) or "none"
+            raise InputError(
+                f"{_label(node)} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own}"
+            )
     if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
-        raise InputError(f"{label} goes along '{node.dims[0]}' of {size} elements, and needs 3")
+        raise InputError(f"{_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3")
     return dims - set(node.dims) if node.function in REDUCTIONS else dims
 
 
-def _of_end(node: Along, dims: set[str], label: str, shapes: Shapes) -> set[str]:
+def _of_end(node: Along, dims: set[str], shapes: Shapes) -> set[str]:
     """Return the dimensions of a value at one end of every link."""
     name = node.dims[0]
     if name not in shapes.relations:
         known = ", ".join(shapes.relations) or "none"
-        raise InputError(f"{label}: '{name}' is no relation; there are: {known}")
+        raise InputError(f"{_label(node)}: '{name}' is no relation; there are: {known}")
     relation = shapes.relations[name]
     end = relation.source if node.function == "first" else relation.target
     if name in dims or end not in dims:
         own = ", ".join(shapes.ordered(dims)) or "none"
         fault = "is along the relation already" if name in dims else f"needs a value along '{end}'"
-        raise InputError(f"{label} {fault}: '{shown(node.arguments[0])}' has the dimensions: {own}")
+        raise InputError(f"{_label(node)} {fault}: '{shown(node.arguments[0])}' has the dimensions: {own}")
     return dims - {end} | {name}
 
 
-def _numbers(node: Element, shapes: Shapes) -> dict[str, int]:
+def _label(node: Along) -> str:
+    return f"'{shown(node)}' (column {node.column})"
+
+
+def end_of(node: Along, shapes: Shapes) -> str:
+    """Return the dimension of what links give to the elements at their ends."""
+    relation = shapes.relations[node.dims[0]]
+    return relation.target if node.arguments[0] == ZERO else relation.source
+
+
+def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     """Return the place of an element that is written in brackets."""
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
@@ -169,13 +187,14 @@ def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
 
     Notes
     -----
-    Sums are ascending, one addition after the other.
+    Sums are ascending, one addition after the other. Of `where` with a condition on numbers of elements alone stays what
+    it chooses.
     """
     match node:
         case Name():
             return Name(shapes.element(node.name, place), node.column) if node.name in shapes.dims else node
         case Element():
-            return Name(shapes.element(node.name, _numbers(node, shapes)), node.column)
+            return Name(shapes.element(node.name, element_numbers(node, shapes)), node.column)
         case Negative():
             return replace(node, operand=at(node.operand, place, shapes))
         case Binary():
@@ -187,7 +206,10 @@ def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
         case Compare():
             return replace(node, left=at(node.left, place, shapes), right=at(node.right, place, shapes))
         case Call():
-            return replace(node, arguments=tuple(at(one, place, shapes) for one in node.arguments))
+            arguments = tuple(at(one, place, shapes) for one in node.arguments)
+            if node.function == "where" and not free_names(arguments[0]):
+                return arguments[1] if evaluate(arguments[0], {}) else arguments[2]
+            return replace(node, arguments=arguments)
         case Along():
             return _at_along(node, place, shapes)
     return node
@@ -207,6 +229,8 @@ def _at_along(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
             return _moved(node, place, shapes)
         case "cross":
             return _crossed(node, place, shapes)
+        case "onto":
+            return _given(node, place, shapes)
     return _reduced(node, place, shapes)
 
 
@@ -229,6 +253,14 @@ def _crossed(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
         for i, j in ((next_, last), (last, next_))
     )
     return Binary("-", plus, minus)
+
+
+def _given(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+    """Return the sum of what links give to the element at their ends, in the order of links."""
+    relation, element = shapes.relations[node.dims[0]], place[end_of(node, shapes)]
+    ends = [(one, links.get(element, ())) for one, links in zip(node.arguments, relation.meeting, strict=True)]
+    terms = sorted((link, end) for end, (one, links) in enumerate(ends) if one != ZERO for link in links)
+    return total([at(node.arguments[end], {**place, relation.name: link}, shapes) for link, end in terms])
 
 
 def _reduced(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:

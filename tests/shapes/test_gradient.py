@@ -1,0 +1,200 @@
+"""Derivatives of expressions with dimensions are those of the same expressions written out, element by element."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy
+
+from xdynamics.expressions import Along, Name, Node, derivatives, parse, text_of
+from xdynamics.expressions.calculus import ONE, ZERO, derivative, negative
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, parted, prepared
+from xdynamics.shapes.gradient import derivative as rate_with_dimensions
+from xdynamics.shapes.gradient import gradient
+from xdynamics.shapes.trees import total
+
+DIMS = {
+    "a": (),
+    "u": ("site",),
+    "w": ("site",),
+    "k": ("bond",),
+    "m": ("body",),
+    "r": ("body", "axis"),
+    "s": ("site", "axis"),
+    "e": ("axis",),
+    "h": ("wall",),
+}
+SHAPES = Shapes(
+    {
+        "body": Extent("body", 4, ("Sun", "Earth", "Moon", "Mars")),
+        "axis": Extent("axis", 3, ("x", "y", "z")),
+        "site": Extent("site", 5),
+        "wall": Extent("wall", 2),
+    },
+    {
+        "pair": Relation("pair", "body", "body", *np.triu_indices(4, 1)),
+        "bond": Relation("bond", "site", "site", np.array([3, 0, 4, 3]), np.array([0, 1, 3, 4])),
+        "touch": Relation("touch", "body", "wall", np.array([0, 1, 1, 3]), np.array([1, 1, 0, 0])),
+    },
+    DIMS | {f"v_{name}": dims for name, dims in DIMS.items()},
+)
+POTENTIALS = [
+    "a**2*sum(u, site) + a",
+    "a + u",
+    "-a*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)",
+    "m*first(m*r, pair)*second(m, pair)*a",
+    "k*(second(u, bond) - first(u, bond) - a)**2/2",
+    "k*exp(-(second(u, bond) - first(u, bond)))*second(sin(u), bond)",
+    "first(r, touch)*second(h, touch)**3",
+    "first(m, pair)*a + first(a*m, touch)*second(h, touch)",
+    "(u - roll(u, site, 1))**2/2 + (u - roll(u, site, -7))**4/4",
+    "(shift(u, site, 1, a) - u)**2*w",
+    "(shift(u, site, -2, w) - u)**2",
+    "shift(u, site, 2, s)*s",
+    "shift(u, site, 0, a)*w + shift(u, site, 9, a*u) + shift(w, site, -9, u)",
+    "sum(shift(u, site, 1, 0) + shift(u, site, -1, 0), site)",
+    "sum(roll(u, site, 2), site) + mean(u, site)*u",
+    "mean(s*w, site, axis)*a + sum(s*e, axis, site)**2",
+    "min(u*w, site)*max(s, site, axis) + min(s, axis)",
+    "norm(r, axis)*m + norm(r, body, axis)",
+    "dot(r, e, axis)*m + dot(r, a, body)*e",
+    "dot(cross(r, e*a, axis), m*e, axis) + cross(e, a, axis)",
+    "u[0]**2*u[-1] + r[Earth, y]*m + s[2, z]*s",
+    "first(norm(r, axis)**2/m, pair)*norm(second(r, pair), axis)/norm(second(r, pair) - first(r, pair), axis)",
+    "where(u > w, u*w, a*w) + where(a > 0, u, a) + where(index(site) >= 2, u, w)",
+    "min(u, w, a) + max(u, a*w, w, u*w)",
+    "sin(u)*cos(w) + tan(a)/cosh(u) + sinh(u)*tanh(w) + exp(a*u) + log(2 + u**2) + sqrt(3 + w)",
+    "asin(u/4) + acos(w/4) + atan(a*u) + atan2(u, w) + hypot(u, a) + abs(u - w) + sign(u)*u",
+    "(u + 5)**-1.5*index(site) + size(body)*m**3 - -(-(m**0.5)) + pi*m",
+]
+
+
+def written_out(tree: Node) -> list[Node]:
+    """Return what an expression is at every element."""
+    return [at(tree, place, SHAPES) for place in SHAPES.places(dims_of(tree, SHAPES))]
+
+
+def numbers(seed: int) -> dict[str, float]:
+    """Return a number for every element of every name."""
+    random = np.random.default_rng(seed)
+    names = [name for quantity in SHAPES.dims for name in SHAPES.elements(quantity)]
+    return {"pi": np.pi} | dict(zip(names, random.uniform(0.3, 1.7, len(names)).tolist(), strict=True))
+
+
+@pytest.mark.parametrize("text", POTENTIALS)
+def test_gradient(text: str) -> None:
+    """Assert that a gradient is that of the sum written out, and has no dimension that its quantity lacks."""
+    tree, values = prepared(parse(text), SHAPES), numbers(1)
+    found = gradient(tree, DIMS, SHAPES)
+    elements = [name for quantity in DIMS for name in SHAPES.elements(quantity)]
+    expected = derivatives(total(written_out(tree)), {name: {name: ONE} for name in elements})
+    assert not {name.split("·")[0] for name in expected} - found.keys()
+    for name, one in found.items():
+        assert set(dims_of(one, SHAPES)) <= set(DIMS[name])
+        for place in SHAPES.places(DIMS[name]):
+            value = evaluate(expected.get(SHAPES.element(name, place), ZERO), values)
+            assert evaluate(at(one, place, SHAPES), values) == pytest.approx(value, rel=1e-13, abs=1e-13)
+
+
+@pytest.mark.parametrize("text", POTENTIALS)
+def test_rate(text: str) -> None:
+    """Assert that a rate is that of each element written out."""
+    tree, values = prepared(parse(text), SHAPES), numbers(2)
+    found = rate_with_dimensions(tree, {name: Name(f"v_{name}") for name in DIMS}, SHAPES)
+    assert set(dims_of(found, SHAPES)) <= set(dims_of(tree, SHAPES))
+    elements = [name for quantity in DIMS for name in SHAPES.elements(quantity)]
+    rates = {name: Name(f"v_{name}") for name in elements}
+    for place in SHAPES.places(dims_of(tree, SHAPES)):
+        expected = evaluate(derivative(at(tree, place, SHAPES), rates), values)
+        assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize("text", POTENTIALS)
+def test_rate_of_uniform_quantities(text: str) -> None:
+    """Assert that rates may have fewer dimensions than what they are rates of."""
+    tree, values = prepared(parse(text), SHAPES), numbers(3)
+    found = rate_with_dimensions(tree, {name: parse("a**2") for name in ("u", "r", "m", "h")}, SHAPES)
+    elements = [name for quantity in ("u", "r", "m", "h") for name in SHAPES.elements(quantity)]
+    for place in SHAPES.places(dims_of(tree, SHAPES)):
+        expected = evaluate(derivative(at(tree, place, SHAPES), dict.fromkeys(elements, parse("a**2"))), values)
+        assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize("text", POTENTIALS)
+def test_gradient_of_gradient(text: str) -> None:
+    """Assert that what links give to their ends is differentiated as well."""
+    tree, values = prepared(parse(text), SHAPES), numbers(4)
+    first = gradient(tree, ("u", "r", "m"), SHAPES)
+    for one in first.values():
+        found = gradient(one, ("u", "r", "m", "a"), SHAPES)
+        elements = [name for quantity in ("u", "r", "m", "a") for name in SHAPES.elements(quantity)]
+        expected = derivatives(total(written_out(one)), {name: {name: ONE} for name in elements})
+        for name in elements:
+            quantity, _ = parted(name)
+            place = next(p for p in SHAPES.places(DIMS[quantity]) if SHAPES.element(quantity, p) == name)
+            value = evaluate(expected.get(name, ZERO), values)
+            own = evaluate(at(found.get(quantity, ZERO), place, SHAPES), values)
+            assert own == pytest.approx(value, rel=1e-11, abs=1e-11)
+
+
+def test_rate_of_a_gradient() -> None:
+    """Assert that the rate of what links give to their ends is what the rates give."""
+    tree, values = parse("k*(second(u, bond) - first(u, bond))**3"), numbers(5)
+    force = gradient(tree, {"u"}, SHAPES)["u"]
+    rate = rate_with_dimensions(force, {"u": Name("v_u")}, SHAPES)
+    for place in SHAPES.places(("site",)):
+        rates = {name: Name(f"v_{name}") for name in SHAPES.elements("u")}
+        expected = evaluate(derivative(at(force, place, SHAPES), rates), values)
+        assert evaluate(at(rate, place, SHAPES), values) == pytest.approx(expected, rel=1e-13)
+
+
+def test_against_computer_algebra() -> None:
+    """Assert that the force of springs between neighbours in a ring is sympy's."""
+    u = sympy.symbols("u0:5")
+    potential = sum((u[i] - u[i - 1]) ** 4 / 4 + sympy.sin(u[i]) for i in range(5))
+    tree = parse("(u - roll(u, site, 1))**4/4 + sin(u)")
+    found, values = gradient(tree, {"u"}, SHAPES)["u"], numbers(6)
+    given = {symbol: values[f"u·{i}"] for i, symbol in enumerate(u)}
+    for i, symbol in enumerate(u):
+        own = evaluate(at(found, {"site": i}, SHAPES), values)
+        assert own == pytest.approx(float(potential.diff(symbol).subs(given)), rel=1e-13)
+
+
+def test_links_give_once() -> None:
+    """Assert that a force over pairs is one sum over links, with opposites at both ends, and divides once."""
+    text = "-a*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
+    force = gradient(negative(parse(text)), {"r"}, SHAPES)["r"]
+    assert isinstance(force, Along)
+    assert (force.function, force.dims, dims_of(force, SHAPES)) == ("onto", ("pair",), ("body", "axis"))
+    first, second = map(text_of, force.arguments)
+    assert second == f"-({first})" or second == f"-{first}" or first == f"-{second}" or first == f"-({second})"
+    assert text_of(at(force, {"body": 3, "axis": 0}, SHAPES)).count("/") == 3
+
+
+def test_length_is_that_of_the_expression() -> None:
+    """Assert that a gradient is as long as its expression, however many elements there are."""
+    tree = parse("u*roll(u, site, 1)*exp(-u**2)")
+    few, many = (Shapes({"site": Extent("site", n)}, {}, {"u": ("site",)}) for n in (3, 1_000_000))
+    assert text_of(gradient(tree, {"u"}, many)["u"]) == text_of(gradient(tree, {"u"}, few)["u"])
+
+
+def test_choices_by_index_are_made() -> None:
+    """Assert that what an expression is at an element has no choice left that its number decides."""
+    tree = parse("where(index(site) < 2, where(index(axis) == 1, s, a), where(u > 0, u, w))")
+    assert text_of(at(tree, {"site": 1, "axis": 1}, SHAPES)) == "s·1·y"
+    assert text_of(at(tree, {"site": 1, "axis": 2}, SHAPES)) == "a"
+    assert text_of(at(tree, {"site": 2, "axis": 1}, SHAPES)) == "where(u·2 > 0, u·2, w·2)"
+
+
+def test_long_sum() -> None:
+    """Assert that a sum of thousands of terms is no nesting."""
+    tree = parse(" + ".join(["u*w", *(f"{i}*u*a" for i in range(2, 2000))]))
+    assert dims_of(gradient(tree, {"w"}, SHAPES)["w"], SHAPES) == ("site",)
+    assert dims_of(gradient(tree, {"u"}, SHAPES)["u"], SHAPES) == ("site",)
+
+
+def test_nothing_to_depend_on() -> None:
+    """Assert that quantities without influence are left out."""
+    assert gradient(parse("u*w + sign(m)*0"), {"u", "m", "r"}, SHAPES).keys() == {"u"}
+    assert rate_with_dimensions(parse("sum(u, site) + size(body)"), {"w": Name("v_w")}, SHAPES) == ZERO
