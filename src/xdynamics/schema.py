@@ -116,6 +116,16 @@ AT_REST = "initial_velocities_not_given"
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
 EVIDENCE, RUNS = "evidence", "runs"
 SWEEP = "sweep"  # the evidence that is many runs
+# of what has dimensions: their names and sizes, as `body(6) axis(3)`, in the order in which variables have them
+MODEL_DIMENSIONS = "model_dimensions"
+# of a variable with dimensions: the elements that it has values of, where not of all; how elements are named, where not at the end
+ELEMENTS, ELEMENT_NAME = "elements", "element_name"
+# attributes that have a number for each element, where these differ; which absolute tolerances follow their variables
+ATOL_FOLLOWING = "atol_follows"
+OF_ELEMENTS = ("atol", "atol_si", ATOL_FOLLOWING, "uncertainty")
+DETECTOR_DIMENSIONS = "detector_dimensions"  # of `event_detector`: along which dimensions a detector has elements
+LABEL, LINK = "label", "link"  # roles of labels and of ends of links
+NOWHERE = -1  # the element of an event whose detector has none along a dimension
 SEALED = "archive_seal"  # of files only: that the seal must be there
 SEAL_WORDS = "the file ends with a seal, a sha256 of every byte before it"
 
@@ -153,17 +163,32 @@ class Variable:
         return {"units": self.units, "long_name": self.long_name, "role": self.role} | dict(self.more)
 
 
-def flags(words: Mapping[int, str]) -> dict[str, Any]:
-    """Return the CF attributes of a flag variable."""
+def flags(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
+    """Return the CF attributes of a flag variable of a type."""
     import numpy as np
 
-    return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), np.int8), " ".join(words.values())), strict=True))
+    return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), dtype), " ".join(words.values())), strict=True))
 
 
 def coordinates_of(name: str, dims: Sequence[str]) -> str | None:
     """Return the `coordinates` attribute of a variable in a file: the times along its first dimension that has some."""
     times = {STEPS: "time", AT: AT_TIME}
     return next((times[dim] for dim in dims if dim in times and name != times[dim]), None)
+
+
+def label_of(dim: str) -> str:
+    """Name the labels of a dimension, as they are in a file; in memory they are its index."""
+    return f"{dim}_label"
+
+
+def end_of(relation: str, end: str) -> str:
+    """Name the elements at the `first` or `second` end of every link of a relation."""
+    return f"{relation}_{end}"
+
+
+def at_event(dim: str) -> str:
+    """Name the element along a dimension, or the end of a link, at which an event was."""
+    return f"event_{dim}"
 
 
 def velocity(name: str) -> str:

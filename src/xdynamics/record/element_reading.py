@@ -1,0 +1,63 @@
+"""Elements of a variable that is read when it is used: once for all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from xarray import Variable
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+Array = NDArray[Any]
+
+MOST_READ = 4  # selections of rows that are kept: elements are asked for the same ones, one after the other
+
+
+class Shared:
+    """A variable whose elements are read together.
+
+    Parameters
+    ----------
+    variable : xarray.Variable
+        With the dimensions of the model last.
+    own : int
+        How many other dimensions it has.
+    """
+
+    def __init__(self, variable: Variable, own: int) -> None:
+        self.variable, self.own = variable, own
+        self._read: dict[Any, Array] = {}
+
+    def element(self, place: tuple[int, ...]) -> Any:
+        """Return the values of an element, to be read when they are used."""
+        return indexing.LazilyIndexedArray(Element(self, place))
+
+    def rows(self, key: tuple[Any, ...]) -> Array:
+        """Return the values of all elements in some rows."""
+        if all(isinstance(one, slice) and one == slice(None) for one in key):
+            return np.asarray(self.variable.values)
+        word = tuple(one.tobytes() if isinstance(one, np.ndarray) else str(one) for one in key)
+        values = self._read.get(word)
+        if values is None:
+            values = np.asarray(self.variable[key].values)
+            for oldest in [*self._read][: len(self._read) + 1 - MOST_READ]:
+                self._read.pop(oldest, None)
+            self._read[word] = values
+        return values
+
+
+class Element(BackendArray):
+    """The values of one element."""
+
+    def __init__(self, shared: Shared, place: tuple[int, ...]) -> None:
+        self.shared, self.place = shared, place
+        self.shape, self.dtype = shared.variable.shape[: shared.own], shared.variable.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
+
+    def _values(self, key: tuple[Any, ...]) -> Any:
+        place: Any = (..., *self.place)
+        return self.shared.rows(key)[place]
