@@ -24,8 +24,15 @@ MOST_EVENTS = 100
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
 
 
-def check(statement: Statement) -> dict[str, Dimension]:
+def check(statement: Statement, shaped: Statement | None = None) -> dict[str, Dimension]:
     """Check names, initial values and the dimension of every term.
+
+    Parameters
+    ----------
+    statement : Statement
+        Of single numbers.
+    shaped : Statement, optional
+        The one with dimensions that it was made from, whose names are checked.
 
     Returns
     -------
@@ -39,7 +46,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
     """
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
     _check_times(statement, ledger)
-    _check_names(statement, ledger)
+    _check_names(statement if shaped is None else shaped, ledger)
     ledger.raise_faults()
     dimensions = _declared(statement)
     _define(statement, dimensions, ledger)
@@ -112,8 +119,11 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
             ledger.note(f"two different functions are named '{name}'; rename one")
     owner_of: dict[str, str] = {}
     sections = (
+        "extents",
+        "relations",
         "coordinates",
         "parameters",
+        "arrays",
         "definitions",
         "drives",
         "states",
@@ -126,7 +136,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
     )
     for section in sections:
         for name in getattr(statement, section):
-            what = f"{section.removesuffix('s')} '{name}'"
+            what = f"{_CALLED.get(section, section.removesuffix('s'))} '{name}'"
             if keyword.iskeyword(name):
                 ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
             elif not _NAME.fullmatch(str(name)):
@@ -139,6 +149,9 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         if name in owner_of:
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
         owner_of.setdefault(name, owner)
+
+
+_CALLED = {"extents": "dimension", "arrays": "parameter"}
 
 
 def _declared(statement: Statement) -> dict[str, Dimension]:

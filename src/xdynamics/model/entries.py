@@ -8,6 +8,7 @@ from typing import Any
 
 from xdynamics.expressions import Node, text_of
 from xdynamics.faults import InputError
+from xdynamics.model.arrays import dims_key
 from xdynamics.model.drives import REFUSE, Table
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Contact, Drive, Event, Friction, Function, Observable, Parameter, Validation
@@ -15,6 +16,7 @@ from xdynamics.model.python_tables import tabled
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import keys
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
+from xdynamics.shapes import Shapes
 from xdynamics.units import NUMBERS, SECONDS, Unit, parse_quantity
 
 COULOMB = "coulomb"
@@ -79,12 +81,28 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     keys(entry, section.known, ())
     if "table" not in entry and "csv" not in entry:
         raise InputError("key 'table' is missing; name a CSV file there, or give its text as csv")
+    if entry.get("dims"):
+        entry = {**entry, "column": columns_of_drive(name, dims_key(entry["dims"], "dims", source), source.shapes)[0]}
     file = entry.get("table", f"{name}.csv")
     if not isinstance(file, str):
         return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
     if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {file!r} must be the name of a CSV file")
     return {**entry, "table": file, "csv": entry["csv"] if "csv" in entry else source.access.text_of(file)}
+
+
+def columns_of_drive(name: str, dims: tuple[str, ...], shapes: Shapes) -> list[str]:
+    """Return the column of each element of a drive: its label, or the drive's name with its number, ``pull_0``.
+
+    Raises
+    ------
+    InputError
+        If it has several dimensions.
+    """
+    if len(dims) != 1:
+        raise InputError(f"dims names {len(dims)} dimensions; a drive has one, along which its columns are")
+    extent = shapes.extent(dims[0])
+    return [extent.label(i) if extent.labels else f"{name}_{i}" for i in range(extent.size)]
 
 
 def drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **others: Any) -> Drive:

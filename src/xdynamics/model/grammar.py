@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model import entries
+from xdynamics.model.arrays import dims_key
 from xdynamics.model.closed_forms import BOUND
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
 from xdynamics.model.kinds import (
@@ -26,12 +27,14 @@ from xdynamics.model.kinds import (
     TEXT,
     TIME_UNIT,
     UNIT,
+    Kind,
     name_of,
     names_of,
     raw,
     words,
 )
 from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.links import extent, links, links_table, written_extent
 from xdynamics.model.parts import (
     ACTIONS,
     DIRECTIONS,
@@ -70,6 +73,19 @@ SPREAD = (
     Key("distribution", words(*DISTRIBUTIONS), "how it is distributed", "normal; with half_width rectangular"),
     Key("degrees_of_freedom", raw("number over 2"), "of the distribution t", "needed there"),
 )
+DIMS = Key(
+    "dims",
+    Kind("list of dimensions", dims_key, lambda dims, _: list(dims), ()),
+    "its dimensions: it has a value for each of their elements",
+    "none",
+)
+TABLED = (
+    Key("values", raw("table of quantities by label"), "of a quantity with one dimension", "value"),
+    Key("table", raw("name of a CSV file"), "a row for each element, in order or with a column of labels that is named as the dimension", "value"),
+    Key("column", raw("name of a column"), "of the table", "named as the entry"),
+    Key("columns", raw("list of names"), "of the table: one for each element along a second dimension", "column"),
+    Key("csv", raw("text"), "the table itself, in the place of the file", "the file"),
+)  # fmt: skip
 OF_EVENTS = (
     Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
@@ -110,26 +126,51 @@ SECTIONS: dict[str, Section] = {
         '[time]\nunit = "s"\n',
         make=entries.time_unit, field="time_unit",
     ),
+    "dimensions": Section(
+        "named dimensions of quantities: expressions are joined by them, as arrays of xarray are", "dimension",
+        (Key("<name>", Kind("number of elements, or list of labels", extent, written_extent), "its elements"),),
+        '[dimensions]\nbead = ["left", "middle", "right"]\nsite = 4\n',
+        field="extents",
+    ),
+    "relations": Section(
+        "which elements are linked: every two, neighbours, those of a table, or those of two dimensions", "relation",
+        (
+            Key("of", name_of("a dimension"), "whose elements are linked: every two once, unless another key says which", "from, to", omitted=""),
+            Key("neighbours", COUNT, "how many of the next elements each is linked with", "all", omitted=0),
+            Key("ring", FLAG, "whether the last is a neighbour of the first", "false"),
+            Key("from", name_of("a dimension"), "of the first ends, where ends are of two dimensions: each with each", "of", "source", ""),
+            Key("to", name_of("a dimension"), "of the second ends", "of", "target", ""),
+            Key("table", name_of("a CSV file"), "with columns first and second: labels or numbers of the ends of each link", "none", omitted=""),
+            Key("csv", CSV, "the table itself, in the place of the file", "the file", omitted=""),
+            DESCRIPTION,
+        ),
+        '[relations.pair]\nof = "bead"\ndescription = "every two"\n[relations.spring]\nof = "site"\nneighbours = 1\nring = true\n'
+        '[relations.hung]\nfrom = "bead"\nto = "site"\ntable = "hung.csv"\ncsv = "first,second\\nleft,0\\nright,3\\n"\n',
+        full=links_table, make=links, apart=True,
+    ),
     "coordinates": Section(
         "what moves; the velocity of x is v_x, its acceleration a_x", "coordinate",
-        (Key("unit", UNIT, "of the coordinate; angles in rad or degree", NEEDED), DESCRIPTION),
-        '[coordinates]\nx = "m"\ntheta = { unit = "rad", description = "angle from the vertical" }\n',
+        (Key("unit", UNIT, "of the coordinate; angles in rad or degree", NEEDED), DIMS, DESCRIPTION),
+        '[coordinates]\nx = "m"\ntheta = { unit = "rad", description = "angle from the vertical" }\nu = { unit = "m", dims = ["site"] }\n',
         'its unit: "m"',
         make=Coordinate, brief="unit",
     ),
     "parameters": Section(
         "constants of the model", "parameter",
-        (Key("value", raw("quantity, or a number beside unit"), "of the parameter", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", raw("quantity, or a number beside unit; with dims also lists, or an expression of index(…)"), "of the parameter", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, DIMS, *TABLED, DESCRIPTION),
         '[parameters]\nm = "0.2 kg"\nl = { value = 0.5, unit = "m", uncertainty = 1e-3, description = "length" }\n'
         'k = { value = "40 N m-1", half_width = "1 N m-1", distribution = "triangular" }\n'
-        'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n',
+        'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n'
+        'load = { dims = ["bead"], values = { left = "1 kg", middle = "2 kg", right = "900 g" } }\n'
+        'stretch = { dims = ["bead", "site"], table = "stretch.csv", columns = ["a", "b", "c", "d"], csv = "bead,a [mm],b [mm],c [mm],d [mm]\\nright,1,2,3,4\\nleft,0,0,0,0\\nmiddle,1,1,1,1\\n" }\n'
+        'stiff = { dims = ["spring"], table = "springs.csv", column = "k", csv = "k [N/m]\\n1\\n2\\n1\\n2\\n" }\n',
         'its value: "9.81 m s-2", or with its standard uncertainty: "9.81 ± 0.01 m s-2"',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
     "mass": Section(
         "what multiplies the acceleration of each coordinate, and nothing else", "",
         (Key("<coordinate>", EXPRESSION.of("kg (kg m2 of an angle)"), "mass or moment of inertia", NEEDED), Key("matrix", raw("rows of expressions"), "the whole mass matrix in their place, which may depend on coordinates", "")),
-        '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\n',
+        '[mass]\nmatrix = [["2*m", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]\nu = "1*kilogram"\n',
     ),
     "lagrangian": Section(
         "energies, in the place of [mass]: the mass matrix, the force terms `inertia` (velocity terms) and `potential` follow", "",
@@ -148,13 +189,15 @@ SECTIONS: dict[str, Section] = {
     "forces": Section(
         "force terms by name", "force",
         (
-            Key("potential", EXPRESSION.of("J"), "the force is its negative gradient, and energies are known", "components"),
+            Key("over", name_of("a relation"), "a component is the force on the first end of each link, its opposite acts on the second; of a potential, along what it is", "none", omitted=""),
+            Key("potential", EXPRESSION.of("J"), "the force is its negative gradient, and energies are known; it is summed over its dimensions", "components"),
             Key("<coordinate>", COMPONENT.of("N (N m of an angle)"), "component of the (generalised) force; also a numba function", "", "components"),
             Key("smooth", FLAG, "its abs, sign, min, max, where are no switches to be located", "false"),
             DESCRIPTION,
         ),
         '[forces.gravity]\npotential = "-m*9.81*newton/kilogram*l*cos(theta)"\n'
-        '[forces.drag]\nx = "-c*v_x"\ntheta = "-c*l**2*v_theta/radian"\nsmooth = true\ndescription = "of the air"\n',
+        '[forces.drag]\nx = "-c*v_x"\ntheta = "-c*l**2*v_theta/radian"\nsmooth = true\ndescription = "of the air"\n'
+        '[forces.chain]\nover = "spring"\nu = "stiff*(second(u, spring) - first(u, spring))"\n',
         full=entries.force_table, make=Force, apart=True,
     ),
     "drives": Section(
@@ -167,23 +210,28 @@ SECTIONS: dict[str, Section] = {
             Key("column", name_of("a column, or its whole header"), "of the values, where a table has several columns of them", "the only one", "table.column", ""),
             Key("gaps", words(*GAPS), "lines in which a number is missing", "refuse", "table.gaps", REFUSE),
             Key("csv", CSV, "the table itself, in the place of the file", "the file", "table.text"),
+            DIMS,
             DESCRIPTION,
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
-        '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n',
+        '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n'
+        '[drives.bath]\ntable = "bath.csv"\ncsv = "t [s],left [K],middle [K],right [K]\\n0,290,291,292\\n9,300,300,300\\n"\ndims = ["bead"]\n',
         full=entries.drive_table, make=entries.drive, apart=True,
     ),
     "states": Section(
         "first-order companions of the motion: fuel, charge, memory of a controller", "state",
-        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.of("that unit per second"), "how fast it changes", NEEDED), Key("smooth", FLAG, "as of forces", "false"), DESCRIPTION),
-        '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n',
+        (Key("unit", UNIT, "of the state", NEEDED), Key("rate", EXPRESSION.of("that unit per second"), "how fast it changes", NEEDED), Key("smooth", FLAG, "as of forces", "false"), DIMS, DESCRIPTION),
+        '[states.fuel]\nunit = "kg"\nrate = "-1e-3*kilogram/second*abs(v_x)/(1*metre/second)"\nsmooth = true\ndescription = "what is left"\n'
+        '[states.warmth]\nunit = "J"\ndims = ["bead", "site"]\nrate = "-warmth/(3*second)"\n',
         make=State, apart=True,
     ),
     "initial": Section(
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
-        (Key("value", raw("quantity, or a number beside unit"), "at the start", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, DESCRIPTION),
+        (Key("value", raw("quantity, or a number beside unit; with dimensions also lists; or an expression of parameters and index(…)"), "at the start", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, *TABLED, DESCRIPTION),
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
-        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n',
+        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n'
+        'u = { table = "start.csv", column = "u", csv = "site,u [mm]\\n3,1\\n0,0\\n1,2\\n2,1\\n" }\nv_u = { values = { 0 = "0 m s-1", 1 = "1 mm s-1", 2 = "0 m s-1", 3 = "0 m s-1" } }\n'
+        'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = "a [J],b [J],c [J],d [J]\\n1,2,3,4\\n0,0,0,0\\n1,1,1,1\\n" }\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
@@ -215,7 +263,7 @@ SECTIONS: dict[str, Section] = {
     "regimes": Section(
         "which forces act together while a regime lasts; events switch between them", "regime",
         (Key("forces", names_of("the forces that act in it"), "the terms that act", NEEDED), DESCRIPTION),
-        '[regimes.pulled]\nforces = ["gravity", "drag"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
+        '[regimes.pulled]\nforces = ["gravity", "drag", "chain"]\ndescription = "by the motor"\n[regimes.free]\nforces = ["gravity"]\n',
         make=Regime, apart=True,
     ),
     "observables": Section(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from xdynamics.expressions import Node, parse, text_of
@@ -12,6 +12,7 @@ from xdynamics.model.file_access import FileAccess
 from xdynamics.model.parts import Function
 from xdynamics.model.python import Functions, function_of
 from xdynamics.model.table_keys import choice
+from xdynamics.shapes import Shapes, prepared
 from xdynamics.units import (
     NONE,
     NUMBERS,
@@ -31,11 +32,12 @@ MOST_COUNTED = 1 << 31
 
 @dataclass(frozen=True)
 class Source:
-    """What a model is read with beside its text: Python functions, the files in reach, the unit of time."""
+    """What a model is read with beside its text: Python functions, the files in reach, the unit of time, dimensions."""
 
     functions: Functions
     access: FileAccess
     time: Unit = SECONDS
+    shapes: Shapes = field(default_factory=Shapes)
 
 
 @dataclass(frozen=True)
@@ -113,24 +115,24 @@ def names_of(named: str) -> Kind:
     return Kind(f"list of names, {named}", read, lambda names, _: list(names), ())
 
 
-def _expression(value: Any, key: str, *_: Source) -> Node:
+def _expression(value: Any, key: str, source: Source) -> Node:
     try:
-        return parse(value)
+        return prepared(parse(value), source.shapes)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
 
-def _coefficient(value: Any, key: str, *_: Source) -> Node:
+def _coefficient(value: Any, key: str, source: Source) -> Node:
     """Read an expression, or a plain number."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return _expression(repr(value) if plain else value, key)
+    return _expression(repr(value) if plain else value, key, source)
 
 
 def _component(value: Any, key: str, source: Source) -> Node | Function:
     """Read an expression, a Python function, or a table that describes one."""
     if callable(value) or isinstance(value, Mapping):
         return function_of(value, source.functions)
-    return _expression(value, key)
+    return _expression(value, key, source)
 
 
 def _written(value: Node | Function, *_: Unit) -> Any:
@@ -145,13 +147,13 @@ def _written(value: Node | Function, *_: Unit) -> Any:
     }
 
 
-def _trees(value: Any, key: str, *_: Source) -> dict[str, Node]:
+def _trees(value: Any, key: str, source: Source) -> dict[str, Node]:
     if not isinstance(value, Mapping):
         raise InputError(f'{key} is {value!r}, needs a table like {{ v_y = "-v_y" }}')
-    return {name: _expression(text, f"{key} '{name}'") for name, text in value.items()}
+    return {name: _expression(text, f"{key} '{name}'", source) for name, text in value.items()}
 
 
-def _pairs(value: Any, key: str, *_: Source) -> tuple[tuple[Node, Node], ...]:
+def _pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...]:
     one_pair = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
     pairs = [value] if one_pair else value
     if (
@@ -162,7 +164,7 @@ def _pairs(value: Any, key: str, *_: Source) -> tuple[tuple[Node, Node], ...]:
         raise InputError(
             f'{key} is {value!r}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
         )
-    return tuple((_expression(across, key), _expression(up, key)) for across, up in pairs)
+    return tuple((_expression(across, key, source), _expression(up, key, source)) for across, up in pairs)
 
 
 def _flag(value: Any, key: str, *_: Source) -> bool:
@@ -229,7 +231,9 @@ CSV = Kind("text", _csv)
 UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
 EXPRESSION = Kind("expression", _expression, _text_of, None)
 COEFFICIENT = Kind("expression", _coefficient, _text_of, None)
-FORMULA = Kind("expression", lambda value, *_: parse(value), _text_of)  # named by its entry alone
+FORMULA = Kind(
+    "expression", lambda value, _, source: prepared(parse(value), source.shapes), _text_of
+)  # named by its entry alone
 COMPONENT = Kind("expression", _component, _written, None)
 EXPRESSIONS = Kind("table of expressions", _trees, lambda trees, _: {key: text_of(trees[key]) for key in trees}, {})
 PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())

@@ -11,10 +11,11 @@ from typing import Any
 
 from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
 from xdynamics.expressions.calculus import ONE, multiply, negative
-from xdynamics.faults import InputError, ModelError
+from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check
 from xdynamics.model.csv_sheet import normal
+from xdynamics.model.elements import Elements, check_shapes, declared_shapes, following, gathered, of_elements
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -34,7 +35,7 @@ from xdynamics.model.parts import (
     Validation,
 )
 from xdynamics.model.python import Functions
-from xdynamics.model.reading import read
+from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
@@ -42,10 +43,16 @@ from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.files import asked, decoded, read_bounded
 from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.shapes import Shapes, written
 from xdynamics.units import Dimension, Quantity, Unit
 
 _OF_TREES = ("form", "force_components", "rates", "units")  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
+
+
+def _named_inside(entries: Any) -> Any:
+    """Return entries with elements as they are named inside."""
+    return {written(str(name)): entry for name, entry in entries.items()} if isinstance(entries, Mapping) else entries
 
 
 class Model:
@@ -108,6 +115,7 @@ class Model:
     fit: Fitted | None
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
+    shapes: Shapes
     file: Path | None = None  # that it was read from
 
     def __init__(self, **statement: Any) -> None:
@@ -215,7 +223,12 @@ class Model:
 
     @cached_property
     def _toml(self) -> str:
-        return toml.write(self.statement)
+        return toml.write(self.shaped)
+
+    @cached_property
+    def shaped(self) -> Statement:
+        """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
+        return self.statement if self._declared is None else gathered(self._declared, self.statement, self.shapes)
 
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return a model with some entries of some sections replaced.
@@ -227,16 +240,26 @@ class Model:
         ModelError
             If an entry does not exist or the new model is faulty.
         """
-        return self.with_statement(replaced(self.statement, sections, self.functions))
+        model = object.__new__(Model)
+        model.file = self.file
+        if self._declared is None or of_elements(sections):
+            named = {title: _named_inside(entries) for title, entries in sections.items()}
+            return self.with_statement(replaced(self.statement, named, self.functions))
+        model._state(replaced(self.shaped, sections, self.functions))
+        return model
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""
         model = object.__new__(Model)
         model.file = self.file
-        alike = changes_numbers_alone(self.statement, statement)
-        model._hold(statement, self.dimensions if alike else check(statement))
-        if alike:  # trees are those of this model
+        if changes_numbers_alone(self.statement, statement):  # trees are those of this model
+            if self._declared is not None:
+                statement = following(self._declared, statement, self.statement, self.shapes)
+            model._hold(statement, self.dimensions, self.shapes, self._declared)
             model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
+        else:
+            statement = derived(statement)
+            model._hold(statement, check(statement), Shapes(), None)
         return model
 
     @property
@@ -381,11 +404,26 @@ class Model:
         return model
 
     def _fill(self, statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> None:
-        whole = read(statement, path, functions, access)
-        self._hold(whole, check(whole))
+        self._state(read(statement, path, functions, access))
 
-    def _hold(self, statement: Statement, dimensions: dict[str, Dimension]) -> None:
-        self.statement = statement
+    def _state(self, whole: Statement) -> None:
+        """Take a statement that was read, perhaps with dimensions."""
+        if not (whole.extents or whole.starting):
+            statement = derived(whole)
+            self._hold(statement, check(statement), Shapes(), None)
+            return
+        ledger = Ledger(f"model '{whole.name}'", ModelError)
+        shapes = declared_shapes(whole, ledger)
+        ledger.raise_faults()
+        check_shapes(whole, shapes, ledger)
+        ledger.raise_faults()
+        statement = derived(Elements(whole, shapes).whole())
+        self._hold(statement, check(statement, whole), shapes, whole)
+
+    def _hold(
+        self, statement: Statement, dimensions: dict[str, Dimension], shapes: Shapes, declared: Statement | None
+    ) -> None:
+        self.statement, self.shapes, self._declared = statement, shapes, declared
         self.__dict__.update(vars(statement), dimensions=dimensions)
 
     def _components(self, force: Force) -> dict[str, Node | Function]:

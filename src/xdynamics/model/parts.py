@@ -26,11 +26,11 @@ APPROACH = "approach_speed"  # the name by which a coefficient of restitution re
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate of the motion; its shape is () until there are block coordinates."""
+    """A coordinate of the motion, with its dimensions."""
 
     unit: Unit
     description: str = ""
-    shape: tuple[int, ...] = ()
+    dims: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class State:
     rate: Node
     description: str = ""
     smooth: bool = False
+    dims: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,13 +117,15 @@ class Function:
 class Force:
     """A force term: a potential, or a component per coordinate.
 
-    If it is declared smooth, zeros in the arguments of its `abs`, `sign`, `min`, `max`, `where` are stepped over.
+    If it is declared smooth, zeros in the arguments of its `abs`, `sign`, `min`, `max`, `where` are stepped over. Over a
+    relation, a component is the force on the first end of a link, and its opposite that on the second.
     """
 
     potential: Node | None = None
     components: Mapping[str, Node | Function] = field(default_factory=dict)
     description: str = ""
     smooth: bool = False
+    over: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,7 @@ class Drive:
     interpolation: str = "linear"
     outside: str = "error"
     description: str = ""
+    dims: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

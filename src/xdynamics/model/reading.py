@@ -11,11 +11,13 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
+from xdynamics.model.arrays import Values, is_of_elements, values_of
 from xdynamics.model.file_access import FileAccess
 from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.kinds import Source, description
 from xdynamics.model.lagrangian import TERMS, motion_of
-from xdynamics.model.parts import DIRECTIONS, STRIKE
+from xdynamics.model.links import related
+from xdynamics.model.parts import DIRECTIONS, STRIKE, Coordinate
 from xdynamics.model.python import Functions
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
@@ -23,6 +25,7 @@ from xdynamics.model.table_keys import choice, keys, near
 from xdynamics.model.text_limits import excess
 from xdynamics.model.uncertainty import correlations_of
 from xdynamics.schema import velocity
+from xdynamics.shapes import Shapes, prepared
 from xdynamics.units import CONSTANTS, SECONDS, Quantity, Scales, Unit, time_in
 
 
@@ -46,13 +49,19 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
     start = tables["initial"]
     tables["initial"] = {key: value for key, value in start.items() if key != "regime"}
     parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger), "time_unit": SECONDS}
+    shapes = Shapes()
     for key, section in SECTIONS.items():
-        source = Source(functions, access, parts["time_unit"])
+        source = Source(functions, access, parts["time_unit"], shapes)
+        if key in _OF_ELEMENTS:
+            tables[key], parts[_OF_ELEMENTS[key]] = _arrays(key, tables[key], parts, source, ledger)
         if section.entry:
             parts[section.field or key] = _entries(section, tables[key], source, ledger)
         elif section.make is not None and tables[key]:
             with ledger.entry(key):
                 parts[section.field or key] = section.read(key, tables[key], source)
+        if key == "relations":
+            shapes = related(parts["extents"], parts["relations"], ledger)
+            ledger.raise_faults()
     parts["contacts"] |= _entries(_IMPACTS, impacts, source, ledger)
     parts["observables"] = {entry: part.expression for entry, part in parts["observed"].items()}
     parts |= _start(parts, start, ledger)
@@ -62,11 +71,30 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
     ledger.raise_faults()
     with ledger.entry("lagrangian" if parts.get("lagrangian") else "mass"):
         if parts.get("lagrangian"):
-            _derive(parts, tables["mass"])
+            _check_derived(parts, tables["mass"])
+            parts["mass"] = ()
         else:
-            parts["mass"] = _mass(tables["mass"], list(parts["coordinates"]))
+            parts["mass"] = _mass(tables["mass"], parts["coordinates"], source)
     ledger.raise_faults()
     return Statement(**parts)
+
+
+def _arrays(
+    key: str, table: Mapping[str, Any], parts: Mapping[str, Any], source: Source, ledger: Ledger
+) -> tuple[dict[str, Any], dict[str, Values]]:
+    """Part entries with values for elements, or by expressions, from the others."""
+    others, arrays = {}, {}
+    moving = parts["coordinates"] | {velocity(name): part for name, part in parts["coordinates"].items()}
+    dims = {name: part.dims for name, part in (moving | parts.get("states", {})).items()}
+    for name, entry in table.items():
+        declared = dims.get(name, ()) if key == "initial" else None
+        if declared or (is_of_elements(entry) and (key == "initial" or isinstance(entry, Mapping))):
+            with ledger.entry(f"{SECTIONS[key].entry} '{name}'"):
+                keys(entry if isinstance(entry, Mapping) else {}, SECTIONS[key].known, ())
+                arrays[name] = values_of(entry, name, source, declared)
+        else:
+            others[name] = entry
+    return others, arrays
 
 
 def _entries(section: Section, table: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
@@ -92,11 +120,12 @@ def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
 def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
     """Return where a motion starts: at time 0, at rest and in the first regime, unless stated otherwise."""
     starts, regimes, time = parts["initial"], list(parts["regimes"]), parts["time_unit"]
+    given = {*starts, *parts["starting"]}
     regime = section.get("regime", regimes[0] if regimes else "")
     if "regime" in section and regime not in regimes:
         ledger.note(f"initial regime {regime!r} is none; there are: {', '.join(regimes) or 'none'}")
     rest = {velocity(name): about.unit.per(time) for name, about in parts["coordinates"].items()}
-    at_rest = {name: Quantity(0.0, unit) for name, unit in rest.items() if name not in starts}
+    at_rest = {name: Quantity(0.0, unit) for name, unit in rest.items() if name not in given}
     return {
         "regime": str(regime),
         "initial": {"t": Quantity(0.0, time)} | {name: start.quantity for name, start in starts.items()} | at_rest,
@@ -139,39 +168,69 @@ def _impact_table(entry: Mapping[str, Any], section: Section, *_: Any) -> dict[s
     return {"gap": gap} | {key: value for key, value in entry.items() if key in own}
 
 
+# sections with entries that have values for elements, and the attribute of the statement that holds those
+_OF_ELEMENTS = {"parameters": "arrays", "initial": "starting"}
 _IMPACTS = replace(SECTIONS["contacts"], entry="event", full=_impact_table)
 
 
-def _mass(section: Mapping[str, Any], coordinates: list[str]) -> tuple[tuple[Node, ...], ...]:
-    """Read the mass matrix as rows, whether it is written by coordinate or as a matrix."""
+def _mass(
+    section: Mapping[str, Any], coordinates: Mapping[str, Coordinate], source: Source
+) -> tuple[tuple[Node, ...], ...]:
+    """Read the mass matrix as rows, whether it is written by coordinate or as a matrix of those without an entry."""
+    names = list(coordinates)
+
+    def tree(entry: Any) -> Node:
+        return prepared(parse(str(entry)), source.shapes)
+
+    square: list[str] = []
     if "matrix" in section and "matrix" not in coordinates:
-        rows = section["matrix"]
-        n = len(coordinates)
-        square = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
-        if len(section) > 1 or not square or [len(row) for row in rows] != [n] * n:
+        rows, square = section["matrix"], [name for name in names if name not in section]
+        n = len(square)
+        whole = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+        if not whole or [len(row) for row in rows] != [n] * n:
             raise InputError(
-                f"matrix needs {n} rows of {n} entries, one for each of {', '.join(coordinates)}, and no other key"
+                f"matrix needs {n} rows of {n} entries, one for each of {', '.join(square)}, which have no other entry"
             )
-        return tuple(tuple(parse(str(entry)) for entry in row) for row in rows)
-    missing = [name for name in coordinates if name not in section]
-    unknown = [name for name in section if name not in coordinates]
+        if wide := [name for name in square if coordinates[name].dims]:
+            raise InputError(
+                f"matrix is of single coordinates, and '{wide[0]}' has dimensions; give it an entry, or write [lagrangian]"
+            )
+    missing = [name for name in names if name not in section and name not in square]
+    unknown = [name for name in section if name not in coordinates and not (name == "matrix" and square)]
     if missing or unknown:
         faults = [f"of coordinate '{name}' is missing" for name in missing]
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
-    diagonal, n = [parse(str(section[name])) for name in coordinates], len(coordinates)
-    return tuple((*[ZERO] * i, element, *[ZERO] * (n - 1 - i)) for i, element in enumerate(diagonal))
+    entries = {(name, name): tree(section[name]) for name in names if name not in square}
+    for name, row in zip(square, section["matrix"] if square else (), strict=True):
+        entries |= {(name, other): tree(entry) for other, entry in zip(square, row, strict=True)}
+    return tuple(tuple(entries.get((name, other), ZERO) for other in names) for name in names)
 
 
-def _derive(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
-    """Add the mass matrix and the forces of a Lagrangian to the parts of a model."""
+def _check_derived(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
+    """Check that nothing stands beside a Lagrangian that it gives itself."""
     if mass:
         raise InputError("stands beside [mass], which follows from it; leave one out")
     if clashing := [name for name in TERMS if name in parts["forces"]]:
         raise InputError(f"makes a force '{clashing[0]}', and [forces] has one of that name; rename it")
-    matrix, forces = motion_of(
-        parts["lagrangian"], list(parts["coordinates"]), parts["definitions"], {*parts["parameters"], *CONSTANTS, "pi"}
-    )
-    parts["mass"], parts["forces"] = matrix, forces | parts["forces"]
+
+
+def derived(statement: Statement) -> Statement:
+    """Return a statement of single numbers with the mass matrix and the forces of its Lagrangian.
+
+    Raises
+    ------
+    ModelError
+        If its kinetic energy is no quadratic form of velocities.
+    """
+    if statement.lagrangian is None:
+        return statement
+    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    with ledger.entry("lagrangian"):
+        known = {*statement.parameters, *CONSTANTS, "pi"}
+        matrix, forces = motion_of(statement.lagrangian, list(statement.coordinates), statement.definitions, known)
+        statement = replace(statement, mass=matrix, forces=forces | statement.forces)
+    ledger.raise_faults()
+    return statement
 
 
 def _run(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.arrays import is_expression
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
@@ -31,7 +32,8 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
     ModelError
         If an entry does not exist or cannot be read.
     """
-    if all(title in _ONE_BY_ONE for title in sections) and "regime" not in sections.get("initial", ()):
+    single = not (statement.extents or statement.starting)
+    if single and all(title in _ONE_BY_ONE for title in sections) and "regime" not in sections.get("initial", ()):
         ledger = Ledger(f"model '{statement.name}'", ModelError)
         for title, entries in sections.items():
             statement = _with_parts(statement, title, entries, ledger, Source(functions, _OUTSIDE, statement.time_unit))
@@ -88,8 +90,19 @@ def _entries(title: str, old: Any, entries: Any) -> dict[str, Any]:
     return {key: _value(key, old[key], value) for key, value in entries.items()}
 
 
+def _whole(old: Mapping[str, Any], value: Any) -> Any:
+    """Return the entry of a quantity with dimensions with other values, in its unit unless they have one."""
+    if isinstance(value, Mapping) or is_expression(value):
+        return value
+    kept = {key: item for key, item in old.items() if key in ("dims", "unit", "description")}
+    return kept | {"value": value}
+
+
 def _value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
+    if isinstance(old, Mapping) and isinstance(old.get("value"), list):
+        value = value.tolist() if hasattr(value, "tolist") else value
+        return {**value, "dims": old["dims"]} if isinstance(value, Mapping) and "dims" in old else _whole(old, value)
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
         value = value.item()

@@ -7,7 +7,9 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
+from xdynamics.model.arrays import Values
 from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.links import Links
 from xdynamics.model.parts import (
     Contact,
     Coordinate,
@@ -26,6 +28,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes import Extent
 from xdynamics.units import SECONDS, Quantity, Unit
 
 
@@ -60,6 +63,10 @@ class Statement:
     fit: Fitted | None = None  # where the parameters come from
     at_rest: tuple[str, ...] = ()  # velocities without an initial value: 0
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
+    extents: dict[str, Extent] = field(default_factory=dict)  # dimensions
+    relations: dict[str, Links] = field(default_factory=dict)
+    arrays: dict[str, Values] = field(default_factory=dict)  # parameters with dimensions
+    starting: dict[str, Values] = field(default_factory=dict)  # values at the start with dimensions, or by expressions
 
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:

@@ -9,9 +9,12 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
+from xdynamics.faults import Ledger, ModelError
+from xdynamics.model.arrays import Values, written_values
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.lagrangian import TERMS
+from xdynamics.model.links import related
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
@@ -46,14 +49,31 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
     part = getattr(statement, section.field or title)
     if not section.entry:
         return {} if part is None else section.write(part, statement.time_unit)
+    if title == "parameters":
+        part = part | statement.arrays
+    if any(isinstance(entry, Values) for entry in part.values()):
+        return {
+            name: _values_of(statement, entry, declared=False)
+            if isinstance(entry, Values)
+            else section.write(entry, statement.time_unit)
+            for name, entry in part.items()
+        }
     derived = TERMS if title == "forces" and statement.lagrangian else ()
     return {name: section.write(entry, statement.time_unit) for name, entry in part.items() if name not in derived}
 
 
 def _initial(statement: Statement) -> dict[str, Any]:
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
-    body = {name: written_parameter(start) for name, start in starts.items() if name not in statement.at_rest}
+    body: dict[str, Any] = {
+        name: written_parameter(start) for name, start in starts.items() if name not in statement.at_rest
+    }
+    body |= {name: _values_of(statement, values, declared=True) for name, values in statement.starting.items()}
     return body | ({"regime": statement.regime} if statement.regime else {})
+
+
+def _values_of(statement: Statement, values: Values, *, declared: bool) -> Any:
+    shapes = related(statement.extents, statement.relations, Ledger("", ModelError))
+    return written_values(values, shapes, declared=declared)
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
@@ -66,9 +86,12 @@ def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
 def _mass(statement: Statement) -> dict[str, Any]:
     if statement.lagrangian:
         return {}
-    if statement.mass_is_full:
-        return {"matrix": [[text_of(entry) for entry in row] for row in statement.mass]}
-    return {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
+    own = {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
+    if not statement.mass_is_full:
+        return own
+    single = [i for i, part in enumerate(statement.coordinates.values()) if not part.dims]
+    matrix = [[text_of(statement.mass[i][j]) for j in single] for i in single]
+    return {"matrix": matrix} | {name: own[name] for name, part in statement.coordinates.items() if part.dims}
 
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key

@@ -1,0 +1,321 @@
+"""Numbers of a quantity with dimensions: a list, a table, values by label, or an expression of the element's number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain as joined
+from math import isfinite, prod
+from typing import Any
+
+from xdynamics.expressions import Node, parse, text_of
+from xdynamics.faults import InputError
+from xdynamics.model.csv_sheet import Sheet, shown, title
+from xdynamics.model.kinds import Source
+from xdynamics.model.table_keys import near
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
+from xdynamics.shapes import Extent, Shapes
+from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit
+
+OF_ELEMENTS = ("dims", "values", "table", "csv", "column", "columns")  # keys of a quantity with dimensions alone
+
+
+@dataclass(frozen=True)
+class Values:
+    """The values of a parameter, or of a quantity at the start, one for each element.
+
+    Attributes
+    ----------
+    dims : tuple of str
+    unit : Unit, optional
+        None with an expression, which has its own.
+    numbers : tuple of float
+        In the unit, the last dimension fastest; empty with an expression.
+    spreads : tuple of Spread
+        One for all elements, or one for each; empty if none is known.
+    tree : Node, optional
+        An expression of parameters and of numbers of elements.
+    description : str
+    """
+
+    dims: tuple[str, ...]
+    unit: Unit | None = None
+    numbers: tuple[float, ...] = ()
+    spreads: tuple[Spread | None, ...] = ()
+    tree: Node | None = None
+    description: str = ""
+
+    def spread(self, i: int) -> Spread | None:
+        """Return the spread of an element."""
+        return self.spreads[i if len(self.spreads) > 1 else 0] if self.spreads else None
+
+
+def is_of_elements(entry: Any) -> bool:
+    """Whether an entry has values for elements, or is an expression."""
+    if isinstance(entry, Mapping):
+        value = entry.get("value")
+        return any(key in entry for key in OF_ELEMENTS) or isinstance(value, list | tuple) or is_expression(value)
+    return isinstance(entry, list | tuple) or is_expression(entry)
+
+
+def is_expression(value: Any) -> bool:
+    """Whether a text is an expression, and no number with a unit."""
+    if not isinstance(value, str) or parted(value):
+        return False
+    try:
+        parse_quantity(value)
+    except InputError:
+        try:
+            parse(value)
+        except InputError:
+            return False
+        return True
+    return False
+
+
+def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | None = None) -> Values:
+    """Read the values of a quantity with dimensions.
+
+    Parameters
+    ----------
+    entry : str, list or mapping
+    name : str
+    source : Source
+    dims : tuple of str, optional
+        Of the quantity, where they are declared elsewhere: those of a coordinate.
+
+    Raises
+    ------
+    InputError
+        Naming the key, what it is and what was needed.
+    """
+    if not isinstance(entry, Mapping):
+        entry = {"value": entry}
+    shapes = source.shapes
+    if dims is None:
+        dims = _dims(entry.get("dims", ()), shapes)
+    elif "dims" in entry:
+        raise InputError(f"key 'dims' is not known here: '{name}' has the dimensions {', '.join(dims) or 'none'}")
+    ways = [key for key in ("value", "values", "table", "csv") if key in entry]
+    if len(ways) != 1 and ways != ["table", "csv"]:
+        raise InputError(f"needs one of value, values, table; has {' and '.join(ways) or 'none of them'}")
+    about = str(entry.get("description", "")).strip()
+    if "value" in entry and is_expression(entry["value"]):
+        if sizes := [key for key in (*SIZES, "unit") if key in entry]:
+            raise InputError(f"has {sizes[0]} beside an expression; give them to the parameters that it reads")
+        return Values(dims, tree=parse(entry["value"]), description=about)
+    shape = shapes.shape(dims)
+    if "values" in entry:
+        numbers, unit = _by_label(entry, dims, shapes)
+    elif "table" in entry or "csv" in entry:
+        numbers, unit = _from_table(entry, name, dims, source)
+    else:
+        numbers, unit = _listed(entry["value"], _unit(entry), shape, dims)
+    if wrong := [number for number in numbers if not isfinite(number)]:
+        raise InputError(f"has the value {wrong[0]}, and needs finite numbers")
+    return Values(dims, unit, numbers, _spreads(entry, numbers, unit, shape, dims), description=about)
+
+
+def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, list | tuple) or not all(isinstance(one, str) for one in names):
+        raise InputError(f'dims is {value!r}, needs a list of dimensions, like ["body", "axis"]')
+    if len(set(names)) < len(names):
+        raise InputError(f"dims has one of {', '.join(names)} twice")
+    for one in names:
+        shapes.extent(one)
+    return tuple(names)
+
+
+def dims_key(value: Any, _: str, source: Source) -> tuple[str, ...]:
+    """Read the key `dims`.
+
+    Raises
+    ------
+    InputError
+        If it is no list of dimensions.
+    """
+    return _dims(value, source.shapes)
+
+
+def _unit(entry: Mapping[str, Any]) -> Unit | None:
+    return parse_unit(entry["unit"]) if "unit" in entry else None
+
+
+def _listed(
+    value: Any, unit: Unit | None, shape: tuple[int, ...], dims: tuple[str, ...]
+) -> tuple[tuple[float, ...], Unit]:
+    """Read nested lists of numbers or quantities, or one quantity for all elements."""
+    flat: list[Any] = [value]
+    for length, dim in zip(shape, dims, strict=True):
+        if not isinstance(value, list | tuple):
+            break
+        for row in flat:
+            if not isinstance(row, list | tuple) or len(row) != length:
+                got = f"{len(row)}" if isinstance(row, list | tuple) else "a number"
+                raise InputError(f"value has {got} along '{dim}', needs {length} elements")
+        flat = list(joined.from_iterable(flat))
+    if any(isinstance(one, list | tuple) for one in flat):
+        raise InputError(f"value has more dimensions than {', '.join(dims) or 'none'}")
+    numbers, unit = _in_one_unit(flat, unit)
+    return numbers if isinstance(value, list | tuple) else numbers * prod(shape), unit
+
+
+def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, ...], Unit]:
+    """Return numbers in the unit that is given, else in that of the first."""
+    numbers = []
+    for one in flat:
+        if isinstance(one, bool) or not isinstance(one, str | int | float):
+            raise InputError(f"value has {one!r}, needs numbers, or numbers with a unit")
+        quantity = parse_quantity(one)
+        if not isinstance(one, str):
+            numbers.append(float(one))
+            continue
+        unit = quantity.unit if unit is None else unit
+        if quantity.unit.dimension != unit.dimension:
+            raise InputError(f"has '{one}' beside values in '{unit.text}'; elements of one quantity need one unit")
+        same = quantity.unit.text == unit.text
+        numbers.append(quantity.value if same else float(quantity.unit.factor / unit.factor) * quantity.value)
+    return tuple(numbers), parse_unit("1") if unit is None else unit
+
+
+def _by_label(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shapes) -> tuple[tuple[float, ...], Unit]:
+    given = entry["values"]
+    if len(dims) != 1 or not isinstance(given, Mapping):
+        raise InputError('values is a table by label, of a quantity with one dimension: { Sun = "1 kg" }')
+    extent = shapes.extent(dims[0])
+    labels = [extent.label(i) for i in range(extent.size)]
+    for label in given:
+        if label not in labels:
+            raise InputError(f"values has '{label}', no element of '{extent.name}'{near(str(label), tuple(labels))}")
+    if missing := [label for label in labels if label not in given]:
+        raise InputError(f"values lacks {', '.join(missing[:10])}; give one for each element of '{extent.name}'")
+    return _in_one_unit([given[label] for label in labels], _unit(entry))
+
+
+def _from_table(
+    entry: Mapping[str, Any], name: str, dims: tuple[str, ...], source: Source
+) -> tuple[tuple[float, ...], Unit]:
+    """Read columns of a table: one for each element along a second dimension."""
+    if not 1 <= len(dims) <= 2:
+        raise InputError(f"a table has rows and columns, and '{name}' has the dimensions {', '.join(dims) or 'none'}")
+    columns = entry.get("columns", [entry.get("column", name)])
+    extents = [source.shapes.extent(dim) for dim in dims]
+    if not isinstance(columns, list | tuple) or not all(isinstance(one, str) for one in columns):
+        raise InputError(f"columns is {columns!r}, needs a list of names of columns")
+    if len(columns) != (extents[1].size if len(dims) > 1 else 1):
+        needed = f"{extents[1].size}, one for each of '{dims[1]}'" if len(dims) > 1 else "one"
+        raise InputError(f"columns names {len(columns)}, needs {needed}")
+    file = str(entry.get("table", f"{name}.csv"))
+    sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
+    read, units = columns_of(sheet, columns, extents[0])
+    unit = units[0]
+    for one, other in zip(columns, units, strict=True):
+        if other.dimension != unit.dimension:
+            raise InputError(f"table '{file}': column '{one}' is in '{other.text}', the first in '{unit.text}'")
+    factors = [1.0 if one.text == unit.text else float(one.factor / unit.factor) for one in units]
+    return tuple(number * factor for row in read for number, factor in zip(row, factors, strict=True)), unit
+
+
+def columns_of(
+    sheet: Sheet, columns: Sequence[str], extent: Extent | None
+) -> tuple[list[tuple[float, ...]], list[Unit]]:
+    """Return columns of a table, a row for each element, matched by a column of labels where there is one.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, or a label is unknown, twice or missing.
+    """
+    bare = [cell.strip() for cell in sheet.header]
+    named = [_name_of(cell) for cell in bare]
+    places = []
+    for column in columns:
+        at = [i for i, cell in enumerate(bare) if column in (cell, named[i])]
+        if len(at) != 1:
+            count = "no column" if not at else f"{len(at)} columns"
+            raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
+        places.append(at[0])
+    rows = [row for _, row in sheet.numbers(places)]
+    units = [title(sheet.header[place]).unit for place in places]
+    if extent is None:
+        return rows, units
+    if extent.name in named:
+        rows = _matched(sheet, rows, named.index(extent.name), extent)
+    elif len(rows) != extent.size:
+        raise InputError(f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements")
+    return rows, units
+
+
+def _name_of(cell: str) -> str:
+    """Return the name of a column, whether it has a unit or not."""
+    try:
+        return title(cell).name
+    except InputError:
+        return cell
+
+
+def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: Extent) -> list[tuple[float, ...]]:
+    """Return rows in the order of elements, by their labels."""
+    places: dict[int, tuple[float, ...]] = {}
+    for (line, cells), row in zip(sheet.lines, rows, strict=True):
+        label = cells[column].strip()
+        try:
+            number = extent.number(int(label) if not extent.labels and label.isdigit() else label)
+        except InputError as error:
+            raise InputError(f"table '{sheet.name}', line {line}: {error}") from None
+        if number in places:
+            raise InputError(f"table '{sheet.name}', line {line}: {shown(label)} is there twice")
+        places[number] = row
+    if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
+        raise InputError(f"table '{sheet.name}' has no row for {', '.join(missing[:10])} of '{extent.name}'")
+    return [places[i] for i in range(extent.size)]
+
+
+def _spreads(
+    entry: Mapping[str, Any], numbers: tuple[float, ...], unit: Unit, shape: tuple[int, ...], dims: tuple[str, ...]
+) -> tuple[Spread | None, ...]:
+    """Read uncertainties: one for all elements, or a list like that of the values."""
+    listed = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
+    if not listed:
+        spread = spread_of(entry, Quantity(numbers[0], unit)) if numbers else None
+        return () if spread is None else (spread,)
+    key = listed[0]
+    sizes, of = _listed(entry[key], unit, shape, dims)
+    quantities = [Quantity(number, unit) for number in numbers]
+    return tuple(
+        spread_of({**entry, key: f"{size!r} {of.text}"}, quantity)
+        for size, quantity in zip(sizes, quantities, strict=True)
+    )
+
+
+def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
+    """Return the entry of a quantity with dimensions as it stands in TOML; `declared` if its dims stand elsewhere."""
+    body: dict[str, Any] = {} if declared else {"dims": list(values.dims)}
+    if values.tree is not None:
+        body["value"] = text_of(values.tree)
+        body |= {"description": values.description} if values.description else {}
+        return body["value"] if [*body] == ["value"] else body
+    shape, unit = shapes.shape(values.dims), values.unit
+    assert unit is not None  # noqa: S101 - numbers have a unit
+    body |= {"value": nested(values.numbers, shape), "unit": unit.text}
+    if spreads := [one for one in values.spreads if one is not None]:
+        first = spreads[0]
+        sizes = [0.0 if one is None else one.size.value for one in values.spreads]
+        key = "half_width" if first.bounded else "uncertainty"
+        of = first.size.unit.text
+        listed: Any = nested([f"{size!r} {of}" for size in sizes], shape) if len(sizes) > 1 else f"{sizes[0]!r} {of}"
+        body[key] = listed
+        if first.distribution != (RECTANGULAR if first.bounded else NORMAL):
+            body["distribution"] = first.distribution
+        if first.degrees_of_freedom is not None:
+            body["degrees_of_freedom"] = first.degrees_of_freedom
+    return body | ({"description": values.description} if values.description else {})
+
+
+def nested(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
+    """Return numbers as lists in lists, the last dimension innermost."""
+    rows = list(flat)
+    for length in reversed(shape[1:]):
+        rows = [rows[i : i + length] for i in range(0, len(rows), length)]
+    return rows if shape else rows[0]

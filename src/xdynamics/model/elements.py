@@ -1,0 +1,457 @@
+"""A model's elements: what a statement with dimensions is as one of single numbers, and which name has which dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from xdynamics.expressions import Along, Node, dimension_of, free_names, shown
+from xdynamics.expressions.calculus import ZERO, negative
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.arrays import Values
+from xdynamics.model.drives import Table
+from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.links import related
+from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter
+from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import Spread
+from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.shapes import Shapes, at, dims_of, written
+from xdynamics.shapes.naming import DOT
+from xdynamics.shapes.trees import total
+from xdynamics.units import CONSTANTS, NONE, Quantity, Unit, constant, spell
+
+Place = Mapping[str, int]
+
+
+def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
+    """Return the dimensions of everything that a statement declares; what cannot be is noted."""
+    shapes = related(statement.extents, statement.relations, ledger)
+    dims: dict[str, tuple[str, ...]] = {}
+    for name, part in statement.coordinates.items():
+        dims |= dict.fromkeys((name, velocity(name), acceleration(name)), part.dims)
+    for name, state in statement.states.items():
+        dims |= dict.fromkeys((name, rate(name)), state.dims)
+    dims |= {name: values.dims for name, values in statement.arrays.items()}
+    dims |= {name: drive.dims for name, drive in statement.drives.items()}
+    return _of_expressions(statement, replace(shapes, dims={name: own for name, own in dims.items() if own}), ledger)
+
+
+def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Shapes:
+    """Add the dimensions of what has those of its expression: definitions, observables, events, contacts, friction."""
+    dims = dict(shapes.dims)
+    shapes = replace(shapes, dims=dims)
+    waiting = dict(statement.definitions)
+    while waiting:
+        ready = [name for name, tree in waiting.items() if not free_names(tree) & waiting.keys()]
+        for name in ready or list(waiting):  # circular ones are found with the units
+            with ledger.entry(f"definition '{name}'"):
+                dims[name] = dims_of(waiting[name], shapes)
+            del waiting[name]
+    trees: dict[str, tuple[str, Node | Function]] = {
+        name: ("observable", tree) for name, tree in statement.observables.items()
+    }
+    trees |= {name: ("event", event.function) for name, event in statement.events.items()}
+    trees |= {name: ("contact", contact.gap) for name, contact in statement.contacts.items()}
+    trees |= {name: ("friction", friction.slip) for name, friction in statement.frictions.items()}
+    for name, (kind, tree) in trees.items():
+        if not isinstance(tree, Function):
+            with ledger.entry(f"{kind} '{name}'"):
+                dims[name] = dims_of(tree, shapes)
+    return replace(shapes, dims={name: own for name, own in dims.items() if own})
+
+
+def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
+    """Note every expression with a dimension that what it is for has not."""
+    own = shapes.dims
+    for what, tree, allowed in _needed(statement, own):
+        _check(what, tree, allowed, shapes, ledger)
+    for term, force in statement.forces.items():
+        _check_force(term, force, statement, shapes, ledger)
+
+
+def _needed(
+    statement: Statement, own: Mapping[str, tuple[str, ...]]
+) -> Iterator[tuple[str, Node | None, Iterable[str]]]:
+    """Yield what expressions are for, and the dimensions that they may have."""
+    for i, name in enumerate(statement.coordinates if statement.mass else ()):
+        yield f"mass of '{name}'", statement.mass[i][i], own.get(name, ())
+    for name, state in statement.states.items():
+        yield f"rate of state '{name}'", state.rate, state.dims
+    for name, start in statement.starting.items():
+        yield f"initial value of '{name}'", start.tree, start.dims
+    for name, event in statement.events.items():
+        for target, tree in event.reset.items():
+            yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
+    for name, contact in statement.contacts.items():
+        for key in ("restitution", "slip", "friction", "static"):
+            yield f"contact '{name}': {key}", getattr(contact, key), own.get(name, ())
+    for name, friction in statement.frictions.items():
+        for key in ("kinetic", "static"):
+            yield f"friction '{name}': {key}", getattr(friction, key), own.get(name, ())
+
+
+def _check(what: str, tree: Node | Function | None, allowed: Iterable[str], shapes: Shapes, ledger: Ledger) -> None:
+    if tree is None or isinstance(tree, Function):
+        return
+    with ledger.entry(what):
+        if extra := [dim for dim in dims_of(tree, shapes) if dim not in allowed]:
+            raise InputError(
+                f"'{shown(tree)}' has the dimension '{extra[0]}', and it needs {_named(allowed)}; reduce it, as in"
+                f" sum(…, {extra[0]}), or take an element"
+            )
+
+
+def _check_force(term: str, force: Force, statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
+    relation = shapes.relations.get(force.over)
+    if force.over and relation is None:
+        ledger.note(
+            f"force '{term}' is over '{force.over}', which is no relation; there are: {_named(shapes.relations)}"
+        )
+        return
+    if force.potential is not None:
+        with ledger.entry(f"potential of '{term}'"):
+            dims = dims_of(force.potential, shapes)
+            if force.over and force.over not in dims:
+                raise InputError(f"has the dimensions {_named(dims)}, and the force is over '{force.over}'")
+    for name, tree in force.components.items():
+        if name not in statement.coordinates:
+            continue
+        allowed = shapes.dims.get(name, ())
+        if relation is not None:
+            if not {relation.source, relation.target} & {*allowed}:
+                ledger.note(
+                    f"force '{term}' over '{force.over}' acts on '{name}', which has the dimensions {_named(allowed)} and"
+                    f" no elements of '{relation.source}'"
+                )
+            allowed = (force.over, *(dim for dim in allowed if dim not in (relation.source, relation.target)))
+        _check(f"force '{term}' of '{name}'", tree, allowed, shapes, ledger)
+
+
+def _named(dims: Iterable[str]) -> str:
+    return ", ".join(dims) or "none"
+
+
+class Elements:
+    """Makes the statement of single numbers of one with dimensions."""
+
+    def __init__(self, statement: Statement, shapes: Shapes) -> None:
+        self.statement, self.shapes = statement, shapes
+
+    def whole(self) -> Statement:
+        """Return the statement of the elements.
+
+        Raises
+        ------
+        ModelError
+            With every fault of values at the start that are expressions.
+        """
+        old, trees = self.statement, self._trees
+        parameters = dict(old.parameters) | self._parameters()
+        forces = {name: self._force(force) for name, force in old.forces.items()}
+        new = replace(
+            old,
+            coordinates={
+                one: replace(part, dims=()) for name, part in old.coordinates.items() for one in self._names(name)
+            },
+            parameters=parameters,
+            mass=self._mass(),
+            definitions=trees(old.definitions),
+            forces=forces,
+            drives={one: drive for name, drive in old.drives.items() for one, drive in self._drive(name, drive)},
+            states={
+                one: replace(part, rate=at(part.rate, place, self.shapes), dims=())
+                for name, part in old.states.items()
+                for one, place in self._placed(name)
+            },
+            events={one: event for name, event in old.events.items() for one, event in self._event(name, event)},
+            contacts={one: part for name, part in old.contacts.items() for one, part in self._contact(name, part)},
+            frictions={one: part for name, part in old.frictions.items() for one, part in self._friction(name, part)},
+            observables=trees(old.observables),
+            observed={
+                one: replace(part, expression=at(part.expression, place, self.shapes))
+                for name, part in old.observed.items()
+                for one, place in self._placed(name)
+            },
+            correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
+            discrepancy={one: part for name, part in old.discrepancy.items() for one in self._names(written(name))},
+            pictured=replace(
+                old.pictured,
+                plane=tuple(pair for pair in old.pictured.plane for pair in self._pairs(*pair)),
+                wrap=tuple(one for name in old.pictured.wrap for one in self._names(name)),
+            ),
+            run=self._run(),
+            lagrangian=self._lagrangian(),
+            extents={},
+            relations={},
+            arrays={},
+            starting={},
+        )
+        return replace(new, **self._start(parameters))
+
+    def _names(self, name: str) -> list[str]:
+        return self.shapes.elements(name)
+
+    def _placed(self, name: str) -> Iterator[tuple[str, Place]]:
+        """Yield the elements of a quantity with their places."""
+        for place in self.shapes.places(self.shapes.dims.get(name, ())):
+            yield self.shapes.element(name, place), place
+
+    def _trees(self, trees: Mapping[str, Node]) -> dict[str, Node]:
+        return {one: at(tree, place, self.shapes) for name, tree in trees.items() for one, place in self._placed(name)}
+
+    def _parameters(self) -> dict[str, Parameter]:
+        parts = {}
+        for name, values in self.statement.arrays.items():
+            numbers, unit = self._numbers(values)
+            for i, one in enumerate(self._names(name)):
+                parts[one] = Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
+        return parts
+
+    def _numbers(self, values: Values) -> tuple[tuple[float, ...], Unit]:
+        """Return the numbers of a parameter with dimensions; those of an expression in SI units."""
+        if values.tree is None:
+            assert values.unit is not None  # noqa: S101 - numbers have a unit
+            return values.numbers, values.unit
+        known = _constants()
+        trees = [at(values.tree, place, self.shapes) for place in self.shapes.places(values.dims)]
+        return tuple(evaluate(tree, known) for tree in trees), unit_of(values)
+
+    def _mass(self) -> tuple[tuple[Node, ...], ...]:
+        old, names = self.statement, [*self.statement.coordinates]
+        if not old.mass:
+            return ()
+        places = [(i, place) for i, name in enumerate(names) for _, place in self._placed(name)]
+        return tuple(
+            tuple(at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, other in places)
+            for i, place in places
+        )
+
+    def _force(self, force: Force) -> Force:
+        potential = None
+        if force.potential is not None:
+            dims = dims_of(force.potential, self.shapes)
+            potential = total([at(force.potential, place, self.shapes) for place in self.shapes.places(dims)])
+        components: dict[str, Node | Function] = {}
+        for name, tree in force.components.items():
+            if isinstance(tree, Function):
+                components |= dict.fromkeys(self._names(name), tree)
+                continue
+            acting = self._onto(name, tree, force.over) if force.over else tree
+            for one, place in self._placed(name):
+                components[one] = at(acting, place, self.shapes)
+        return replace(force, potential=potential, components=components, over="")
+
+    def _onto(self, name: str, tree: Node, over: str) -> Node:
+        """Return what links give to elements of a coordinate: a force to first ends, its opposite to second ones."""
+        relation, dims = self.shapes.relations[over], self.shapes.dims[name]
+        first = tree if relation.source in dims else ZERO
+        return Along("onto", (first, negative(tree) if relation.target in dims else ZERO), (over,))
+
+    def _drive(self, name: str, drive: Drive) -> Iterator[tuple[str, Drive]]:
+        if not drive.dims:
+            yield name, drive
+            return
+        table = drive.table
+        extent = self.shapes.extent(drive.dims[0])
+        for i, one in enumerate(self._names(name)):
+            column = Table.parse(
+                table.name, table.text, extent.label(i) if extent.labels else f"{name}_{i}", table.gaps
+            )
+            yield one, replace(drive, table=column, dims=())
+
+    def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
+        for one, place in self._placed(name):
+            function = event.function
+            if not isinstance(function, Function):
+                function = at(function, place, self.shapes)
+            reset = {
+                self.shapes.element(target, inner): at(tree, inner, self.shapes)
+                for target, tree in event.reset.items()
+                for inner in self._beside(target, place)
+            }
+            yield one, replace(event, function=function, reset=reset)
+
+    def _beside(self, target: str, place: Place) -> Iterator[Place]:
+        """Yield the places of a target that go with a place: along its further dimensions all of them."""
+        further = tuple(dim for dim in self.shapes.dims.get(target, ()) if dim not in place)
+        for inner in self.shapes.places(further):
+            yield {**place, **inner}
+
+    def _contact(self, name: str, contact: Contact) -> Iterator[tuple[str, Contact]]:
+        keys = ("gap", "restitution", "slip", "friction", "static")
+        for one, place in self._placed(name):
+            yield one, replace(contact, **self._at_keys(contact, keys, place))
+
+    def _friction(self, name: str, friction: Friction) -> Iterator[tuple[str, Friction]]:
+        for one, place in self._placed(name):
+            yield one, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
+
+    def _at_keys(self, part: Any, keys: tuple[str, ...], place: Place) -> dict[str, Any]:
+        trees = {key: getattr(part, key) for key in keys}
+        return {key: at(tree, place, self.shapes) for key, tree in trees.items() if tree is not None}
+
+    def _pairs(self, across: Node, up: Node) -> Iterator[tuple[Node, Node]]:
+        dims = self.shapes.ordered({*dims_of(across, self.shapes), *dims_of(up, self.shapes)})
+        for place in self.shapes.places(dims):
+            yield at(across, place, self.shapes), at(up, place, self.shapes)
+
+    def _lagrangian(self) -> Lagrangian | None:
+        energies = self.statement.lagrangian
+        if energies is None:
+            return None
+        trees = []
+        for tree in (energies.kinetic, energies.potential):
+            dims = () if tree is None else dims_of(tree, self.shapes)
+            terms = [] if tree is None else [at(tree, place, self.shapes) for place in self.shapes.places(dims)]
+            trees.append(total(terms) if terms else None)
+        assert trees[0] is not None  # noqa: S101 - it is needed
+        return Lagrangian(trees[0], trees[1])
+
+    def _run(self) -> dict[str, Any]:
+        """Return the settings; tolerances of a whole are those of its elements."""
+        run = dict(self.statement.run)
+        if isinstance(run.get("atol"), Mapping):
+            run["atol"] = {one: value for name, value in run["atol"].items() for one in self._names(written(str(name)))}
+        return run
+
+    def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+        """Return values at the start."""
+        old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
+        initial, starts = dict(old.initial), dict(old.starts)
+        for name, values in old.starting.items():
+            with ledger.entry(f"initial value of '{name}'"):
+                started = self._started(name, values, parameters)
+                initial |= started
+                for i, one in enumerate(started):
+                    if (spread := values.spread(i)) or values.description:
+                        starts[one] = Parameter(started[one], spread, values.description)
+        ledger.raise_faults()
+        at_rest = []
+        for name in old.at_rest:
+            quantity = initial.pop(name)
+            for one in self._names(name):
+                initial[one] = quantity
+                at_rest.append(one)
+        order = ["t", *(one for q in old.coordinates for word in (q, velocity(q)) for one in self._names(word))]
+        order += [one for name in old.states for one in self._names(name)]
+        ranked = {name: initial[name] for name in order if name in initial}
+        return {"initial": ranked | initial, "starts": starts, "at_rest": tuple(at_rest)}
+
+    def started(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
+        """Return every value at the start that is an array or an expression, by element."""
+        started: dict[str, Quantity] = {}
+        for name, values in self.statement.starting.items():
+            started |= self._started(name, values, parameters)
+        return started
+
+    def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
+        if values.tree is None:
+            assert values.unit is not None  # noqa: S101 - numbers have a unit
+            names = self._names(name)
+            return {one: Quantity(values.numbers[i], values.unit) for i, one in enumerate(names)}
+        unit = self._units()[name]
+        known = _constants() | {one: part.quantity.si for one, part in parameters.items()}
+        return {
+            one: Quantity(self._evaluated(values.tree, place, known, unit), unit) for one, place in self._placed(name)
+        }
+
+    def _units(self) -> dict[str, Unit]:
+        time, old = self.statement.time_unit, self.statement
+        units = {name: part.unit for name, part in (old.coordinates | old.states).items()}
+        return units | {velocity(name): part.unit.per(time) for name, part in old.coordinates.items()}
+
+    def _evaluated(self, tree: Node, place: Place, known: Mapping[str, float], unit: Unit) -> float:
+        scalar = at(tree, place, self.shapes)
+        if missing := sorted(free_names(scalar) - known.keys()):
+            raise InputError(
+                f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
+            )
+        return evaluate(scalar, known) / float(unit.factor)
+
+
+def unit_of(values: Values) -> Unit:
+    """Return the unit of a parameter with dimensions: as given, or the SI unit of its expression.
+
+    Raises
+    ------
+    InputError
+        If the expression reads anything but constants and numbers of elements.
+    """
+    if values.tree is None:
+        assert values.unit is not None  # noqa: S101 - numbers have a unit
+        return values.unit
+    known = {name: constant(name).dimension for name in CONSTANTS} | {"pi": NONE}
+    if others := sorted(free_names(values.tree) - known.keys()):
+        raise InputError(
+            f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"
+            " what follows from other parameters is a definition"
+        )
+    return spell(dimension_of(values.tree, known))
+
+
+def _constants() -> dict[str, float]:
+    return {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
+
+
+def of_elements(sections: Mapping[str, Any]) -> bool:
+    """Whether new entries of a model are those of single elements, as ``m·Sun``."""
+    return any(
+        DOT in written(str(name)) for entries in sections.values() if isinstance(entries, Mapping) for name in entries
+    )
+
+
+def following(declared: Statement, elements: Statement, old: Statement, shapes: Shapes) -> Statement:
+    """Return a statement of elements in which values at the start follow the parameters that their expressions read.
+
+    Parameters
+    ----------
+    declared : Statement
+        With the expressions.
+    elements, old : Statement
+        As it is now, and as it was: a value at the start that was changed itself stays.
+    shapes : Shapes
+    """
+    if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
+        return elements
+    start = Elements(declared, shapes).started(elements.parameters)
+    same = {one: quantity for one, quantity in start.items() if elements.initial[one] == old.initial[one]}
+    return replace(elements, initial=elements.initial | same)
+
+
+def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
+    """Return a statement with dimensions and the numbers of its elements."""
+    start = Elements(declared, shapes).started(elements.parameters)
+    arrays, starting = {}, {}
+    for name, values in declared.arrays.items():
+        parts = [elements.parameters[one] for one in shapes.elements(name)]
+        numbers = tuple(part.quantity for part in parts)
+        arrays[name] = _filled(values, numbers, tuple(part.spread for part in parts))
+    for name, values in declared.starting.items():
+        names = shapes.elements(name)
+        spreads = tuple(elements.starts[one].spread if one in elements.starts else None for one in names)
+        numbers = tuple(elements.initial[one] for one in names)
+        changed = values.tree is None or any(start[one] != elements.initial[one] for one in names)
+        starting[name] = _filled(values, numbers, spreads) if changed else values
+    return replace(
+        declared,
+        arrays=arrays,
+        starting=starting,
+        parameters={name: elements.parameters[name] for name in declared.parameters},
+        initial={name: elements.initial.get(name, quantity) for name, quantity in declared.initial.items()},
+        name=elements.name,
+        description=elements.description,
+        fit=elements.fit,
+    )
+
+
+def _filled(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
+    """Return the same quantity with numbers of its elements."""
+    if values.tree is not None and values.unit is None and not values.dims:
+        return replace(values, tree=None, numbers=(quantities[0].value,), unit=quantities[0].unit)
+    one = spreads[:1] if len(set(spreads)) == 1 else spreads
+    numbers = tuple(quantity.value for quantity in quantities)
+    return replace(values, tree=None, numbers=numbers, unit=quantities[0].unit, spreads=() if one == (None,) else one)

@@ -1,0 +1,178 @@
+"""Dimensions and relations of a model file: how many elements, what they are called, which of them are linked."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.csv_sheet import Sheet
+from xdynamics.model.kinds import Source
+from xdynamics.model.section import Section
+from xdynamics.model.table_keys import keys
+from xdynamics.shapes import Extent, Relation, Shapes
+
+MOST_ELEMENTS, MOST_LINKS = 1_000_000, 20_000_000
+LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
+FIRST, SECOND = ENDS = ("first", "second")
+
+
+def extent(value: Any, name: str, _: Source) -> Extent:
+    """Read a dimension: a number of elements, or their labels.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or has a label twice.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        if not 1 <= value <= MOST_ELEMENTS:
+            raise InputError(f"has {value} elements, needs 1 to {MOST_ELEMENTS}")
+        return Extent(name, value)
+    if not isinstance(value, list | tuple) or not value or not all(isinstance(label, str) for label in value):
+        raise InputError(f'is {value!r}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
+    for label in value:
+        if not LABEL.fullmatch(label) or label.isdigit():
+            raise InputError(f"has the label {label!r}; a label is made of letters, digits and underscores, 40 at most")
+    if len(set(value)) < len(value):
+        raise InputError(f"has the label '{next(one for one in value if list(value).count(one) > 1)}' twice")
+    return Extent(name, len(value), tuple(value))
+
+
+def written_extent(value: Extent, *_: Any) -> Any:
+    """Return a dimension as it stands in TOML."""
+    return list(value.labels) if value.labels else value.size
+
+
+@dataclass(frozen=True)
+class Links:
+    """A relation as it is declared; its attributes are the keys of `[relations]`."""
+
+    of: str = ""
+    neighbours: int = 0
+    ring: bool = False
+    source: str = ""
+    target: str = ""
+    table: str = ""
+    csv: str = ""
+    description: str = ""
+
+    def relation(self, name: str, extents: Mapping[str, Extent]) -> Relation:
+        """Return the links.
+
+        Raises
+        ------
+        InputError
+            If a dimension is unknown, or the links are none, too many, twice, or of an element with itself.
+        """
+        dims = (self.of, self.of) if self.of else (self.source, self.target)
+        for dim in dims:
+            if dim not in extents:
+                raise InputError(f"'{dim}' is no dimension; there are: {', '.join(extents) or 'none'}")
+        source, target = extents[dims[0]], extents[dims[1]]
+        if self.csv:
+            first, second = self._listed(source, target)
+        elif self.neighbours:
+            first, second = self._near(source)
+        else:
+            first, second = self._all(source, target)
+        if not len(first):
+            raise InputError(f"has no link: '{source.name}' has {source.size} elements; a relation needs one or more")
+        return Relation(name, source.name, target.name, first, second)
+
+    def _all(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return every two elements once, or every element of one dimension with every one of the other."""
+        n, m = source.size, target.size
+        count = n * (n - 1) // 2 if self.of else n * m
+        if count > MOST_LINKS:
+            raise InputError(f"has {count} links, {MOST_LINKS} at most; give those that matter as a table")
+        if self.of:
+            first, second = np.triu_indices(n, 1)
+            return first.astype(np.int64), second.astype(np.int64)
+        return np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
+
+    def _near(self, source: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return each element with the next ones."""
+        n, count = source.size, self.neighbours
+        if self.ring and n <= 2 * count:
+            raise InputError(
+                f"neighbours is {count} in a ring of {n} elements, in which links would be there twice; a ring of"
+                f" {2 * count + 1} or more has them once"
+            )
+        first = np.repeat(np.arange(n, dtype=np.int64), count)
+        second = first + np.tile(np.arange(1, count + 1, dtype=np.int64), n)
+        inside = second < n
+        return (first, second % n) if self.ring else (first[inside], second[inside])
+
+    def _listed(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Read the columns `first` and `second` of the table."""
+        sheet = Sheet.of(self.table, self.csv)
+        bare = [cell.split("[")[0].strip() for cell in sheet.header]
+        for end in ENDS:
+            if end not in bare:
+                raise InputError(
+                    f"table '{self.table}' has no column '{end}' with an end of each link; it is {sheet.layout}"
+                )
+        ends: list[list[int]] = [[], []]
+        known: dict[tuple[int, ...], int] = {}
+        for line, cells in sheet.lines:
+            try:
+                pair = tuple(
+                    one.number(int(text) if not one.labels and text.isdigit() else text)
+                    for one, text in zip(
+                        (source, target), (cells[bare.index(end)].strip() for end in ENDS), strict=True
+                    )
+                )
+            except InputError as error:
+                raise InputError(f"table '{self.table}', line {line}: {error}") from None
+            if self.of and pair[0] == pair[1]:
+                raise InputError(f"table '{self.table}', line {line}: links '{source.label(pair[0])}' with itself")
+            key = tuple(sorted(pair)) if self.of else pair
+            if key in known:
+                raise InputError(f"table '{self.table}', line {line}: the link of line {known[key]} is there again")
+            known[key] = line
+            ends[0].append(pair[0])
+            ends[1].append(pair[1])
+        return np.array(ends[0], np.int64), np.array(ends[1], np.int64)
+
+
+def related(extents: Mapping[str, Extent], relations: Mapping[str, Links], ledger: Ledger) -> Shapes:
+    """Return dimensions and relations with their links; a relation that cannot be is noted."""
+    made = {}
+    for name, one in relations.items():
+        with ledger.entry(f"relation '{name}'"):
+            made[name] = one.relation(name, extents)
+    return Shapes(extents, made)
+
+
+def links_table(entry: Any, section: Section, name: str, source: Source) -> Any:
+    """Return a relation's entry with the text of its table.
+
+    Raises
+    ------
+    InputError
+        If keys are missing, or exclude each other.
+    """
+    keys(entry, section.known, ())
+    if ("of" in entry) == ("from" in entry or "to" in entry) or ("from" in entry) != ("to" in entry):
+        raise InputError('needs the dimension that it is of, of = "body", or two: from = "body" and to = "wall"')
+    tabled = "table" in entry or "csv" in entry
+    if "neighbours" in entry and (tabled or "of" not in entry):
+        raise InputError("key 'neighbours' goes with 'of' alone")
+    if entry.get("ring") and "neighbours" not in entry:
+        raise InputError("key 'ring' needs 'neighbours'")
+    if not tabled:
+        return entry
+    file = str(entry.get("table", f"{name}.csv"))
+    return {**entry, "table": file, "csv": str(entry["csv"]) if "csv" in entry else source.access.text_of(file)}
+
+
+def links(**values: Any) -> Links:
+    """Make a relation of the values of its keys."""
+    ends = {"source": values.pop("from", ""), "target": values.pop("to", "")}
+    return Links(**values, **ends)
