@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.expressions import Along, Node, dimension_of, free_names, shown
+from xdynamics.expressions import Along, Node, dimension_of, expand, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger, ModelError
@@ -19,7 +19,7 @@ from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Functi
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
-from xdynamics.shapes import Shapes, at, dims_of, written
+from xdynamics.shapes import Shapes, at, dims_of, gradient, written
 from xdynamics.shapes.naming import DOT
 from xdynamics.shapes.trees import total
 from xdynamics.units import CONSTANTS, NONE, Quantity, Unit, constant, spell
@@ -231,19 +231,28 @@ class Elements:
         )
 
     def _force(self, force: Force) -> Force:
-        potential = None
+        """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""
+        potential, acting = None, dict(force.components)
         if force.potential is not None:
             dims = dims_of(force.potential, self.shapes)
             potential = total([at(force.potential, place, self.shapes) for place in self.shapes.places(dims)])
-        components: dict[str, Node | Function] = {}
-        for name, tree in force.components.items():
-            if isinstance(tree, Function):
-                components |= dict.fromkeys(self._names(name), tree)
-                continue
-            acting = self._onto(name, tree, force.over) if force.over else tree
-            for one, place in self._placed(name):
-                components[one] = at(acting, place, self.shapes)
+            acting = dict(self.pushing(force.potential))
+        elif force.over:
+            acting = {
+                name: tree if isinstance(tree, Function) else self._onto(name, tree, force.over)
+                for name, tree in acting.items()
+            }
+        components: dict[str, Node | Function] = {
+            one: tree if isinstance(tree, Function) else at(tree, place, self.shapes)
+            for name, tree in acting.items()
+            for one, place in self._placed(name)
+        }
         return replace(force, potential=potential, components=components, over="")
+
+    def pushing(self, potential: Node) -> dict[str, Node]:
+        """Return the force of a potential on every coordinate, with dimensions: its negative gradient."""
+        tree = expand(potential, self.statement.definitions)
+        return gradient(negative(tree), self.statement.coordinates, self.shapes)
 
     def _onto(self, name: str, tree: Node, over: str) -> Node:
         """Return what links give to elements of a coordinate: a force to first ends, its opposite to second ones."""

@@ -427,7 +427,7 @@ class Model:
         self.__dict__.update(vars(statement), dimensions=dimensions)
 
     def _components(self, force: Force) -> dict[str, Node | Function]:
-        if force.potential is None:
+        if force.potential is None or force.components:
             return dict(force.components)
         rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
         gradient = derivatives(self.expanded(force.potential), rates)
