@@ -8,14 +8,15 @@ from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
 
-from xdynamics.expressions import Node, parse, text_of
+from xdynamics.expressions import Node, dimension_of, free_names, parse, shown, text_of
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import Sheet, shown, title
+from xdynamics.model.csv_sheet import Sheet, title
+from xdynamics.model.csv_sheet import shown as shown_cell
 from xdynamics.model.kinds import Source
 from xdynamics.model.table_keys import near
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.shapes import Extent, Shapes
-from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit
+from xdynamics.units import CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
 
 OF_ELEMENTS = ("dims", "values", "table", "csv", "column", "columns")  # keys of a quantity with dimensions alone
 
@@ -265,7 +266,7 @@ def _matched(sheet: Sheet, rows: list[tuple[float, ...]], column: int, extent: E
         except InputError as error:
             raise InputError(f"table '{sheet.name}', line {line}: {error}") from None
         if number in places:
-            raise InputError(f"table '{sheet.name}', line {line}: {shown(label)} is there twice")
+            raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice")
         places[number] = row
     if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
         raise InputError(f"table '{sheet.name}' has no row for {', '.join(missing[:10])} of '{extent.name}'")
@@ -319,3 +320,23 @@ def nested(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
     for length in reversed(shape[1:]):
         rows = [rows[i : i + length] for i in range(0, len(rows), length)]
     return rows if shape else rows[0]
+
+
+def unit_of(values: Values) -> Unit:
+    """Return the unit of a parameter with dimensions: as given, or the SI unit of its expression.
+
+    Raises
+    ------
+    InputError
+        If the expression reads anything but constants and numbers of elements.
+    """
+    if values.tree is None:
+        assert values.unit is not None  # noqa: S101 - numbers have a unit
+        return values.unit
+    known = {name: constant(name).dimension for name in CONSTANTS} | {"pi": NONE}
+    if others := sorted(free_names(values.tree) - known.keys()):
+        raise InputError(
+            f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"
+            " what follows from other parameters is a definition"
+        )
+    return spell(dimension_of(values.tree, known))

@@ -11,6 +11,7 @@ from typing import Any
 from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.arrays import unit_of
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.parts import Event, Function
@@ -21,18 +22,17 @@ from xdynamics.units import CONSTANTS, NONE, Dimension, Quantity, constant, spel
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 MOST_EVENTS = 100
+# what no dimension may be called: dimensions of records and of evidence, and what `event_…` names beside elements
+OF_RECORD = {
+    "step", "trial", "event", "sample", "bound", "at", "level", "occurrence", "cycle", "case", "exponent", "given",
+    "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
+    "residual", "first", "second",
+}  # fmt: skip
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
 
 
-def check(statement: Statement, shaped: Statement | None = None) -> dict[str, Dimension]:
+def check(statement: Statement) -> dict[str, Dimension]:
     """Check names, initial values and the dimension of every term.
-
-    Parameters
-    ----------
-    statement : Statement
-        Of single numbers.
-    shaped : Statement, optional
-        The one with dimensions that it was made from, whose names are checked.
 
     Returns
     -------
@@ -44,11 +44,19 @@ def check(statement: Statement, shaped: Statement | None = None) -> dict[str, Di
     ModelError
         With every fault.
     """
+    dimensions = check_written(statement)
+    check_made(statement, dimensions)
+    return dimensions
+
+
+def check_written(statement: Statement) -> dict[str, Dimension]:
+    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check`."""
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
     _check_times(statement, ledger)
-    _check_names(statement if shaped is None else shaped, ledger)
+    _check_names(statement, ledger)
     ledger.raise_faults()
-    dimensions = _declared(statement)
+    dimensions = _declared(statement, ledger)
+    ledger.raise_faults()
     _define(statement, dimensions, ledger)
     ledger.raise_faults()
     _check_initial(statement, dimensions, ledger)
@@ -58,22 +66,17 @@ def check(statement: Statement, shaped: Statement | None = None) -> dict[str, Di
         if energies.potential is not None:
             _needs(ledger, "potential energy", energies.potential, dimensions, joule)
         ledger.raise_faults()
-    _check_motion(statement, dimensions, ledger)
+    if statement.mass or not statement.lagrangian:
+        _check_motion(statement, dimensions, ledger)
     for name, state in statement.states.items():
         _needs(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, dimensions, ledger)
     for name, event in statement.events.items():
-        if isinstance(event.function, Function):
-            _check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
-            with ledger.entry(f"event '{name}'"):
-                _check_place(event.position_tolerance, "function", event.unit.dimension if event.unit else NONE)
-        else:
-            with ledger.entry(f"event '{name}'"):
-                _check_place(event.position_tolerance, "function", dimension_of(event.function, dimensions))
+        _check_event(name, event, statement, dimensions, ledger)
         _check_action(name, event, statement, dimensions, ledger)
     _check_regimes(statement, ledger)
-    accelerations = {acceleration(name): dimensions[name] / time**2 for name in statement.coordinates}
+    accelerations = _accelerations(statement, dimensions)
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
             dimension, chosen = dimension_of(observable, dimensions | accelerations), statement.observed.get(name)
@@ -81,13 +84,40 @@ def check(statement: Statement, shaped: Statement | None = None) -> dict[str, Di
             if chosen and chosen.unit and chosen.unit.dimension != dimension:
                 raise InputError(f"has units '{dimension}', and is to be in '{chosen.unit.text}'")
     _check_pictured(statement, dimensions, ledger)
+    ledger.raise_faults()
+    return dimensions
+
+
+def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion: bool = False) -> None:
+    """Check what is checked on single numbers: closed forms, uncertainties, contacts, perhaps a motion; as `check`."""
+    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    if motion:
+        _check_motion(statement, dimensions, ledger)
     check_validation(statement, dimensions, ledger)
-    _check_spreads(statement, dimensions | accelerations, ledger)
+    _check_spreads(statement, dimensions | _accelerations(statement, dimensions), ledger)
     ledger.raise_faults()
     with ledger.entry("contacts"):
         check_contacts(statement, dimensions, ledger)
     ledger.raise_faults()
-    return dimensions
+
+
+def _accelerations(statement: Statement, dimensions: Mapping[str, Dimension]) -> dict[str, Dimension]:
+    time = statement.time_unit.dimension
+    return {acceleration(name): dimensions[name] / time**2 for name in statement.coordinates}
+
+
+def _check_event(
+    name: str, event: Event, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    """Check the function of an event, and that a position tolerance is in its unit."""
+    if isinstance(event.function, Function):
+        _check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
+    with ledger.entry(f"event '{name}'"):
+        if isinstance(event.function, Function):
+            dimension = event.unit.dimension if event.unit else NONE
+        else:
+            dimension = dimension_of(event.function, dimensions)
+        _check_place(event.position_tolerance, "function", dimension)
 
 
 def _check_times(statement: Statement, ledger: Ledger) -> None:
@@ -136,29 +166,48 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
     )
     for section in sections:
         for name in getattr(statement, section):
-            what = f"{_CALLED.get(section, section.removesuffix('s'))} '{name}'"
-            if keyword.iskeyword(name):
-                ledger.note(f"{what}: '{name}' is a word of Python; choose another name, like '{name}_'")
-            elif not _NAME.fullmatch(str(name)):
-                ledger.note(f"{what}: a name is a letter, then letters, digits and underscores, 40 at most")
-            elif section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "t"):
-                ledger.note(f"{what}: '{name}' is a key of the model file; choose another name")
-            elif name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
-                ledger.note(f"{what}: the name '{name}' is a word of the expression language")
+            if fault := _fault_of(section, str(name)):
+                ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
     for name, owner in record_names(vars(statement)):
         if name in owner_of:
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
         owner_of.setdefault(name, owner)
+    owner_of |= {name: f"definition '{name}'" for name in statement.definitions}
+    for section in ("extents", "relations"):
+        for name in getattr(statement, section):
+            if name in owner_of:
+                ledger.note(
+                    f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
+                )
+            owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
+
+
+def _fault_of(section: str, name: str) -> str:
+    """Return why nothing in a section may have a name; empty if it may."""
+    if keyword.iskeyword(name):
+        return f"'{name}' is a word of Python; choose another name, like '{name}_'"
+    if not _NAME.fullmatch(name):
+        return "a name is a letter, then letters, digits and underscores, 40 at most"
+    if section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "over", "t"):
+        return f"'{name}' is a key of the model file; choose another name"
+    if section in ("extents", "relations") and name in OF_RECORD:
+        return f"'{name}' is a dimension of the record, or begins names in it; choose another name"
+    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
+        return f"the name '{name}' is a word of the expression language"
+    return ""
 
 
 _CALLED = {"extents": "dimension", "arrays": "parameter"}
 
 
-def _declared(statement: Statement) -> dict[str, Dimension]:
+def _declared(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
     dimensions = {"t": statement.time_unit.dimension, "pi": NONE} | {
         name: constant(name).dimension for name in CONSTANTS
     }
     dimensions |= {name: part.quantity.unit.dimension for name, part in statement.parameters.items()}
+    for name, values in statement.arrays.items():
+        with ledger.entry(f"parameter '{name}'"):
+            dimensions[name] = unit_of(values).dimension
     dimensions |= {name: part.unit.dimension for name, part in statement.states.items()}
     dimensions |= {name: part.table.value_unit.dimension for name, part in statement.drives.items()}
     for name, part in statement.coordinates.items():
@@ -233,7 +282,15 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
     coordinates = [name for coordinate in statement.coordinates for name in (coordinate, velocity(coordinate))]
     needed = ["t", *coordinates, *statement.states]
     for name in needed:
-        if name not in statement.initial:
+        if (values := statement.starting.get(name)) is not None and values.tree is not None:
+            _needs(ledger, f"initial value of '{name}'", values.tree, dimensions, dimensions[name])
+        elif values is not None and values.unit is not None:
+            if values.unit.dimension != dimensions[name]:
+                ledger.note(
+                    f"initial value of '{name}' has units '{values.unit.text}', needs '{dimensions[name]}'; write"
+                    ' unit = "…" beside the values'
+                )
+        elif name not in statement.initial:
             ledger.note(f"initial value of '{name}' is missing, in '{dimensions[name]}'")
         elif statement.initial[name].unit.dimension != dimensions[name]:
             start = statement.initial[name]
@@ -241,7 +298,7 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
                 f"initial value '{name} = {start}' has units '{start.unit.dimension}', needs '{dimensions[name]}';"
                 " write the unit after the number"
             )
-    for name in statement.initial:
+    for name in (*statement.initial, *statement.starting):
         if name not in needed:
             ledger.note(f"initial value of '{name}', which is no coordinate, velocity or state")
 

@@ -7,22 +7,22 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.expressions import Along, Node, dimension_of, expand, free_names, shown
+from xdynamics.expressions import Along, Node, expand, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.arrays import Values
+from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.links import related
-from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter
+from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter, Validation
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, at, dims_of, gradient, written
-from xdynamics.shapes.naming import DOT
+from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import total
-from xdynamics.units import CONSTANTS, NONE, Quantity, Unit, constant, spell
+from xdynamics.units import CONSTANTS, Dimension, Quantity, Unit, constant
 
 Place = Mapping[str, int]
 
@@ -105,6 +105,11 @@ def _check(what: str, tree: Node | Function | None, allowed: Iterable[str], shap
             )
 
 
+def dimensions_of(dimensions: Mapping[str, Dimension], shapes: Shapes) -> dict[str, Dimension]:
+    """Return the physical dimension of every element from those of the quantities."""
+    return {one: dimension for name, dimension in dimensions.items() for one in shapes.elements(name)}
+
+
 def _check_force(term: str, force: Force, statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     relation = shapes.relations.get(force.over)
     if force.over and relation is None:
@@ -117,6 +122,11 @@ def _check_force(term: str, force: Force, statement: Statement, shapes: Shapes, 
             dims = dims_of(force.potential, shapes)
             if force.over and force.over not in dims:
                 raise InputError(f"has the dimensions {_named(dims)}, and the force is over '{force.over}'")
+            if relation is not None and (ends := [dim for dim in (relation.source, relation.target) if dim in dims]):
+                raise InputError(
+                    f"has the dimension '{ends[0]}' beside '{force.over}'; take a value at an end of each link,"
+                    f" first(…, {force.over}) or second(…, {force.over})"
+                )
     for name, tree in force.components.items():
         if name not in statement.coordinates:
             continue
@@ -175,6 +185,9 @@ class Elements:
                 one: replace(part, expression=at(part.expression, place, self.shapes))
                 for name, part in old.observed.items()
                 for one, place in self._placed(name)
+            },
+            validation={
+                one: form for name, form in old.validation.items() for one, form in self._closed_form(name, form)
             },
             correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
             discrepancy={one: part for name, part in old.discrepancy.items() for one in self._names(written(name))},
@@ -299,6 +312,15 @@ class Elements:
         for one, place in self._placed(name):
             yield one, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
 
+    def _closed_form(self, name: str, form: Validation) -> Iterator[tuple[str, Validation]]:
+        """Yield the closed form of each element of its quantity."""
+        quantity = written(form.quantity)
+        for place in self.shapes.places(self.shapes.dims.get(quantity, ())):
+            one = self.shapes.element(quantity, place)
+            tree = at(form.expression, place, self.shapes)
+            label = name if one == quantity else DOT.join([name, *parted(one)[1]])
+            yield label, replace(form, quantity=one, expression=tree, event=written(form.event))
+
     def _at_keys(self, part: Any, keys: tuple[str, ...], place: Place) -> dict[str, Any]:
         trees = {key: getattr(part, key) for key in keys}
         return {key: at(tree, place, self.shapes) for key, tree in trees.items() if tree is not None}
@@ -380,26 +402,6 @@ class Elements:
                 f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
             )
         return evaluate(scalar, known) / float(unit.factor)
-
-
-def unit_of(values: Values) -> Unit:
-    """Return the unit of a parameter with dimensions: as given, or the SI unit of its expression.
-
-    Raises
-    ------
-    InputError
-        If the expression reads anything but constants and numbers of elements.
-    """
-    if values.tree is None:
-        assert values.unit is not None  # noqa: S101 - numbers have a unit
-        return values.unit
-    known = {name: constant(name).dimension for name in CONSTANTS} | {"pi": NONE}
-    if others := sorted(free_names(values.tree) - known.keys()):
-        raise InputError(
-            f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"
-            " what follows from other parameters is a definition"
-        )
-    return spell(dimension_of(values.tree, known))
 
 
 def _constants() -> dict[str, float]:

@@ -13,9 +13,17 @@ from xdynamics.expressions import Name, Node, derivative, derivatives, expand, f
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
-from xdynamics.model.consistency import check
+from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
-from xdynamics.model.elements import Elements, check_shapes, declared_shapes, following, gathered, of_elements
+from xdynamics.model.elements import (
+    Elements,
+    check_shapes,
+    declared_shapes,
+    dimensions_of,
+    following,
+    gathered,
+    of_elements,
+)
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -415,10 +423,12 @@ class Model:
         ledger = Ledger(f"model '{whole.name}'", ModelError)
         shapes = declared_shapes(whole, ledger)
         ledger.raise_faults()
+        units = check_written(whole)
         check_shapes(whole, shapes, ledger)
         ledger.raise_faults()
-        statement = derived(Elements(whole, shapes).whole())
-        self._hold(statement, check(statement, whole), shapes, whole)
+        statement, dimensions = derived(Elements(whole, shapes).whole()), dimensions_of(units, shapes)
+        check_made(statement, dimensions, motion=whole.lagrangian is not None)
+        self._hold(statement, dimensions, shapes, whole)
 
     def _hold(
         self, statement: Statement, dimensions: dict[str, Dimension], shapes: Shapes, declared: Statement | None

@@ -59,6 +59,10 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
         elif section.make is not None and tables[key]:
             with ledger.entry(key):
                 parts[section.field or key] = section.read(key, tables[key], source)
+        if key in ("coordinates", "states") and shapes.extents:
+            ledger.raise_faults()  # what follows depends on their dimensions
+        if key in ("dimensions", "relations"):
+            ledger.raise_faults()
         if key == "relations":
             shapes = related(parts["extents"], parts["relations"], ledger)
             ledger.raise_faults()

@@ -1,0 +1,166 @@
+"""Models with named dimensions: what they are as single elements, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+import xdynamics as xd
+from xdynamics.expressions import text_of
+from xdynamics.expressions.evaluation import evaluate
+
+PLANETS = """
+name = "three bodies"
+[dimensions]
+body = ["Sun", "Jupiter", "Saturn"]
+axis = ["x", "y"]
+[relations.pair]
+of = "body"
+[coordinates]
+r = { unit = "m", dims = ["body", "axis"] }
+[parameters]
+G = "1 N m2 kg-2"
+m = { dims = ["body"], values = { Sun = "10 kg", Jupiter = "1 kg", Saturn = "500 g" } }
+[mass]
+r = "m"
+[definitions]
+distance = "norm(second(r, pair) - first(r, pair), axis)"
+[forces.gravity]
+over = "pair"
+potential = "-G*first(m, pair)*second(m, pair)/distance"
+[initial]
+r = { value = [[0, 0], [1, 0], [0, 3]], unit = "m" }
+v_r = { value = [[0, 0], [0, 3], [-1.5, 0]], unit = "m s-1" }
+[events.far]
+function = "norm(r, axis) - 2*metre"
+[observables]
+momentum = "sum(m*v_r, body)"
+"""
+CHAIN = """
+name = "chain"
+[dimensions]
+site = 6
+[relations.spring]
+of = "site"
+neighbours = 1
+[coordinates]
+u = { unit = "m", dims = ["site"] }
+[parameters]
+k = "4 N m-1"
+A = "0.1 m"
+m = { dims = ["site"], value = [1, 1, 2, 1, 1, 1], unit = "kg" }
+[mass]
+u = "m"
+[forces.springs]
+over = "spring"
+u = "k*(second(u, spring) - first(u, spring))"
+[initial]
+u = "A*sin(pi*(index(site) + 1)/(size(site) + 1))"
+"""
+
+
+def changed(text: str, old: str, new: str) -> str:
+    """Return a model with other words, which must be there."""
+    assert old in text
+    return text.replace(old, new)
+
+
+def test_a_model_is_written_as_it_was_stated() -> None:
+    """Assert that the text of a model keeps its dimensions, and reads back as the same model with the same elements."""
+    for text in (PLANETS, CHAIN):
+        model = xd.Model.from_text(text)
+        again = xd.Model.from_text(model.to_toml())
+        assert again == model
+        assert again.statement == model.statement
+    assert '"dims" = ["site"]' in model.to_toml()
+    assert "u·" not in model.to_toml()
+
+
+def test_elements_have_values_by_label_and_in_one_unit() -> None:
+    """Assert that each element has its own number, converted to the unit of the first."""
+    model = xd.Model.from_text(PLANETS)
+    assert [model.parameters[f"m·{label}"].quantity.value for label in ("Sun", "Jupiter", "Saturn")] == [10.0, 1.0, 0.5]
+    assert model.initial["r·Saturn·y"].value == 3.0
+    assert text_of(model.definitions["distance·2"]) == (
+        "sqrt((r·Saturn·x - r·Jupiter·x)**2 + (r·Saturn·y - r·Jupiter·y)**2)"
+    )
+
+
+def test_the_force_of_a_link_has_its_opposite() -> None:
+    """Assert that components over a relation act on both ends, added in the order of links, like those of a potential."""
+    model = xd.Model.from_text(CHAIN)
+    component = model.force_components["springs"]["u·1"]
+    assert text_of(component) == "-(k*(u·1 - u·0)) + k*(u·2 - u·1)"
+    potential = changed(CHAIN, 'u = "k*(second(u, spring) - first(u, spring))"\n[i', 'potential = "k*(second(u, spring) - first(u, spring))**2/2"\n[i')  # fmt: skip
+    other = xd.Model.from_text(potential)
+    start = {name: quantity.si for name, quantity in model.initial.items()} | {"k": 4.0}
+    for name, tree in other.force_components["springs"].items():
+        assert isinstance(tree, type(component))
+        pair = evaluate(tree, start), evaluate(model.force_components["springs"][name], start)  # type: ignore[arg-type]
+        assert pair[0] == pytest.approx(pair[1], rel=1e-14, abs=1e-16)
+
+
+def test_values_at_the_start_follow_the_parameters_they_read() -> None:
+    """Assert that another amplitude starts another motion, and that an element that was set itself stays."""
+    model = xd.Model.from_text(CHAIN)
+    twice = model.replace(parameters={"A": "0.2 m"})
+    assert twice.initial["u·2"].value == pytest.approx(2 * model.initial["u·2"].value, rel=1e-15)
+    assert xd.Model.from_text(twice.to_toml()) == twice
+    moved = model.replace(initial={"u[2]": "0.5 m"})
+    assert moved.initial["u·2"].value == 0.5
+    assert xd.Model.from_text(moved.to_toml()).initial == moved.initial
+
+
+def test_elements_and_wholes_are_replaced() -> None:
+    """Assert that one element, a list, and an expression take the place of a parameter's values."""
+    model = xd.Model.from_text(CHAIN)
+    for new, numbers in (
+        ({"m[3]": "3 kg"}, [1, 1, 2, 3, 1, 1]),
+        ({"m": [1, 2, 3, 4, 5, 6]}, [1, 2, 3, 4, 5, 6]),
+        ({"m": {"dims": ["site"], "value": "2*kilogram*(index(site) + 1)"}}, [2, 4, 6, 8, 10, 12]),
+    ):
+        other = model.replace(parameters=new)
+        assert [other.parameters[f"m·{i}"].quantity.value for i in range(6)] == numbers
+        assert xd.Model.from_text(other.to_toml()) == other
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["Sun", "Jupiter", "Saturn"]', '["Sun", "Sun", "Saturn"]', "dimension 'body': has the label 'Sun' twice"),
+        ('["x", "y"]', "0", "dimension 'axis': has 0 elements, needs 1 to 1000000"),
+        ('["x", "y"]', "2000000000", "dimension 'axis': has 2000000000 elements"),
+        ('"body", "axis"]', '"body", "axes"]', "coordinate 'r': 'axes' is no dimension or relation; there are pair, body, axis"),
+        ('"body", "axis"]', '"body", "body"]', "coordinate 'r': dims has one of body, body twice"),
+        ('of = "body"', 'of = "bodies"', "relation 'pair': 'bodies' is no dimension; there are: body, axis"),
+        ('of = "body"', 'of = "body"\nneighbours = 2\nring = true', "neighbours is 2 in a ring of 3 elements"),
+        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Sun\\n"', "line 2: links 'Sun' with itself"),
+        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Jupiter\\nJupiter,Sun\\n"', "line 3: the link of line 2 is there again"),
+        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Mars\\n"', "line 2: dimension 'body' has no element Mars"),
+        ('"500 g"', '"500 s"', "parameter 'm': has '500 s' beside values in 'kg'"),
+        (', Saturn = "500 g"', "", "parameter 'm': values lacks Saturn"),
+        ("Saturn =", "Mars =", "parameter 'm': values has 'Mars', no element of 'body'"),
+        ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0]]", "initial value 'r': value has 2 along 'body', needs 3 elements"),
+        ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0], [0, nan]]", "nan is not finite"),
+        ('r = "m"', 'r = "distance*kilogram/metre"', "mass of 'r': 'distance\\*kilogram/metre' has the dimension 'pair', and it needs body, axis"),
+        ("first(m, pair)*", "m*kilogram/kilogram*", "potential of 'gravity': has the dimension 'body' beside 'pair'"),
+        ("G*first", "G*2*metre*first", "potential of 'gravity' has units 'kg m3 s-2'"),
+        ('over = "pair"', 'over = "pairs"', "force 'gravity' is over 'pairs', which is no relation; there are: pair"),
+        ("sum(m*v_r, body)", "sum(m*v_r, site)", "'site' is no dimension or relation"),
+        ("norm(r, axis) -", "norm(m, axis) -", "event 'far': 'norm\\(m, axis\\)' \\(column 1\\) goes along 'axis', and 'm' has the dimensions: body"),
+        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = "index(body)*G"', "initial value of 'r' has units 'kg-1 m3 s-2', needs 'm'"),
+        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = { table = "x.csv", columns = ["a"] }', "columns names 1, needs 2, one for each of 'axis'"),
+        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = { csv = "a [m],b [m]\\n1,2\\n", columns = ["a", "b"] }', "has 1 rows, and 'body' has 3 elements"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_names_the_remedy(old: str, new: str, message: str) -> None:
+    """Assert that a wrong dimension, label, link, table or unit is named, in one line."""
+    with pytest.raises(xd.ModelError, match=message):
+        xd.Model.from_text(changed(PLANETS, old, new))
+
+
+def test_dimensions_have_names_of_their_own() -> None:
+    """Assert that a dimension is not called like a coordinate, or like a dimension of the record."""
+    with pytest.raises(xd.ModelError, match="dimension 'step': 'step' is a dimension of the record"):
+        xd.Model.from_text(CHAIN.replace("site", "step"))
+    with pytest.raises(xd.ModelError, match="relation 'u' and coordinate 'u' have one name; rename one"):
+        xd.Model.from_text(CHAIN.replace("spring]", "u]").replace("spring)", "u)").replace('"spring"', '"u"'))
