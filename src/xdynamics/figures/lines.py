@@ -18,6 +18,7 @@ from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import STEPS, velocity
+from xdynamics.shapes import parted
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -231,6 +232,9 @@ def cycled(names: list[str]) -> list[str]:
 
 def _joined(names: list[str]) -> str:
     """Name what an axis shows, briefly: the legend has all names."""
+    wholes = {parted(name)[0] for name in names}
+    if len(wholes) == 1:
+        return wholes.pop() if len(names) > 1 else names[0]
     joined = ", ".join(names)
     return joined if len(joined) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
 

@@ -13,6 +13,7 @@ from xdynamics.faults import escaped
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import contact_force, friction_force
+from xdynamics.shapes import spoken
 from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
 
 def words(text: Any) -> str:
     """Escape a record's text for a figure, so that it has no formula and no invisible characters."""
-    return escaped(str(text)).replace("$", r"\$")
+    return escaped(spoken(str(text))).replace("$", r"\$")
 
 
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:

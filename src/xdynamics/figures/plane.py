@@ -15,11 +15,12 @@ from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import between, thinned
-from xdynamics.figures.lines import DASHES, Beside, straight
+from xdynamics.figures.lines import DASHES, MOST_NAMED, Beside, straight
 from xdynamics.figures.marks import COLOURS, INK, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.record.flag_words import words_of
+from xdynamics.shapes import parted
 from xdynamics.units import NONE, parse_unit, spell
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ class Path:
         Of both.
     times, x, y : ndarray, shape (n,)
         A line that bends as the motion does.
+    body : str
+        Which of several it is.
     """
 
     across: str
@@ -54,6 +57,7 @@ class Path:
     times: Floats
     x: Floats
     y: Floats
+    body: str = ""
 
 
 def views(run: xr.Dataset) -> list[list[Path]]:
@@ -61,6 +65,8 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     model = _model(run)
     if model is not None and model.pictured.plane:
         return [_named(run, model)]
+    if model is not None and model.shapes.dims:
+        return _of_bodies(run, model)
     groups: dict[str, list[str]] = {}
     for name, variable in run.data_vars.items():
         units = str(variable.attrs.get("units"))
@@ -76,13 +82,38 @@ def views(run: xr.Dataset) -> list[list[Path]]:
     return pairs
 
 
+def _of_bodies(run: xr.Dataset, model: Model) -> list[list[Path]]:
+    """Return the views of positions whose last dimension has two or three elements: all bodies together."""
+    shapes, pairs = model.shapes, []
+    for name, part in model.shaped.coordinates.items():
+        dims = part.dims
+        if len(dims) < 2 or shapes.extent(dims[-1]).size not in (2, SEEN) or not _is_length(part.unit.text):
+            continue
+        axis = shapes.extent(dims[-1])
+        for i, j in combinations(range(axis.size), 2):
+            across, up = (f"{name}[{axis.label(one)}]" for one in (i, j))
+            view = []
+            for place in shapes.places(dims[:-1]):
+                ends = [shapes.element(name, {**place, dims[-1]: one}) for one in (i, j)]
+                if any(one not in run for one in ends):
+                    return []
+                (times, x), (_, y) = (_line(run, one) for one in ends)
+                labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
+                view.append(Path(across, up, part.unit.text, times, x, y, labels))
+            largest = [max(np.ptp(path.x) for path in view), max(np.ptp(path.y) for path in view)]
+            if min(largest) > THIN * max(largest):
+                pairs.append(view)
+    return pairs
+
+
 def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
     every, view = view, view[:MOST_BODIES]
     for k, one in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
         rows = np.union1d(thinned(one.x, times=one.times), thinned(one.y, times=one.times))
-        axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1)
+        label = words(one.body) if one.body and len(view) <= MOST_NAMED else None
+        axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1, label=label)
         axes.plot(one.x[:1], one.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
@@ -117,10 +148,9 @@ def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
 def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
     """Mark where bodies are at the first events of each name."""
     if not run.sizes.get("event", 0) or "event_time" not in run:
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=8, frameon=False)
+        _legend(view, axes)
         return
-    names = np.array(words_of(run["event_detector"]))
+    names = np.array([parted(name)[0] for name in words_of(run["event_detector"])])
     for k, name in enumerate(dict.fromkeys(names)):
         times = run["event_time"].values[names == name]
         times = times[:: max(1, len(times) // MOST_MARKS)]
@@ -136,7 +166,15 @@ def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
                 markeredgewidth=0.7,
                 label=words(name) if body is view[0] else None,
             )
-    axes.legend(fontsize=8, frameon=False)
+    _legend(view, axes)
+
+
+def _legend(view: list[Path], axes: Axes) -> None:
+    """Name what is drawn; where there are several bodies, beside the axes."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
+    beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
+    axes.legend(fontsize=8, frameon=False, **beside)
 
 
 def _is_length(units: str) -> bool:

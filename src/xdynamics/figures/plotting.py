@@ -45,7 +45,7 @@ def plot(
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
     only : str or sequence of str, optional
-        Of a run: panels (plane, trajectory, velocity, state, contact, drive, phase, section, energy, steps, errors, events) or
+        Of a run: panels (plane, trajectory, velocity, state, profile, contact, drive, phase, section, energy, steps, errors, events) or
         variables that are drawn alone; forces, accelerations and observables are drawn where they are named.
     beside : Dataset, path or sequence of these, optional
         Of a run: other runs and measured data, drawn over the same variables.

@@ -10,12 +10,13 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
-from xdynamics.figures import control, energy, lines, plane
+from xdynamics.figures import control, energy, lattice, lines, plane
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.record import check
 from xdynamics.record.kinds import is_whole, log_description, rows_apart
 from xdynamics.schema import STEPS, velocity
+from xdynamics.shapes import parted
 
 FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
 # words by which panels are chosen, besides the names of variables
@@ -24,6 +25,7 @@ KINDS = (
     "trajectory",
     "velocity",
     "state",
+    "profile",
     "contact",
     "drive",
     "phase",
@@ -115,6 +117,8 @@ def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
             what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
             yield kind, group, partial(lines.against_time, run, group, what, beside)
+    for names, panel in lattice.profiles(run):
+        yield "profile", names, panel
 
 
 def _of_forces(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
@@ -197,9 +201,11 @@ def _drawn(run: xr.Dataset, *names: str) -> bool:
 
 
 def _by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
-    groups: dict[str, list[str]] = {}
+    """Group variables that share an axis: those of one unit, and elements of one quantity for themselves."""
+    groups: dict[tuple[str, str], list[str]] = {}
     for name in names:
-        groups.setdefault(run[name].attrs["units"], []).append(name)
+        whole, labels = parted(name)
+        groups.setdefault((run[name].attrs["units"], whole if labels else ""), []).append(name)
     return list(groups.values())
 
 

@@ -1,0 +1,57 @@
+"""Quantities along a dimension: what they are at some times, element beside element."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.figures.marks import words
+from xdynamics.figures.sheet import Panel
+from xdynamics.shapes import Shapes
+from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FEWEST_ELEMENTS = 7  # of a dimension, which fewer are drawn as lines in time
+MOMENTS = 5  # of a run
+
+
+def shapes_of(run: xr.Dataset) -> Shapes:
+    """Return the dimensions of a run's model; none if it has none."""
+    return model_of(run, None).shapes if "model_toml" in run else Shapes()
+
+
+def profiles(run: xr.Dataset) -> list[tuple[list[str], Panel]]:
+    """Return a panel for each coordinate and state with one dimension of many elements, and what it draws."""
+    shapes = shapes_of(run)
+    panels: list[tuple[list[str], Panel]] = []
+    for name, dims in shapes.dims.items():
+        if len(dims) != 1 or shapes.extent(dims[0]).size < FEWEST_ELEMENTS:
+            continue
+        elements = shapes.elements(name)
+        if all(one in run and run[one].attrs.get("role") in ("coordinate", "state") for one in elements):
+            panels.append((elements, partial(profile, run, name, dims[0], elements)))
+    return panels
+
+
+def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axes) -> None:
+    """Draw the elements of a quantity side by side at the recorded states nearest to some times."""
+    from matplotlib import colormaps
+
+    time = run["time"].values
+    rows = np.unique([int(np.abs(time - one).argmin()) for one in np.linspace(time[0], time[-1], MOMENTS)])
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
+    suffix = unit_suffix(str(run["time"].attrs["units"]))
+    for row, shade in zip(rows, shades, strict=True):
+        values = [float(run[one][row]) for one in elements]
+        axes.plot(
+            range(len(values)), values, ".-", color=shade, markersize=3, linewidth=1, label=f"{time[row]:.4g}{suffix}"
+        )
+    axes.set(xlabel=words(f"element of {dim}"), ylabel=words(f"{name} ({run[elements[0]].attrs['units']})"))
+    axes.set_title(words(f"{name} along {dim}, at recorded states"), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False, ncols=2)
