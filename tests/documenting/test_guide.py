@@ -11,11 +11,13 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS, ROOT
 from xdynamics.documenting.guide import SAID, STARTER, guide
-from xdynamics.expressions.tree import FUNCTIONS
+from xdynamics.documenting.shapes_page import MEANINGS, MODEL
+from xdynamics.expressions.parser import FORMS
+from xdynamics.expressions.tree import ALONG, FUNCTIONS
 from xdynamics.model.grammar import SECTIONS
 
 
-@pytest.mark.parametrize("topic", ["model", "language", "units", "record", "cluster", "stores", *SECTIONS])
+@pytest.mark.parametrize("topic", ["model", "language", "shapes", "units", "record", "cluster", "stores", *SECTIONS])
 def test_topics(topic: str) -> None:
     """Assert that every topic has lines, and each section all its keys with what they take."""
     done = call("help", topic)
@@ -33,6 +35,14 @@ def test_the_guide_knows_the_language() -> None:
     assert "topics" in call("help").output
     done = call("help", "drive")
     assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
+
+
+def test_the_page_on_shapes_is_true() -> None:
+    """Assert that every function along dimensions is explained, and that the model on the page is one."""
+    assert {*MEANINGS} == {*ALONG} == {*FORMS}
+    start = "r = { value = [[0, 0, 0], [1e12, 0, 0], [0, 1e12, 0]], unit = 'm' }"
+    model = xd.Model.from_text('name = "page"\n' + "\n".join([*MODEL[:-1], start]))
+    assert [*model.force_components["gravity"]] == [*model.coordinates]
 
 
 def test_the_starter_marches(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from xdynamics import schema
+from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
@@ -139,6 +140,7 @@ def guide(topic: str | None) -> Iterator[str]:
     topics: dict[str, Callable[[], Iterable[str]]] = {
         "model": _model,
         "language": _language,
+        "shapes": shapes_page,
         "units": _units,
         "record": _record,
         "cluster": CLUSTER.splitlines,
@@ -195,6 +197,7 @@ def _language() -> Iterator[str]:
             yield f"  {name:6}  {SAID[name]}"
     yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
     yield f"  {', '.join(CONSTANTS)}"
+    yield "Along dimensions and relations there are more: `xdynamics help shapes`."
     yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
     yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
 
