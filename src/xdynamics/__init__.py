@@ -54,8 +54,9 @@ if TYPE_CHECKING:
     from xdynamics.simulation.single_run import reproduce, simulate
     from xdynamics.sweeping.catalogue import open_sweep, verify
     from xdynamics.sweeping.designs import Draws
-    from xdynamics.sweeping.ensemble_analysis import contrast, convergence, influences, precision, sensitivities
+    from xdynamics.sweeping.ensemble_analysis import contrast, convergence, precision, sensitivities
     from xdynamics.sweeping.indices import sobol_indices
+    from xdynamics.sweeping.influences import influences
     from xdynamics.sweeping.logs import open_logs
     from xdynamics.sweeping.member import member
     from xdynamics.sweeping.ragged import ragged
@@ -66,7 +67,7 @@ _ROOMS = {
     "AccuracyWarning": "faults", "ArchiveError": "faults", "InputError": "faults", "KindWarning": "faults", "METHODS": "methods", "Model": "model", "ModelError": "faults", "PartialRunWarning": "faults", "ResumeWarning": "faults", "SignatureWarning": "faults",
     "StabilityWarning": "faults", "animate": "figures.animation",
     "check": "record", "complete": "simulation.completion", "companion": "evidence.companion", "Declared": "budgeting.term", "Draws": "sweeping.designs", "error_budget": "budgeting.budget", "certify": "budgeting.certificate", "fit": "budgeting.fitting", "bundle": "documenting.bundling", "document": "documenting.document", "recheck": "documenting.bundling", "compare": "evidence.comparing.comparison", "diagnose": "evidence.diagnosing.diagnosis", "content_digest": "archive", "discard": "archive", "extend": "simulation.extension", "limiting": "evidence.validating.limiting", "manufactured": "evidence.validating.manufacturing", "member": "sweeping.member", "modes": "evidence.modes", "open_logs": "sweeping.logs", "open_sweep": "sweeping.catalogue", "open_run": "archive", "plot": "figures",
-    "refine": "evidence.refining.refinement", "report": "documenting.reporting", "reproduce": "simulation.single_run", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation.single_run", "solve": "simulation.scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.ensemble_analysis", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
+    "refine": "evidence.refining.refinement", "report": "documenting.reporting", "reproduce": "simulation.single_run", "sample": "evidence.sampling", "save": "archive", "save_many": "archive", "sign": "archive.signatures", "simulate": "simulation.single_run", "solve": "simulation.scipy_interface", "sweep": "sweeping.sweep", "contrast": "sweeping.ensemble_analysis", "convergence": "sweeping.ensemble_analysis", "influences": "sweeping.influences", "precision": "sweeping.ensemble_analysis", "ragged": "sweeping.ragged", "sensitivities": "sweeping.ensemble_analysis", "sobol_indices": "sweeping.indices", "validate": "evidence.validating.ledger", "verify": "sweeping.catalogue",
     "verify_signature": "archive.signatures",
 }  # fmt: skip
 
@@ -80,7 +81,10 @@ __all__ = [
 _OF_RECORDS = ("animate", "check", "companion", "compare", "complete", "content_digest", "diagnose", "extend", "modes", "plot", "sample", "save", "contrast", "convergence", "influences", "precision", "sensitivities", "ragged")  # fmt: skip
 
 _entered = entrance(
-    __name__, _ROOMS, beside="interchange.accessor", through={"record.pint_records.taking": _OF_RECORDS}
+    __name__,
+    _ROOMS,
+    beside="interchange.accessor",
+    through={"record.unmarched.marching": _OF_RECORDS, "record.pint_records.taking": _OF_RECORDS},
 )
 
 

@@ -6,6 +6,7 @@ import pickle
 import shutil
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 import xarray as xr
@@ -116,3 +117,33 @@ def test_a_file_is_hashed_once_to_be_verified(archived: Path, monkeypatch: pytes
     monkeypatch.setattr(seals, "_file_digest", lambda path, size: hashed.append(path) or digest(path, size))
     xd.verify(archived)
     assert hashed == [archived]
+
+
+def test_a_run_is_opened_in_chunks(archived: Path) -> None:
+    """Assert dask arrays of the wanted sizes, of those in the file for none, and the digest of the whole run."""
+    whole = xd.open_run(archived)
+    for chunks, sizes in (({"step": 4}, (4, 4, 3)), ({}, (11,)), ("auto", (11,)), (6, (6, 5))):
+        run = xd.open_run(archived, chunks=chunks)
+        assert run.x.chunks == (sizes,)
+        assert xd.content_digest(run) == xd.content_digest(whole)
+        assert run.x.values.tobytes() == whole.x.values.tobytes()
+    assert whole.x.chunks is None
+
+
+@pytest.mark.parametrize(
+    ("chunks", "message"),
+    [
+        ({"steps": 4}, "chunks name 'steps'; there are step"),
+        ({"step": 0}, r"chunks are \{'step': 0\}, need rows by dimension"),
+        ({"step": -1}, "need rows by dimension"),
+        ({"step": 2.5}, "need rows by dimension"),
+        ({"step": True}, "need rows by dimension"),
+        ("many", "chunks are 'many', need rows"),
+        ([3], r"chunks are \[3\], need rows"),
+        (0, "chunks are 0, need rows"),
+    ],
+)
+def test_chunks_that_cannot_be_made_are_refused(archived: Path, chunks: Any, message: str) -> None:
+    """Assert one line that shows them."""
+    with pytest.raises(xd.InputError, match=message):
+        xd.open_run(archived, chunks=chunks)

@@ -9,7 +9,7 @@ from unittest import mock
 
 import xarray as xr
 
-from xdynamics.evidence.stages import REMEMBERED
+from xdynamics.evidence.memory import REMEMBERED
 from xdynamics.march import March
 
 KNOWN_LATER = {"runs", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}

@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.chunked import chunked, ragged
 from cases.problems import MODELS
-from xdynamics.evidence.stages import LIMIT
+from xdynamics.evidence.memory import LIMIT
 
 DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "harmonic_oscillator": ({"method": "velocity_verlet", "step": 0.05, "until": 20.0}, {"exact": {"x": "cos(2*t/second)*metre"}}),

@@ -15,7 +15,8 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
-from xdynamics.evidence.stages import LIMIT, Memory, Task, most_megabytes
+from xdynamics.evidence.memory import LIMIT, Memory, most_megabytes
+from xdynamics.evidence.stages import Task
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
@@ -284,11 +285,9 @@ def test_lazy_modes_have_the_bits_of_eager_ones() -> None:
 
 
 def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
-    """Assert the remedy of a fit, whose runs are as many as its search needs, and of influences of a whole sweep."""
+    """Assert the remedy of a fit, whose runs are as many as its search needs."""
     with pytest.raises(xd.InputError, match="give the model of its model_toml to stages with compute=False"):
         xd.fit(OSCILLATOR, "bench.csv", ["k"], compute=False)
-    with no_march(), pytest.raises(xd.InputError, match=r"give influences\(sweep\.compute\(\)\)"):
-        xd.influences(xd.sweep(OSCILLATOR, {"k": "1:2:3 N m-1"}, members_per_task=3), compute=False)
 
 
 @pytest.mark.parametrize(("count", "tasks"), [(3, 3), (1000, 16), (100_000, 64)])

@@ -10,6 +10,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from cases.stages import assert_described, assert_same_bits, no_march
+from xdynamics.evidence.stages import is_lazy
 from xdynamics.record.flag_words import words_of
 
 END = 2.0  # s
@@ -172,3 +174,46 @@ def test_work_against_precision() -> None:
     assert xd.plot(found).axes[0].get_xlabel() == "force evaluations"
     with pytest.raises(xd.InputError, match="exact names 'end_y', which is none of"):
         xd.precision(grid, exact={"end_y": 1.0})
+
+
+LAZY: dict[str, Any] = {
+    "contrast": lambda grid, **asked: xd.contrast(grid, "step", **asked),
+    "sensitivities": xd.sensitivities,
+    "convergence": lambda grid, **asked: xd.convergence(grid, "step", **asked),
+    "precision": xd.precision,
+    "influences": xd.influences,
+}
+
+
+@pytest.mark.parametrize("name", LAZY)
+def test_a_survey_is_lazy_or_computed_as_it_is_asked_for(name: str) -> None:
+    """Assert dask arrays where compute is False and numbers where it is True, of lazy sweeps and others, the same bits."""
+    axes = {"g": "9:11:3 m s-2", "step": "40, 20, 10 ms"}
+    lazy_sweep = xd.sweep(falling(), axes, until=END, method="velocity_verlet", keep=["end"])
+    whole = lazy_sweep.compute()
+    with no_march():
+        stages = [LAZY[name](grid, compute=False) for grid in (lazy_sweep, whole)]
+    found = LAZY[name](lazy_sweep, compute=True)
+    assert not is_lazy(found)
+    for stage in stages:
+        assert is_lazy(stage)
+        assert {*found.data_vars} == {*stage.data_vars}
+        assert_same_bits(stage, found)
+
+
+def test_a_survey_is_asked_for_by_true_or_false(free: xr.Dataset) -> None:
+    """Assert the value that is none of them."""
+    with pytest.raises(xd.InputError, match="compute is 3, needs true or false"):
+        xd.sensitivities(free, compute=3)  # type: ignore[arg-type]
+
+
+def test_lazy_indices_have_the_numbers_of_eager_ones() -> None:
+    """Assert the description while every march fails, what is known, and the same shares and intervals."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 0.01, "until": END, "draws": 32, "resamples": 20}
+    ranges = {"g": ("9 m s-2", "11 m s-2"), "v_y": ("1 m s-1", "2 m s-1")}
+    with no_march():
+        stage = xd.sobol_indices(falling(), ranges, "end_y", compute=False, **asked)
+        assert stage.parameter_name.values.tolist() == [*ranges]
+    eager = xd.sobol_indices(falling(), ranges, "end_y", **asked)
+    assert_described(stage, eager)
+    assert_same_bits(stage, eager)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, wa
 from xdynamics.record import faults_of
 from xdynamics.record.kinds import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
+from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ROOT_DIGEST, SEALED
 
 if TYPE_CHECKING:
@@ -31,7 +33,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def open_run(path: Given, *, check: bool = True, quantify: bool = False) -> xr.Dataset:
+def open_run(
+    path: Given,
+    *,
+    check: bool = True,
+    quantify: bool = False,
+    chunks: Mapping[str, int] | int | Literal["auto"] | None = None,
+) -> xr.Dataset:
     """Open an archived run, verified; variables are read when they are used, by any thread.
 
     Parameters
@@ -45,11 +53,15 @@ def open_run(path: Given, *, check: bool = True, quantify: bool = False) -> xr.D
         link out of it is followed.
     quantify : bool
         Whether to return numbers with units in their arrays, by pint-xarray. They are read then, not when they are used.
+    chunks : mapping of str to int, or int or "auto", optional
+        Whether to return dask arrays, with so many rows in a chunk: ``{"step": 100_000}``; ``{}`` for chunks as they are
+        in the file. As ``xarray.open_dataset(path, engine="xdynamics", chunks=…)`` does; `diagnose`, `sample` and `plot`
+        read such a run chunk by chunk.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is none: a directory, a pipe, a socket, a device.
+        If there is no such file, or it is none: a directory, a pipe, a socket, a device; or chunks cannot be made so.
     ArchiveError
         If the file is damaged or no run archive; names what differs.
     """
@@ -58,7 +70,28 @@ def open_run(path: Given, *, check: bool = True, quantify: bool = False) -> xr.D
     run.attrs.pop(SEALED, None)  # describes the file, not the run
     _check_record(run, place, values=foreign)
     result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))))
+    result = result if chunks is None else _chunked(result, chunks)
     return quantified(result) if quantify else result
+
+
+def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
+    """Return a run with dask arrays, each chunk of which is read when it is computed."""
+    load_dask_whole()
+    sizes = chunks.values() if isinstance(chunks, Mapping) else [chunks]
+    if any(size != "auto" and (isinstance(size, bool) or not isinstance(size, int) or size < 1) for size in sizes):
+        raise InputError(f"chunks are {chunks!r}, need rows by dimension, like {{'step': 100_000}}, a number or 'auto'")
+    if isinstance(chunks, Mapping) and (unknown := [dim for dim in chunks if dim not in run.dims]):
+        raise InputError(f"chunks name {unknown[0]!r}; there are {', '.join(map(str, run.dims))}")
+    wanted: Any = _stored_chunks(run) if chunks == {} else chunks
+    return run.chunk(wanted, inline_array=True)
+
+
+def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
+    """Return the size of a chunk in the file along every dimension."""
+    sizes: dict[str, int] = {}
+    for variable in run.variables.values():
+        sizes |= {dim: int(size) for dim, size in variable.encoding.get("preferred_chunks", {}).items() if size}
+    return sizes
 
 
 def _held(place: Place) -> Held:

@@ -64,7 +64,7 @@ def run(
     if times is not None:
         from xdynamics.interchange import csv_export
         from xdynamics.march.configuration import settings_for
-        from xdynamics.simulation.single_run import check_sampled, times_within
+        from xdynamics.simulation.wanted_states import check_sampled, times_within
 
         table = csv_export.check_target(placed(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)

@@ -84,7 +84,7 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
     path = Path(run, functions)
     path.check()
     n = path.size
-    m = min(n, vectors or (n if n <= MOST_VARIABLES else FEW))
+    m = count_of(n, vectors)
     rows, times = path.rows, path.block_times
     law, references = path.law()
     tangent = _tangent(n, m, float(rows.times[-1] - rows.times[0]))
@@ -110,6 +110,11 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
         int(tangent.pieces[0]),
         n,
     )
+
+
+def count_of(size: int, vectors: int | None) -> int:
+    """Return how many tangent vectors of so many variables are carried along; see `local_growth`."""
+    return min(size, vectors or (size if size <= MOST_VARIABLES else FEW))
 
 
 def _chunks(rows: Rows) -> Iterator[Rows]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
-from xdynamics.evidence.stages import most_megabytes
+from xdynamics.evidence.memory import most_megabytes
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.record.columns import state_name
@@ -188,6 +188,44 @@ class Chunks:
                 column.kept.add(chunk)
             else:
                 del column.read[chunk]
+
+
+class Unread(Chunks):
+    """The rows of a run that is not marched or not to be read yet: how many there are, and of which columns.
+
+    Attributes
+    ----------
+    listed : int
+        How many cycles and turns are to be described.
+    """
+
+    def __init__(self, run: xr.Dataset, model: Model, listed: int) -> None:
+        super().__init__(run, model)
+        self.listed = listed
+
+    def parts(self, *names: str) -> Iterator[Part]:  # noqa: ARG002 - as of rows that can be read
+        """Yield none."""
+        yield from ()
+
+    def stretches(self) -> Iterator[tuple[xr.Dataset, Rows]]:
+        """Yield none."""
+        yield from ()
+
+    def at(self, name: str, rows: Any) -> Any:  # noqa: ARG002 - as of rows that can be read
+        """Return zeros."""
+        return np.zeros(np.shape(rows))
+
+    def near(self, rows: Any) -> tuple[xr.Dataset, Rows]:
+        """Return a record without rows."""
+        import xarray as xr
+
+        empty = {
+            name: (variable.dims, np.zeros([0] * variable.ndim), variable.attrs)
+            for name, variable in self.run.variables.items()
+            if STEPS in variable.dims
+        }
+        others = {name: variable for name, variable in self.run.variables.items() if variable.chunks is None}
+        return xr.Dataset(others | empty, attrs=self.run.attrs), np.asarray(rows, np.int64)
 
 
 @dataclass

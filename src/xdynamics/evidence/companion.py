@@ -60,6 +60,18 @@ class Tighter:
     factor: float
     said: str
 
+    @property
+    def task(self) -> Task:
+        """The task that marches it.
+
+        Raises
+        ------
+        InputError
+            If no march can have such settings.
+        """
+        with _no_tighter():
+            return march_task(self.model, **self.settings)
+
 
 @dataclass(frozen=True)
 class Companion:
@@ -162,8 +174,7 @@ def companion(
     if compute:
         return _beside(run, companion_of(run, functions), at)
     tighter = tighter_of(run, functions)
-    with _no_tighter():
-        marched = march_task(tighter.model, **tighter.settings)
+    marched = tighter.task
     call = partial(_in_task, run, tighter, functions, at)
     task = Task.of("companion", call, (marched,), archive.digest_of_run(run), None if at is None else at.tolist())
     states = Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive, record
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import store_of
-from xdynamics.march import March
+from xdynamics.march import March, Settings
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
@@ -48,8 +48,15 @@ def march(model: Model, path: Place | None = None, memory: str | float | None = 
     KeyboardInterrupt
         If the march was interrupted: for a single run that is an outcome, for evidence from several it is the end.
     """
+    return marched_by(model, unthinned_settings_for(model, **asked), path, memory)
+
+
+def marched_by(
+    model: Model, settings: Settings, path: Place | None = None, memory: str | float | None = None
+) -> xr.Dataset:
+    """March a model with settings that may leave rows or columns out of the record; see `march`."""
     load_dask_whole()
-    prepared = March(model, unthinned_settings_for(model, **asked))
+    prepared = March(model, settings)
     check_room(prepared, memory, path and store_of(path).written_at(path))
     run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:

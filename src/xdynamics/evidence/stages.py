@@ -7,9 +7,7 @@ are computed one after the other march once. Only what a variable holds leaves t
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -21,22 +19,19 @@ import numpy as np
 
 from xdynamics import archive, record
 from xdynamics.evidence.cluster import Tell, connected, reached, watched
+from xdynamics.evidence.memory import REMEMBERED
 from xdynamics.evidence.runs import march
+from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.runtime.environment import megabytes
-from xdynamics.runtime.fork_safety import waited_for
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import ORIGIN, RUNS
+from xdynamics.schema import ORIGIN, RUNS, STAGE
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LIMIT = "XDYNAMICS_REMEMBERED_LIMIT"  # environment variable
-STAGE = "stage"  # entry of a lazy stage's encoding: how it was made
 TEXT = np.dtype("U256")  # type of texts whose lengths are not known yet
-MOST_MEGABYTES = 256.0  # of results that are remembered, unless it is set
 
 
 @dataclass(frozen=True)
@@ -201,7 +196,8 @@ def lazy(stage: Stage) -> xr.Dataset:
         if name in known:
             continue
         key = f"{name}-{task.name}"
-        graph = {(key, *[0] * variable.ndim): (partial(_values, str(name)), task.name)}
+        call = partial(_values, str(name), variable.dims, variable.shape)
+        graph = {(key, *[0] * variable.ndim): (call, task.name)}
         merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {task.name}})
         chunks = tuple((size,) for size in variable.shape)
         dtype = max(variable.dtype, TEXT) if variable.dtype.kind == "U" else variable.dtype
@@ -209,23 +205,39 @@ def lazy(stage: Stage) -> xr.Dataset:
     described = template.assign(variables)
     described.attrs = {name: value for name, value in template.attrs.items() if name not in (RUNS, *variables)}
     described = archive.marched(described) if ORIGIN in template.attrs else described
-    described.encoding[STAGE] = _Described(task, frozenset(described.variables), dict(described.attrs))
+    described.encoding[STAGE] = _Described(
+        task, frozenset(described.variables), frozenset(variables), dict(described.attrs)
+    )
     return described
 
 
 @dataclass(frozen=True)
 class _Described:
-    """What a lazy stage was as it was made, to know whether it is that still."""
+    """What a lazy stage was as it was made, to know whether it is that still.
+
+    Attributes
+    ----------
+    task : Task
+    names, lazy : frozenset of str
+        Of all its variables, and of those to be computed.
+    attributes : dict
+    """
 
     task: Task
     names: frozenset[Any]
+    lazy: frozenset[Any]
     attributes: dict[str, Any]
+
+    def computed(self, dataset: xr.Dataset) -> xr.Dataset | None:
+        """Return the stage as it is when it is computed at once; None if the Dataset was changed since."""
+        return None if self.delayed(dataset) is None else computed(dataset)[0]
 
     def delayed(self, dataset: xr.Dataset) -> Any:
         """Return the stage as one delayed Dataset; None if the Dataset was changed since."""
         delayed: Any = import_module("dask.delayed").Delayed  # `dask.delayed` is a function too
-        sizes = all(data.name == f"{name}-{self.task.name}" for name, data in _lazy_data(dataset))
-        same = sizes and frozenset(dataset.variables) == self.names and dataset.attrs == self.attributes
+        data = {name: data.name for name, data in _lazy_data(dataset)}
+        same = data == {name: f"{name}-{self.task.name}" for name in self.lazy}
+        same = same and frozenset(dataset.variables) == self.names and dataset.attrs == self.attributes
         graph: Any = import_module("dask.highlevelgraph").HighLevelGraph
         return delayed(self.task.name, graph(self.task.layers, self.task.dependencies)) if same else None
 
@@ -283,8 +295,35 @@ def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset
     return [results.get(k, dataset) for k, dataset in enumerate(datasets)]
 
 
-def _values(name: str, stage: xr.Dataset) -> Any:
-    return np.array(stage.variables[name].values)
+def task_of(stage: xr.Dataset) -> Task | None:
+    """Return the task that gives a lazy stage; None if the Dataset is none, or was changed since it was made."""
+    described = stage.encoding.get(STAGE)
+    return described.task if isinstance(described, _Described) and described.delayed(stage) is not None else None
+
+
+def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset) -> Any:
+    """Return what a stage has under a name, as a variable or an attribute, in the size that was stated.
+
+    Beyond its end there is nan, -1 of whole numbers.
+
+    Raises
+    ------
+    InputError
+        If it has more.
+    """
+    values = np.array(stage.variables[name].values if name in stage.variables else stage.attrs.get(name, ""))
+    for dim, size, stated in zip(dims, values.shape, shape, strict=True):
+        if size > stated:
+            raise InputError(
+                f"'{name}' has {size} values along {dim}, and {stated} were stated: sizes={{'{dim}': {size}}}"
+            )
+    if values.shape == shape:
+        return values
+    padded = np.full(
+        shape, -1 if values.dtype.kind in "iu" else "" if values.dtype.kind == "U" else np.nan, values.dtype
+    )
+    padded[tuple(map(slice, values.shape))] = values
+    return padded
 
 
 def is_lazy(stage: xr.Dataset) -> bool:
@@ -292,62 +331,8 @@ def is_lazy(stage: xr.Dataset) -> bool:
     return any(variable.chunks is not None for variable in stage.variables.values())
 
 
-class Memory:
-    """Results by name; those that were not used for longest are forgotten where there are too many bytes of them."""
-
-    def __init__(self) -> None:
-        self._results: OrderedDict[str, tuple[Any, int]] = OrderedDict()
-        self._lock = waited_for(threading.RLock())
-        self._under_way: dict[str, threading.Lock] = {}
-
-    def result(self, name: str, make: Callable[[], Any]) -> Any:
-        """Return a result; it is made where it is not remembered, once, however many threads ask for it."""
-        with self._lock:
-            turn = self._under_way.setdefault(name, threading.Lock())
-        with turn:
-            with self._lock:
-                if name in self._results:
-                    self._results.move_to_end(name)
-                    return self._results[name][0]
-            try:
-                made = make()
-                with self._lock:
-                    self._results[name] = made, _size(made)
-                    self.shrink(most_megabytes() * 1e6)
-            finally:  # not before: who asks meanwhile waits for its turn
-                with self._lock:
-                    self._under_way.pop(name, None)
-            return made
-
-    def shrink(self, most: float) -> None:
-        """Forget the oldest results until no more bytes are left than wanted."""
-        with self._lock:
-            while self._results and sum(size for _, size in self._results.values()) > most:
-                self._results.popitem(last=False)
-
-    def names(self) -> Iterator[str]:
-        """Name the results that are remembered, the oldest first."""
-        with self._lock:
-            yield from [*self._results]
-
-
-REMEMBERED = Memory()  # of this process
-
-
 def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
     return REMEMBERED.result(name, partial(call, *needs))
-
-
-def _size(result: Any) -> int:
-    """Return the bytes of a result, about."""
-    from dask.sizeof import sizeof
-
-    return int(getattr(result, "nbytes", 0)) or int(sizeof(result))
-
-
-def most_megabytes() -> float:
-    """Return how many MB of results are remembered: $XDYNAMICS_REMEMBERED_LIMIT, or the default if that is no number."""
-    return megabytes(LIMIT, MOST_MEGABYTES)
 
 
 def remembered(task: Task) -> Any:
@@ -367,6 +352,19 @@ def blank_run(prepared: March) -> xr.Dataset:
         }
     )
     return run.assign_attrs(solver_method=prepared.settings.method.name, run_outcome="")
+
+
+def counted_number(count: Any, what: str) -> int | None:
+    """Read how many things to list, which only marching tells; None for all.
+
+    Raises
+    ------
+    InputError
+        If it is no non-negative whole number.
+    """
+    if count is None or (isinstance(count, int) and not isinstance(count, bool) and count >= 0):
+        return count
+    raise InputError(f"{what} is {count!r}, needs a non-negative whole number")
 
 
 def inputs_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -10,7 +10,8 @@ import xarray as xr
 
 from xdynamics import schema
 from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
-from xdynamics.evidence.diagnosing.diagnosis import cycles_said
+from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Page, Panel
@@ -56,10 +57,10 @@ def foot_of(diagnosis: xr.Dataset) -> str:
         units = diagnosis["energy_band"].attrs["units"]
         energy = f"; energy band {float(diagnosis['energy_band']):.3g} {units}, drift {float(diagnosis['energy_drift']):.3g} {units}"
     remarks = []
-    if diagnosis.sizes.get(CYCLE, 0):
-        remarks.append(f"cycles of {cycles_said(diagnosis)}; phases beside {diagnosis.attrs['reference']}")
-    if "cycle_doubt" in diagnosis.attrs:
-        remarks.append(str(diagnosis.attrs["cycle_doubt"]))
+    if cycles_counted(diagnosis):
+        remarks.append(f"cycles of {cycles_said(diagnosis)}; phases beside {stated(diagnosis, 'reference')}")
+    if doubt := stated(diagnosis, "cycle_doubt"):
+        remarks.append(str(doubt))
     if LYAPUNOVS in diagnosis:
         remarks.append(f"exponents: {diagnosis[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
     return "; ".join(remarks) + energy

@@ -3,7 +3,7 @@
 from xdynamics.record.column import Column
 from xdynamics.record.columns import columns, constants, factors, followed_tolerances
 from xdynamics.record.conformity import faults_of
-from xdynamics.record.dataset import check, check_kind, dataset
+from xdynamics.record.dataset import check, check_kind, dataset, described
 from xdynamics.record.identity import apart, comes_of, identity, input_digest, is_of, same_settings
 from xdynamics.record.variable_attributes import own_attributes, plain
 
@@ -16,6 +16,7 @@ __all__ = [
     "comes_of",
     "constants",
     "dataset",
+    "described",
     "factors",
     "faults_of",
     "followed_tolerances",

@@ -17,7 +17,7 @@ from xdynamics.march import Block, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
-from xdynamics.schema import STEPS, Variable
+from xdynamics.schema import BOUNDS, GIVEN_STEP, STEPS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 TIME = "time"
+KNOWN_BEFORE = ("parameter", "model")  # roles of what is known before a march
 
 
 def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
@@ -50,6 +51,26 @@ def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, A
     filled = [(_described(column.variable, tolerances), _joined(pieces.pop(column.variable.name))) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     return _assembled(filled, provenance.attributes(march))
+
+
+def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
+    """Return the record that a march will have, before it begins: zeros of given sizes in the place of what it logs.
+
+    Variables along dimensions of no given size are left out, and attributes that are known after the march only.
+    """
+    known = {**sizes, BOUNDS: 2}
+    variables = [column.variable for column in columns(march)]
+    filled = [
+        (variable, np.zeros([known[dim] for dim in variable.dims], variable.dtype))
+        for variable in variables
+        if {*variable.dims} <= {*known}
+    ]
+    filled += [
+        (variable, np.asarray(value))
+        for variable, value in constants(march)
+        if variable.role in KNOWN_BEFORE or variable.name == GIVEN_STEP.name
+    ]
+    return _assembled(filled, provenance.settings_used(march))
 
 
 def _assembled(filled: Iterable[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:

@@ -45,8 +45,13 @@ KEPT_COLUMNS = (
 
 def attributes(march: March) -> dict[str, Any]:
     """Return the global attributes: what was used, how it ended, on what it ran."""
+    ended = _ended(march)
+    return settings_used(march) | ended
+
+
+def settings_used(march: March) -> dict[str, Any]:
+    """Return the global attributes that are known before the march."""
     model, settings, method = march.model, march.settings, march.settings.method
-    end = ending(march)
     recorded: dict[str, Any] = {
         "Conventions": schema.CONVENTIONS,
         "title": f"{model.name}, by {method.name}",
@@ -61,29 +66,42 @@ def attributes(march: March) -> dict[str, Any]:
         **_steps(march),
         "solver_until": settings.until,
         "solver_until_units": model.time_unit.text,
-        "run_force_evaluations": int(march.now.evaluations),
-        **_effort(march),
-        "run_accepted_steps": march.accepted,
-        "run_rejected_trials": int(march.now.trials),
         **_errors(march),
         "solver_summation": settings.summation,
         **_switches(march),
         **_located(march),
-        **_time_scales(march),
-        **({schema.ATOL_EFFECT: march.atol_effect} if march.atol_effect else {}),
         **_assumed(march.model),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": "float64, IEEE 754 binary64, round to nearest",
         "math_functions": settings.math_functions,
-        "run_outcome": end.outcome.word,
-        "run_outcome_text": end.text,
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
     recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
     return recorded | circumstances("simulated")
+
+
+def _ended(march: March) -> dict[str, Any]:
+    """Return the global attributes that are known after the march: how it ended, its effort, steps beside time scales."""
+    end, settings = ending(march), march.settings
+    recorded: dict[str, Any] = {}
+    if settings.adaptive and not settings.step:
+        recorded["solver_first_step"] = float(march.now.first_step) * settings.scales.of(TIME)
+    elif not settings.adaptive and not isinstance(settings.step, tuple):
+        recorded["solver_last_step"] = _last_step(march)
+    recorded |= {"run_rows": int(march.now.rows)} if settings.keep_every > 1 else {}
+    return recorded | {
+        "run_force_evaluations": int(march.now.evaluations),
+        **_effort(march),
+        "run_accepted_steps": march.accepted,
+        "run_rejected_trials": int(march.now.trials),
+        **_time_scales(march),
+        **({schema.ATOL_EFFECT: march.atol_effect} if march.atol_effect else {}),
+        "run_outcome": end.outcome.word,
+        "run_outcome_text": end.text,
+    }
 
 
 def _thinning(march: March) -> dict[str, Any]:
@@ -94,7 +112,6 @@ def _thinning(march: March) -> dict[str, Any]:
         recorded |= {
             schema.KEEP_EVERY: settings.keep_every,
             f"{schema.KEEP_EVERY}_rule": KEPT_ROWS,
-            "run_rows": int(march.now.rows),
         }
     if settings.log != FULL:
         log = settings.log if isinstance(settings.log, str) else schema.CHOSEN
@@ -204,13 +221,11 @@ def _steps(march: March) -> dict[str, Any]:
             "solver_step": settings.step,
             "solver_step_units": second,
             "solver_grid": "t0 + n*h; steps are cut at nodes, events and the end",
-            "solver_last_step": _last_step(march),
         }
-    scale = settings.scales.of(TIME)
     return {
         "solver_step_control": "adaptive",
         "solver_controller": settings.scheme.controller,
-        "solver_first_step": settings.step or float(march.now.first_step) * scale,
+        **({"solver_first_step": settings.step} if settings.step else {}),
         "solver_first_step_units": second,
         "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
         "solver_safety": pacing.safety,

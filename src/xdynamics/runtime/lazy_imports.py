@@ -47,16 +47,14 @@ def entrance(
     beside : str
         A module that is loaded too, once a room has brought xarray: what is registered with it.
     through : mapping of str to tuple of str, optional
-        Of a function ``module.name``, the names that come through it.
+        Of functions ``module.name``, the names that come through them, from the inmost to the outmost.
     """
-    passed = {name: gate for gate, names in (through or {}).items() for name in names}
 
     def found(name: str) -> Any:
         if name not in rooms:
             raise AttributeError(f"module '{package}' has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{rooms[name]}"), name)
-        if name in passed:
-            module, _, gate = passed[name].rpartition(".")
+        for module, _, gate in (way.rpartition(".") for way, names in (through or {}).items() if name in names):
             value = getattr(import_module(f"{package}.{module}"), gate)(value)
         if beside and "xarray" in sys.modules:
             import_module(f"{package}.{beside}")

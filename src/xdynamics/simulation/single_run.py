@@ -3,41 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from xdynamics import archive, record
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.stores import store_of
-from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.comparing.bits import reproduced
-from xdynamics.evidence.sampling import sample
-from xdynamics.faults import InputError, StabilityWarning, warn
-from xdynamics.keywords import FULL, KEYWORDS, STATES
+from xdynamics.faults import InputError
+from xdynamics.keywords import KEYWORDS
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import settings_for
-from xdynamics.methods import Method
 from xdynamics.model import Model
-from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import is_run, kind_description
 from xdynamics.record.size import check_room
-from xdynamics.schema import STEP_NUMBER
-from xdynamics.simulation.records import check_destination, marched_record, warn_of_accuracy
-from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
-from xdynamics.units import Quantity, Unit, unit_suffix
+from xdynamics.simulation.records import check_destination, marched_record
+from xdynamics.simulation.stability_warnings import warn_of_instability
+from xdynamics.simulation.unmarched_runs import unmarched_run
+from xdynamics.simulation.wanted_states import check_sampled, sampled_march, states_at, times_within
+from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from xdynamics.march.runner import Progress
-    from xdynamics.stability.amplification import Floats
-
-SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
+    from xdynamics.simulation.wanted_states import Floats
 
 
 def simulate(
@@ -77,6 +67,8 @@ def simulate(
     resume: bool = False,
     memory: str | float | None = None,
     progress: Progress | None = None,
+    compute: bool = True,
+    sizes: Mapping[str, int] | None = None,
 ) -> xr.Dataset:
     """March a model and return its run record.
 
@@ -155,6 +147,14 @@ def simulate(
         grid that needs more is refused before it starts; with `path` rows are streamed, and the disk has to have room.
     progress : callable, optional
         Called now and then with the fraction done, the time in s and the rows so far.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, and nothing is marched before one is computed;
+        `diagnose`, with ``compute=False``, and `report` march it in one graph with all else, and every other verb that
+        takes a run marches it first. Each gets the whole record; see `sizes` for what the Dataset itself shows.
+    sizes : mapping of str to int, optional
+        With ``compute=False``, how much to show along dimensions whose sizes only marching tells: ``{"step": 5000,
+        "event": 10}``. Beyond its end the run has nan there, -1 in flags and numbers of rows. Not needed for `step` of
+        a fixed grid without events; what is along other dimensions is left out.
 
     Returns
     -------
@@ -198,6 +198,12 @@ def simulate(
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
     wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
+    if not compute:
+        if progress is not None or resume:
+            raise InputError("progress and resume are for compute=True: what is lazy is marched by whoever computes it")
+        return unmarched_run(model, settings, wanted, path, memory, sizes or {})
+    if sizes is not None:
+        raise InputError(f"sizes are {sizes!r}, and are for compute=False: a run that is marched has its own")
     return _simulated(model, settings, wanted, path, memory, progress, resume=resume)
 
 
@@ -214,73 +220,16 @@ def _simulated(
     """March a model; return the record, or the states at wanted times."""
     if wanted is not None and path is not None:
         check_sampled(settings)
-    _warn_of_instability(model, settings)
+    warn_of_instability(model, settings)
     if wanted is not None and path is None:
-        return _sampled(model, settings, wanted, progress)
+        return sampled_march(model, settings, wanted, progress)
     march = March(model, settings, progress)
     place = None if path is None else placed(path)
     check_room(march, memory, place and store_of(place).written_at(place))
     if resume and place is not None and _is_whole(march, place):
         archive.clear_rest(place)
-        return _at(archive.open_run(place, check=False), wanted, model)
-    return _at(marched_record(march, place, resume=resume), wanted, model)
-
-
-def times_within(times: Any, unit: Unit, start: float, until: float) -> NDArray[np.float64]:
-    """Read the times to return states at, before anything is marched.
-
-    Raises
-    ------
-    InputError
-        If one is no time of the run.
-    """
-    wanted = wanted_times(times, unit)
-    outside = wanted[(wanted < start) | (wanted > until)]
-    if outside.size:
-        raise InputError(
-            f"times have {float(outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
-            f" {until!r}{unit_suffix(unit)}"
-        )
-    return wanted
-
-
-def check_sampled(settings: Settings) -> None:
-    """Check that settings keep in a file what states at wanted times are computed from.
-
-    Raises
-    ------
-    InputError
-        Naming them.
-    """
-    if settings.keep_every > 1 or settings.log not in (FULL, STATES):
-        word = "keep_every" if settings.keep_every > 1 else "log"
-        raise InputError(
-            f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave"
-            f" out times or {word}"
-        )
-
-
-def _sampled(model: Model, settings: Settings, wanted: NDArray[np.float64], progress: Progress | None) -> xr.Dataset:
-    """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
-    march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
-    around = record.dataset(march, march.blocks())
-    warn_of_accuracy(march)
-    states = _at(around, wanted, model)
-    rows = states["row"]
-    return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
-
-
-def _at(run: xr.Dataset, wanted: NDArray[np.float64] | None, model: Model) -> xr.Dataset:
-    """Return the states at wanted times, as far as the run came; the record where none are wanted."""
-    if wanted is None:
-        return run
-    reached = wanted[wanted <= float(run["time"][-1])]
-    states = (
-        sample(run, reached, functions=model.functions)
-        if reached.size
-        else sample(run, float(run["time"][-1])).isel(at=slice(0))
-    )
-    return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
+        return states_at(archive.open_run(place, check=False), wanted, model)
+    return states_at(marched_record(march, place, resume=resume), wanted, model)
 
 
 def _is_whole(march: March, path: Place) -> bool:
@@ -293,55 +242,6 @@ def _is_whole(march: March, path: Place) -> bool:
             return record.comes_of(kept, march)
     except InputError:  # damaged, or no run: a new one takes its place
         return False
-
-
-def _warn_of_instability(model: Model, settings: Settings) -> None:
-    """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
-    step, method = settings.step, settings.method
-    if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
-        return
-    jacobian, span = _jacobian(model), settings.until - model.initial["t"].si
-    if jacobian is None:
-        return
-    if method.order > 1:
-        turned = step * fastest_rate(jacobian)
-        if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
-            return
-        if surely_stable(jacobian, method, len(model.coordinates), step):
-            return
-    limit, unit = _longest_stable_step(model, method), unit_suffix(model.time_unit)
-    if limit > 0.0 and step > limit:
-        warn(
-            f"step {step:.6g}{unit} is beyond the stability limit {limit:.6g}{unit} of '{method.name}'"
-            f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
-            " xdynamics.modes(model) for the steps that other methods allow",
-            StabilityWarning,
-        )
-    elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
-        warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
-            f" 0{unit}): errors grow from step to step, with {step:.6g}{unit} more than e times within"
-            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; see xdynamics.modes(model)"
-            " for methods that are stable",
-            StabilityWarning,
-        )
-
-
-@lru_cache(maxsize=64)
-def _jacobian(model: Model) -> Floats | None:
-    """Linearise a model at its start; None where that is not possible."""
-    try:
-        return linearise(model, initial_state(model)).jacobian
-    except InputError:
-        return None  # the march will say what is wrong with the forces at the start
-
-
-@lru_cache(maxsize=256)
-def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -> float:
-    """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
-    jacobian = _jacobian(model)
-    assert jacobian is not None  # noqa: S101 - who asks has seen it
-    return stable_step_of(jacobian, method, model, growth=growth)
 
 
 def reproduce(path: Given, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:

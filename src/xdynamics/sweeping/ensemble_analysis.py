@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
+from xdynamics.evidence.stages import computed, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
-from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.schema import flags
 from xdynamics.sweeping.axes import RTOL, STEP
 from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
-from xdynamics.sweeping.kept_quantities import EVENT_COUNT
 from xdynamics.sweeping.labels import place_on
-from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, ended
+from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
 from xdynamics.units import quotient
 
 if TYPE_CHECKING:
@@ -27,11 +27,10 @@ Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 ROLE = "survey"
 EVALUATIONS = "run_force_evaluations"
-ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
 LEVELS = 3  # needed to observe an order
 
 
-def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Dataset:
+def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: bool | None = None) -> xr.Dataset:
     """Compare members along one axis with one of them: two methods, say, or two tables.
 
     Parameters
@@ -42,6 +41,8 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
         The axis, ``"method"`` say.
     reference : optional
         The value that the others are compared with; by default the last one.
+    compute : bool, optional
+        Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
 
     Returns
     -------
@@ -55,6 +56,7 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
         If there is no such axis, or no such value of it.
     """
     _check_axis(sweep, dim)
+    sweep = _as_asked(sweep, compute)
     at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
     reference_member = sweep.isel({dim: at})
     variables: dict[str, Any] = {
@@ -75,15 +77,17 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None) -> xr.Datase
         about("1", "1 where the run ended in another way than the reference", ROLE),
     )
     label = str(reference_member[dim].values) if dim in sweep.coords else str(at)
-    return _exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
+    return exhibited("contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label})
 
 
-def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
+def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Dataset:
     """Differentiate every number of a sweep along every axis of numbers, by differences of second order.
 
     Parameters
     ----------
     sweep : xarray.Dataset
+    compute : bool, optional
+        Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
 
     Returns
     -------
@@ -101,9 +105,10 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
     are as accurate as the grid is fine, and mean nothing across a change of outcome; see `influences`.
     """
     check_sweep(sweep)
+    sweep = _as_asked(sweep, compute)
     axes = [
         dim
-        for dim in _axes(sweep)
+        for dim in axes_of(sweep)
         if dim in sweep.dims and dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
     ]
     if not axes:
@@ -120,73 +125,10 @@ def sensitivities(sweep: xr.Dataset) -> xr.Dataset:
                 slope.data,
                 about(units, f"derivative of {name} by {dim}", ROLE),
             )
-    return _exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
+    return exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
 
 
-def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
-    """Return how much each axis changes outcomes, counts of events, and every number.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        A lazy one is marched for every number: compute it first.
-    compute : bool
-        Influences are of values that are there: False is refused.
-
-    Returns
-    -------
-    xarray.Dataset
-        Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
-        ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
-        has alone, over members that have the number.
-
-    Raises
-    ------
-    InputError
-        If it is to be lazy, or the Dataset is no sweep.
-
-    Notes
-    -----
-    The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
-    index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
-    """
-    if not compute:
-        raise InputError("influences are of all members together, and none is lazy: give influences(sweep.compute())")
-    check_sweep(sweep)
-    axes = [dim for dim in _axes(sweep) if dim in sweep.dims]
-    names = numbers(sweep)
-    counts = [name for name in names if name.startswith(EVENT_COUNT)]
-    variables: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
-    for name in (OUTCOME, *counts):
-        values = ended(sweep).values if name == OUTCOME else sweep[name].values
-        word = "outcome" if name == OUTCOME else name
-        shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
-        variables[f"{word}_changes"] = (
-            ("axis",),
-            np.array(shares),
-            about("1", f"share of neighbours along the axis that differ in {name}", ROLE),
-        )
-    for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
-        number = sweep[name].astype(float)
-        variance = float(number.var())
-        rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
-        effects = [
-            (
-                float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance
-                if variance > rounding
-                else 0.0
-            )
-            for dim in axes
-        ]
-        variables[f"main_effect_{name}"] = (
-            ("axis",),
-            np.array(effects),
-            about("1", f"share of the variance of {name} that the axis has alone", ROLE),
-        )
-    return _exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
-
-
-def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
+def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> xr.Dataset:
     """Judge every member by its levels along an axis of steps or tolerances: order, verdict, limit, uncertainty.
 
     Parameters
@@ -195,6 +137,8 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
         With an axis ``step`` or ``rtol`` of three values or more.
     dim : str
         That axis.
+    compute : bool, optional
+        Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
 
     Returns
     -------
@@ -215,6 +159,7 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
         raise InputError(
             f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol"
         )
+    sweep = _as_asked(sweep, compute)
     fine = sweep.sortby(dim, ascending=False)
     fine = fine.chunk({dim: -1}) if any(entry.chunks for entry in fine.data_vars.values()) else fine
     steps, order = fine[dim].values.astype(float), _orders(sweep)
@@ -252,12 +197,16 @@ def convergence(sweep: xr.Dataset, dim: str) -> xr.Dataset:
             f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra)
             for word, (entry, units, description, extra) in judged.items()
         }
-    return _exhibited(
-        "convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim}
-    )
+    return exhibited("convergence", f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim})
 
 
-def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] | None = None) -> xr.Dataset:
+def precision(
+    sweep: xr.Dataset,
+    dim: str = STEP,
+    *,
+    exact: Mapping[str, float] | None = None,
+    compute: bool | None = None,
+) -> xr.Dataset:
     """Return the cost and the error of every run: a work-precision diagram of methods, from coarse to fine.
 
     Parameters
@@ -269,6 +218,8 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
     exact : mapping of str to float, optional
         The exact values, in the units of the sweep; by default the finest level of the method of the highest order is
         taken for exact.
+    compute : bool, optional
+        Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
 
     Returns
     -------
@@ -281,6 +232,7 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
         If there is no such axis, or `exact` names no number of the sweep or has no finite value.
     """
     _check_axis(sweep, dim)
+    sweep = _as_asked(sweep, compute)
     names, exact_values = numbers(sweep), dict(exact or {})
     if unknown := [name for name in exact_values if name not in names]:
         raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(names)}")
@@ -306,12 +258,21 @@ def precision(sweep: xr.Dataset, dim: str = STEP, *, exact: Mapping[str, float] 
         )
     work = sweep[EVALUATIONS]
     variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
-    return _exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
+    return exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
+
+
+def _as_asked(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
+    """Return a sweep computed, or with dask arrays; as it is where neither is asked for."""
+    if not isinstance(compute, bool | None):
+        raise InputError(f"compute is {compute!r}, needs true or false")
+    if compute is None or is_lazy(sweep) is not compute:
+        return sweep
+    return computed(sweep)[0] if compute else sweep.chunk()
 
 
 def numbers(sweep: xr.Dataset) -> list[str]:
     """Name the numbers kept of members, without their rules and uncertainties."""
-    axes = {*_axes(sweep)}
+    axes = {*axes_of(sweep)}
     return [
         str(name)
         for name, variable in sweep.data_vars.items()
@@ -323,14 +284,15 @@ def numbers(sweep: xr.Dataset) -> list[str]:
     ]
 
 
-def _axes(sweep: xr.Dataset) -> list[str]:
+def axes_of(sweep: xr.Dataset) -> list[str]:
+    """Name the axes of a sweep."""
     return str(sweep.attrs[AXES]).split()
 
 
 def _check_axis(sweep: Any, dim: str) -> None:
     check_sweep(sweep)
-    if dim not in sweep.dims or dim not in _axes(sweep):
-        raise InputError(f"the sweep has no axis '{dim}'; there are {', '.join(_axes(sweep))}")
+    if dim not in sweep.dims or dim not in axes_of(sweep):
+        raise InputError(f"the sweep has no axis '{dim}'; there are {', '.join(axes_of(sweep))}")
 
 
 def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
@@ -340,13 +302,6 @@ def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
 
 def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
     return about(str(sweep[name].attrs["units"]), description, ROLE)
-
-
-def _share_of_changes(values: NDArray[Any], axis: int) -> float:
-    """Return the share of neighbours along an axis that differ, among those that both exist."""
-    moved = np.moveaxis(values, axis, 0)
-    both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
-    return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
 
 
 def _orders(sweep: xr.Dataset) -> Any:
@@ -374,9 +329,7 @@ def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> F
     return judged.reshape(*shape, 4)
 
 
-def _exhibited(
-    kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]
-) -> xr.Dataset:
+def exhibited(kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]) -> xr.Dataset:
     """Assemble a survey, with the coordinates of its axes."""
     dims = {dim for variable in variables.values() for dim in variable[0]}
     coordinates = {

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
@@ -35,6 +38,7 @@ def sobol_indices(
     draws: int = 1024,
     seed: int = 0,
     resamples: int = 200,
+    compute: bool = True,
     **settings: Any,
 ) -> xr.Dataset:
     """Return the share of a number's variance due to each parameter, alone and with its interactions.
@@ -52,6 +56,8 @@ def sobol_indices(
     seed : int
     resamples : int
         Number of bootstrap resamples for the intervals.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, and one task that needs all draws.
     **settings
         Of `simulate`, for all members.
 
@@ -79,20 +85,67 @@ def sobol_indices(
         spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
     else:
         spans = {str(name): _declared(model, str(name), ranges) for name in ranges}
-    f = _marched(model, spans, quantity, draws, seed, settings)
-    indices = _shares(f)
-    resampled = np.random.default_rng(seed).integers(draws, size=(resamples, draws))
+    sweep = _swept(model, spans, quantity, draws, seed, settings)
+    request = Request(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
+    if compute:
+        return _shared(request, *(variable.values for variable in computed(sweep[[quantity, OUTCOME]])[0].values()))
+    needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
+    task = Task.of("indices", partial(_shared, request), needs, draws, seed, resamples)
+    blank = np.full((len(SHARES), len(spans)), np.nan)
+    return lazy(
+        Stage(_dataset(request, blank, (blank, blank)), task, [*_range_variables(spans, stated=request.stated)])
+    )
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of the indices; see `sobol_indices`.
+
+    Attributes
+    ----------
+    spans : mapping of str to Column or Parameter
+    stated : bool
+        Whether ranges were given, and not names alone.
+    """
+
+    model: Model
+    spans: Mapping[str, Column | Parameter]
+    stated: bool
+    quantity: str
+    draws: int
+    seed: int
+    resamples: int
+
+
+def _shared(request: Request, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
+    """Return the indices from the numbers of all members.
+
+    Raises
+    ------
+    InputError
+        If a member has none, or all have the same.
+    """
+    f = _checked(request.quantity, numbers.astype(float), outcomes).reshape(2 + len(request.spans), request.draws)
+    resampled = np.random.default_rng(request.seed).integers(request.draws, size=(request.resamples, request.draws))
     low, high = np.quantile([_shares(f[:, entry]) for entry in resampled], [0.025, 0.975], axis=0)
-    variables = _range_variables(spans, stated=isinstance(ranges, Mapping))
+    return _dataset(request, _shares(f), (low, high))
+
+
+def _dataset(
+    request: Request, indices: NDArray[np.float64], interval: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> xr.Dataset:
+    variables = _range_variables(request.spans, stated=request.stated)
+    low, high = interval
     for i, (name, words) in enumerate(SHARES.items()):
         variables[name] = (("parameter",), indices[i], about("1", words, ROLE))
-        description = f"95 % interval of {name}, percentiles of {resamples} resamples of the draws"
+        description = f"95 % interval of {name}, percentiles of {request.resamples} resamples of the draws"
         variables[f"{name}_interval"] = (
             ("parameter", "bound"),
             np.stack([low[i], high[i]], axis=-1),
             about("1", description, ROLE),
         )
-    attributes = {"quantity": quantity, "draws": draws, "seed": seed, "model_digest": model.digest}
+    model, quantity = request.model, request.quantity
+    attributes = {"quantity": quantity, "draws": request.draws, "seed": request.seed, "model_digest": model.digest}
     return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, attributes)
 
 
@@ -123,15 +176,15 @@ def _range_variables(spans: Mapping[str, Column | Parameter], *, stated: bool) -
     }
 
 
-def _marched(
+def _swept(
     model: Model,
     spans: Mapping[str, Column | Parameter],
     quantity: str,
     draws: int,
     seed: int,
     settings: Mapping[str, Any],
-) -> NDArray[np.float64]:
-    """March two designs, and the first with each column of the second; return the numbers, shape (2 + n, draws)."""
+) -> xr.Dataset:
+    """Return the sweep of two designs, and of the first with each column of the second, one after the other."""
     names = list(spans)
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
     a, b = points[:, : len(names)], points[:, len(names) :]
@@ -143,13 +196,17 @@ def _marched(
         raise InputError(
             f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
         )
-    f: NDArray[np.float64] = sweep[quantity].values.astype(float)
+    return sweep
+
+
+def _checked(quantity: str, f: NDArray[np.float64], outcomes: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the numbers of all members if each has one, and not all the same."""
     if not np.isfinite(f).all():
         i = int(np.flatnonzero(~np.isfinite(f))[0])
-        raise InputError(f"member {i} has no {quantity}: it ended as '{sweep[OUTCOME].values[i]}'; narrow the ranges")
+        raise InputError(f"member {i} has no {quantity}: it ended as '{outcomes[i]}'; narrow the ranges")
     if f.max() == f.min():
         raise InputError(f"{quantity} is {float(f[0])!r} in every draw: it has no variance to share; widen the ranges")
-    return f.reshape(2 + len(names), draws)
+    return f
 
 
 def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.dynamics import exponents as rules
-from xdynamics.dynamics.tangents import TOLERANCE, local_growth
+from xdynamics.dynamics.tangents import TOLERANCE, count_of, local_growth
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.faults import InputError
+from xdynamics.model import Model
+from xdynamics.model.motion import variables as variables_of
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 
 if TYPE_CHECKING:
@@ -46,8 +48,7 @@ def lyapunov(
     InputError
         If `wanted` is not a count, or small changes of the state cannot be followed along the run.
     """
-    if not isinstance(wanted, bool | int | np.integer) or wanted < 1:
-        raise InputError(f"lyapunov is {wanted!r}, needs true for all exponents, or how many of the largest, from 1 on")
+    check_count(wanted)
     try:
         exponents = rules.exponents_of(local_growth(run, functions, None if wanted is True else int(wanted)))
     except NotVariedError as error:
@@ -57,23 +58,53 @@ def lyapunov(
         ) from None
     largest, uncertainty = float(exponents.values[0]), float(exponents.uncertainties[0])
     grown = largest * (float(run["time"][-1]) - exponents.begin) > float(log(GROWN))
-    unit = str(run["time"].attrs["units"])
-    per_time = "1" if unit == "1" else f"{unit}-1"
-    rule = {
-        "rule": rules.RULE,
-        "ancillary_variables": LYAPUNOV_UNCERTAINTY,
-        "piece_tolerance": TOLERANCE,
-        "transient": rules.TRANSIENT_RULE,
-        "transient_end": exponents.begin,
-        "pieces": exponents.pieces,
-        "variables": exponents.variables,
-    }
+    found = {"transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}
     numbers: dict[str, Any] = {
         LYAPUNOVS: exponents.values,
         LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
         LYAPUNOV: largest,
         LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * uncertainty else np.inf,
         FINITE_TIME_GROWTH: exponents.finite_time,
+    }
+    return _variables(str(run["time"].attrs["units"]), numbers, found)
+
+
+def described(unit: str, model: Model, *, wanted: bool | int) -> dict[str, Any]:
+    """Return the same variables without their values, which are not known yet.
+
+    Raises
+    ------
+    InputError
+        If `wanted` is not a count.
+    """
+    check_count(wanted)
+    size = len(variables_of(model))
+    several = np.full(count_of(size, None if wanted is True else int(wanted)), np.nan)
+    numbers = dict.fromkeys((LYAPUNOVS, LYAPUNOV_UNCERTAINTY), several)
+    return _variables(unit, numbers | dict.fromkeys(IN_WORDS, np.nan), {"variables": size})
+
+
+def check_count(wanted: Any) -> None:
+    """Check how many exponents are wanted.
+
+    Raises
+    ------
+    InputError
+        If it is not a count.
+    """
+    if not isinstance(wanted, bool | int | np.integer) or wanted < 1:
+        raise InputError(f"lyapunov is {wanted!r}, needs true for all exponents, or how many of the largest, from 1 on")
+
+
+def _variables(unit: str, numbers: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the exponents as variables, with the rule of their computation."""
+    per_time = "1" if unit == "1" else f"{unit}-1"
+    rule = {
+        "rule": rules.RULE,
+        "ancillary_variables": LYAPUNOV_UNCERTAINTY,
+        "piece_tolerance": TOLERANCE,
+        "transient": rules.TRANSIENT_RULE,
+        **found,
     }
     variables = {}
     for name, value in numbers.items():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
-from xdynamics.evidence.chunks import Chunks, with_roles
+from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.cycles import Cycles
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import comparable, evaluated_on, tree_of
@@ -121,6 +121,8 @@ def conserved(rows: Chunks, counted: Cycles | None, functions: Functions | None)
 
 def _drift(rows: Chunks, watched: _Watched, counted: Cycles | None, functions: Functions | None) -> tuple[float, str]:
     """Return the drift of a quantity, averaged over a cycle where there are cycles, and its rule in words."""
+    if isinstance(rows, Unread):
+        return np.nan, "mean over the last cycle less that over the first; without cycles, at the end less at the start"
     if counted is None or len(counted.times) < 3:
         run, ends = rows.near([0, rows.size - 1])
         first, last = watched.on(run, rows.model, ends)

@@ -100,14 +100,7 @@ def cycles(
         If there is no such coordinate.
     """
     rows = Chunks.of(run, functions)
-    record = rows.run
-    if name not in record.variables or record[name].attrs.get("role") != "coordinate":
-        coordinates = [
-            str(coordinate)
-            for coordinate, variable in record.data_vars.items()
-            if variable.attrs.get("role") == "coordinate"
-        ]
-        raise InputError(f"'{name}' is no coordinate of the run; there are {', '.join(coordinates) or 'none'}")
+    check_coordinate(rows.run, name)
     turns = _turned(rows, name)
     maxima, rule = int(np.count_nonzero(turns.rows > 0)), "given"
     if level is None:
@@ -115,6 +108,23 @@ def cycles(
     risen = _risen(rows, name, [level])[0]
     located = _located(rows, name, level, risen, functions) if risen.size else (np.zeros(0), np.zeros(0))
     return Cycles(name, level, *located, rule, maxima)
+
+
+def check_coordinate(record: xr.Dataset, name: str) -> None:
+    """Check that a run has a coordinate.
+
+    Raises
+    ------
+    InputError
+        Naming those that it has.
+    """
+    if name not in record.variables or record[name].attrs.get("role") != "coordinate":
+        coordinates = [
+            str(coordinate)
+            for coordinate, variable in record.data_vars.items()
+            if variable.attrs.get("role") == "coordinate"
+        ]
+        raise InputError(f"'{name}' is no coordinate of the run; there are {', '.join(coordinates) or 'none'}")
 
 
 @dataclass(frozen=True)

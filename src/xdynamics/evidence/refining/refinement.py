@@ -17,6 +17,7 @@ from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
+from xdynamics.evidence.stages import counted_number
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
@@ -130,7 +131,7 @@ def refine(
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     choices = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
-    bounds, many = _bounds(most_rows, memory), _occurrences(occurrences)
+    bounds, many = _bounds(most_rows, memory), counted_number(occurrences, "occurrences")
     folder = None if keep is None else made_folder(placed(keep))
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
@@ -161,13 +162,6 @@ def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> t
     if len(study.runs) < FEWEST:
         raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
     return study, {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
-
-
-def _occurrences(occurrences: Any) -> int | None:
-    """Read how many occurrences of every event are compared."""
-    if occurrences is None or (isinstance(occurrences, int) and not isinstance(occurrences, bool) and occurrences >= 0):
-        return occurrences
-    raise InputError(f"occurrences is {occurrences!r}, needs a non-negative whole number")
 
 
 def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:

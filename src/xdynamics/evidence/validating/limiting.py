@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,11 @@ from xdynamics import archive
 from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.observables import observe
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.observables import observables_of, observe
+from xdynamics.evidence.stages import Stage, Task, blank_run, lazy, march_task, results_of
 from xdynamics.faults import InputError
+from xdynamics.march import March
+from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, LEVEL
@@ -27,6 +31,43 @@ FEWEST = 2  # values
 LEAST_NEARER = 0.01  # logarithm of the ratio of two distances to the limit
 
 
+@dataclass(frozen=True)
+class Approach:
+    """A parameter that comes closer to a limit, and what is compared.
+
+    Attributes
+    ----------
+    model : Model
+    parameter : str
+    unit : Unit
+        Its own.
+    values : ndarray, shape (n,)
+        Ever closer to the limit.
+    limit : float
+    times : ndarray, shape (m,), s
+    names : tuple of str
+        Of observables.
+    """
+
+    model: Model
+    parameter: str
+    unit: Unit
+    values: Floats
+    limit: float
+    times: Floats
+    names: tuple[str, ...]
+
+    @property
+    def numbers(self) -> list[float]:
+        """The values, and the limit last."""
+        return [*self.values.tolist(), self.limit]
+
+    @property
+    def models(self) -> list[Model]:
+        """The model with each of the numbers."""
+        return [self.model.replace(parameters={self.parameter: number}) for number in self.numbers]
+
+
 def limiting(
     model: Model,
     parameter: str,
@@ -35,6 +76,7 @@ def limiting(
     *,
     at: Sequence[str | float] | str | float,
     observables: Sequence[str] | None = None,
+    compute: bool = True,
     **asked: Any,
 ) -> xr.Dataset:
     """March a model with one parameter ever closer to a limit, and at the limit itself.
@@ -52,6 +94,9 @@ def limiting(
         Where to compare.
     observables : sequence of str, optional
         By default all coordinates, velocities and states.
+    compute : bool
+        Whether to march at once. If False, the Dataset has dask arrays, with one task for each value, and nothing is
+        marched before one is computed.
     **asked
         Settings, as for `simulate`.
 
@@ -82,40 +127,76 @@ def limiting(
     )
     requested = [observables] if isinstance(observables, str) else observables
     names = tuple(model.units) if requested is None else tuple(requested)
-    models = [model.replace(parameters={parameter: value}) for value in (*numbers.tolist(), end)]
-    runs = [march(item, **{"force_samples": "none"} | asked) for item in models]
-    for run, value in zip(runs, (*numbers.tolist(), end), strict=True):
-        if float(run["time"][-1]) < float(times.max()):
-            why = run.attrs["run_outcome_text"]
-            raise InputError(f"with {parameter} = {value!r} {unit.text} the run ends before: {why}")
-    samples = [observe(run, item, names, times) for run, item in zip(runs, models, strict=True)]
+    approach = Approach(model, parameter, unit, numbers, end, times, names)
+    settings = {"force_samples": "none"} | asked
+    marches = tuple(march_task(item, **settings) for item in approach.models)
+    task = Task.of("limiting", partial(_compared, approach), marches, parameter, times.tolist(), names)
+    if compute:
+        study: xr.Dataset = results_of(task)[0]
+        return study
+    run = blank_run(March(model, unthinned_settings_for(model, **settings)))
+    if unknown := [name for name in names if name not in run]:
+        raise InputError(
+            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(observables_of(model))}"
+        )
+    blank = np.full((len(numbers) + 1, times.size), np.nan)
+    words = [""] * len(numbers)
+    units = {name: str(run[name].attrs["units"]) for name in names}
+    template = _dataset(approach, words, words, dict.fromkeys(names, blank), units, ())
+    return lazy(Stage(template, task, ("parameter_value", AT_TIME)))
+
+
+def _compared(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
+    """Compare the runs of all numbers.
+
+    Raises
+    ------
+    InputError
+        If one of them ends before the last time.
+    """
+    parameter, unit, last = approach.parameter, approach.unit.text, float(approach.times.max())
+    for run, number in zip(runs, approach.numbers, strict=True):
+        if float(run["time"][-1]) < last:
+            raise InputError(
+                f"with {parameter} = {number!r} {unit} the run ends before: {run.attrs['run_outcome_text']}"
+            )
+    samples = [
+        observe(run, model, approach.names, approach.times) for run, model in zip(runs, approach.models, strict=True)
+    ]
+    values = {name: np.stack([sample[name][0] for sample in samples]) for name in approach.names}
+    units = {name: str(runs[0][name].attrs["units"]) for name in approach.names}
+    digests = [archive.digest_of_run(run) for run in runs]
+    outcomes = [str(run.attrs["run_outcome"]) for run in runs[:-1]]
+    return _dataset(approach, digests[:-1], outcomes, values, units, digests)
+
+
+def _dataset(
+    approach: Approach,
+    level_digests: Sequence[str],
+    outcomes: Sequence[str],
+    values: dict[str, Floats],
+    units: dict[str, str],
+    digests: Sequence[str],
+) -> xr.Dataset:
+    """Return how each observable, given with the limit's last, comes closer to it."""
+    model, parameter, unit, end = approach.model, approach.parameter, approach.unit.text, approach.limit
     variables: dict[str, Any] = {
-        "parameter_value": ((LEVEL,), numbers, about(unit.text, f"{parameter} of the level", ROLE)),
-        "run_digest": (
-            (LEVEL,),
-            np.array([archive.digest_of_run(run) for run in runs[:-1]]),
-            about("1", "content digest of the level's run", "digest"),
-        ),
-        "run_outcome": (
-            (LEVEL,),
-            np.array([str(run.attrs["run_outcome"]) for run in runs[:-1]]),
-            about("1", "outcome of the level's run", "outcome"),
-        ),
-        AT_TIME: ((AT,), times, about(model.time_unit.text, "time of comparison", "time")),
+        "parameter_value": ((LEVEL,), approach.values, about(unit, f"{parameter} of the level", ROLE)),
+        "run_digest": ((LEVEL,), np.array(level_digests), about("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), np.array(outcomes), about("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), approach.times, about(model.time_unit.text, "time of comparison", "time")),
     }
-    distances, order_in = _distance(parameter, numbers, end)
-    for name in names:
-        levels = np.stack([item[name][0] for item in samples])
-        variables |= _approach(name, str(runs[0][name].attrs["units"]), levels[:-1], levels[-1], distances)
+    distances, order_in = _distance(parameter, approach.values, end)
+    for name, numbers in values.items():
+        variables |= _approach(name, units[name], numbers[:-1], numbers[-1], distances)
     attributes = {
         "order_in": order_in,
         "parameter": parameter,
         "limit": end,
-        "limit_units": unit.text,
+        "limit_units": unit,
         "model_digest": model.digest,
     }
-    digests = [archive.digest_of_run(run) for run in runs]
-    return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit.text}", digests, variables, attributes)
+    return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit}", digests, variables, attributes)
 
 
 def _values(

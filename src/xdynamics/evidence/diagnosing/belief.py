@@ -1,0 +1,64 @@
+"""The time up to which a run can be believed: a tighter run stays close to it until then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.evidence.chunks import Chunks, Unread, with_roles
+from xdynamics.evidence.companion import Companion, global_error
+from xdynamics.evidence.diagnosing.conservation import ROLE, spans
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.record.flag_words import time_unit
+
+Rows = NDArray[np.int64]
+
+BELIEVED = 0.1  # of the range of a quantity: the largest error with which it is still believed
+LOOKED_AT = 400  # times at which a run is compared with its companion
+
+
+def believed(rows: Chunks, tighter: Companion) -> dict[str, Any]:
+    """Return the time up to which every coordinate, velocity and state is known to a tenth of its range."""
+    until = np.nan if isinstance(rows, Unread) else _until(rows, tighter)
+    long_name = (
+        "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
+    )
+    return {"believed_until": ((), until, about(time_unit(rows.run).text, long_name, ROLE))}
+
+
+def _until(rows: Chunks, tighter: Companion) -> float:
+    run = rows.run
+    end = min(float(rows.at("time", rows.size - 1)), float(tighter.run["time"][-1]))
+    looked_at = _evenly(lambda: _calm(rows, end))
+    times = rows.at("time", looked_at)
+    near, _ = rows.near(looked_at)
+    states = tighter.beside(sampled(near, times, after=True, rule=REINTEGRATE, functions=tighter.functions))
+    lost = np.zeros(times.size, bool)
+    for name, (least, most) in spans(rows, with_roles(run, ("coordinate", "velocity", "state"))).items():
+        span = most - least
+        lost |= np.abs(np.asarray(states[global_error(name)])) > BELIEVED * span if span > 0.0 else False
+    stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
+    return float(times[int(np.argmax(stays))]) if stays.any() else end
+
+
+def _calm(rows: Chunks, end: float) -> Iterator[Rows]:
+    """Yield the rows up to a time that are at no event: there two runs may be on different sides, however well they agree."""
+    for part in rows.parts("time", "row_kind"):
+        at_event = np.isin(part.own("row_kind"), (schema.EVENT_BEFORE, schema.EVENT_AFTER))
+        yield part.first + np.flatnonzero(~at_event & (part.own("time") <= end))
+
+
+def _evenly(parts: Callable[[], Iterable[Rows]]) -> Rows:
+    """Choose some of all rows, evenly by their number."""
+    count = sum(part.size for part in parts())
+    places, passed, chosen = np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(np.int64)), 0, []
+    for part in parts():
+        chosen.append(part[places[(places >= passed) & (places < passed + part.size)] - passed])
+        passed += part.size
+    return np.concatenate(chosen)

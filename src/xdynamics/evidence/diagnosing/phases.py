@@ -1,0 +1,216 @@
+"""Cycle by cycle: periods, phases beside a reference, amplitudes, areas; and where the coordinate turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive, schema
+from xdynamics.dynamics.shortened_steps import model_of, sampled
+from xdynamics.evidence.chunks import Chunks, Unread, with_roles
+from xdynamics.evidence.companion import Companion, check_whole
+from xdynamics.evidence.diagnosing.conservation import ROLE
+from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.stages import Task, march_task
+from xdynamics.faults import InputError
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.record import check_kind
+from xdynamics.record.flag_words import time_unit
+from xdynamics.schema import CYCLE
+from xdynamics.units import parse_quantity, parse_unit, time_in, unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that is the reference of phases
+PARTS = 64  # of a cycle, from which its area is computed
+TURNS = "turn"  # dimension
+
+
+def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
+    """Count the cycles of one coordinate."""
+    run = rows.run
+    names = with_roles(run, ("coordinate",))
+    if of is None and not names:
+        return None
+    name = of or names[0]
+    if level is not None and name in run.variables:
+        unit = parse_unit(str(run[name].attrs["units"]))
+        quantity = parse_quantity(level)
+        if isinstance(level, str) and quantity.unit.dimension != unit.dimension:
+            raise InputError(f"level is {level!r}, needs the unit '{unit.text}' of '{name}'")
+        level = quantity.si / float(unit.factor) if isinstance(level, str) else quantity.value
+    if isinstance(rows, Unread):
+        check_coordinate(run, name)
+        crossings = np.full(rows.listed + 1, np.nan)
+        return Cycles(name, np.nan if level is None else level, crossings, crossings, "", 0)
+    return cycles(rows, name, level=level, functions=functions)
+
+
+def reference_times(
+    rows: Chunks,
+    counted: Cycles,
+    reference: Any,
+    tighter: Companion | None,
+    exact: xr.Dataset | None,
+    functions: Functions | None,
+) -> tuple[Floats, str]:
+    """Return the times of the reference's crossings, and describe the reference.
+
+    Without one it is a run that is nearly exact; the companion, if that does not reach the end.
+    """
+    n, unit = len(counted.times), time_unit(rows.run)
+    if isinstance(reference, str | float | int):
+        period = time_in(unit, reference, "reference")
+        if not period > 0.0:
+            raise InputError(f"reference is {reference!r}, needs a positive period")
+        return np.array([counted.times[0] + period * k for k in range(n)]), f"a period of {period!r}{unit_suffix(unit)}"
+    if isinstance(rows, Unread):
+        return counted.times, ""
+    if reference is not None:
+        check_kind(reference)
+        check_whole(reference)
+        crossings = cycles(reference, counted.name, level=counted.level, functions=functions).times
+        return _filled(crossings, n), f"the run {archive.digest_of_run(reference)}"
+    if tighter is None:
+        return np.full(n, np.nan), "none"
+    end = float(tighter.run["time"][-1])
+    if exact is None or float(exact["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):
+        exact, source = tighter.run, f"the run with {tighter.said}"
+    else:
+        source = f"{EXACT[0]} with rtol {EXACT[1]:g}"
+    return _filled(cycles(exact, counted.name, level=counted.level, functions=functions).times, n), source
+
+
+def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
+    """Return the task that marches a run's model by a method of high order; None if that refuses it.
+
+    The phase of a method may be of another order than its states, so it cannot be extrapolated.
+    """
+    model = model_of(run, functions)
+    try:
+        return march_task(
+            model,
+            method=EXACT[0],
+            rtol=EXACT[1],
+            atol=EXACT[1] if "atol" in model.run else None,
+            max_steps=MOST_STEPS,
+            until=float(run.attrs["solver_until"]),
+            force_samples="none",
+        )
+    except InputError:
+        return None
+
+
+def _filled(values: Floats, size: int) -> Floats:
+    return np.concatenate([values[:size], np.full(max(0, size - len(values)), np.nan)])
+
+
+def along_cycles(
+    rows: Chunks, counted: Cycles, reference: Floats, turning: Mapping[str, Any], functions: Functions | None
+) -> dict[str, Any]:
+    """Return the variables along `cycle`."""
+    run, name, spans = rows.run, counted.name, counted.periods
+    # the mean over equal parts of a whole period is as accurate as its samples: the area is the integral of v**2
+    parts = counted.times[:-1] + spans * (np.arange(PARTS) / PARTS)[:, None]
+    positions, speeds = np.zeros((2, *parts.shape))
+    for stretch, here in rows.stretches():
+        time = np.asarray(stretch["time"])
+        inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
+        if not inside.any():
+            continue
+        states = sampled(stretch, parts[inside], after=True, rule=REINTEGRATE, functions=functions)
+        positions[inside], speeds[inside] = (np.asarray(states[column]) for column in (name, schema.velocity(name)))
+    area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
+    amplitude = np.ptp(positions, axis=0) / 2.0 if spans.size else np.zeros(0)
+    for k, (begin, end) in enumerate(pairwise(np.searchsorted(turning["turning_time"][1], counted.times).tolist())):
+        if end > begin:
+            amplitude[k] = max(amplitude[k], float(np.ptp(turning["turning_point"][1][begin:end])) / 2.0)
+    with np.errstate(invalid="ignore"):
+        offsets = TURN * (reference[1:] - counted.times[1:]) / np.diff(reference)
+    units, speed = (str(run[variable].attrs["units"]) for variable in (name, schema.velocity(name)))
+    uncertainties, seconds = counted.uncertainties, time_unit(run).text
+    dims = (CYCLE,)
+    return {
+        "cycle_time": (
+            dims,
+            counted.times[1:],
+            about(seconds, f"end of the cycle: {name} rises through {level_of(counted, units)}", ROLE),
+        ),
+        "period": (dims, counted.periods, about(seconds, "from one located crossing to the next", ROLE)),
+        "period_uncertainty": (
+            dims,
+            uncertainties[1:] + uncertainties[:-1],
+            about(seconds, "what the location of both crossings is uncertain by", "error"),
+        ),
+        "phase_offset": (
+            dims,
+            offsets,
+            about("rad", "phase at the end of the cycle less that of the reference; below 0 behind it", ROLE),
+        ),
+        "amplitude": (dims, amplitude, about(units, f"half of what {name} goes up and down, to located turns", ROLE)),
+        "phase_space_area": (
+            dims,
+            area,
+            about(
+                str(parse_unit(f"{units} {speed}").text),
+                f"area that {name} and its velocity go round: the velocity squared, over the cycle",
+                ROLE,
+            ),
+        ),
+    }
+
+
+def level_of(counted: Cycles, units: str) -> str:
+    """Write the level that cycles rise through; it may be known only later."""
+    return "its level" if np.isnan(counted.level) else f"{counted.level:.9g} {units}"
+
+
+def listed(variables: Mapping[str, Any], count: int | None) -> dict[str, Any]:
+    """Return variables with as many cycles and turns as are to be listed: the first ones, or nan behind the last."""
+    if count is None:
+        return dict(variables)
+    return {
+        name: (dims, _filled(values, count) if dims in ((CYCLE,), (TURNS,)) else values, attributes)
+        for name, (dims, values, attributes) in variables.items()
+    }
+
+
+def turns(rows: Chunks, name: str, functions: Functions | None) -> dict[str, Any]:
+    """Locate where a coordinate turns: its velocity passes zero within a step."""
+    speed, turned, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
+    for part in rows.parts("time", speed):
+        time, v, numbers = part.columns["time"], part.columns[speed], part.numbers
+        passed = np.flatnonzero((numbers[:-1] >= part.first) & (v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
+        turned.append(numbers[passed])
+        signs.append(np.sign(v[passed]))
+    before, sign = np.concatenate(turned), np.concatenate(signs)
+    low, high = rows.at("time", np.stack([before, before + 1]))
+    run, _ = rows.near(np.concatenate([before, before + 1]))
+    for _ in range(60 if before.size else 0):
+        middle = (low + high) / 2.0
+        states = sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)
+        same = sign * np.asarray(states[speed]) > 0.0
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    points = (
+        np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name])
+        if before.size
+        else np.zeros(0)
+    )
+    units = str(run[name].attrs["units"])
+    return {
+        "turning_time": (
+            (TURNS,),
+            high,
+            about(time_unit(run).text, f"when {name} turns, located by steps of the run's own method", ROLE),
+        ),
+        "turning_point": ((TURNS,), points, about(units, f"{name} where it turns", ROLE)),
+    }

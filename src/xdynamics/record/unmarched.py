@@ -1,0 +1,49 @@
+"""Runs that are still to be marched: a verb is given the run that will have been."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any
+
+from xdynamics.faults import InputError
+from xdynamics.schema import EVIDENCE, STAGE
+
+
+def is_unmarched(run: Any) -> bool:
+    """Whether a Dataset is what `simulate` returned with ``compute=False``, or made from that."""
+    return "dask" in sys.modules and STAGE in getattr(run, "encoding", ()) and EVIDENCE not in run.attrs
+
+
+def marched(given: Any) -> Any:
+    """March a run that is still to be marched; return anything else as it is.
+
+    Raises
+    ------
+    InputError
+        If only a part of the run is left, or it was changed: there is no whole record of that.
+    """
+    if isinstance(given, Mapping) and not hasattr(given, "variables"):
+        return {key: marched(value) for key, value in given.items()}
+    if not is_unmarched(given):
+        return given
+    run = given.encoding[STAGE].computed(given)
+    if run is None:
+        raise InputError(
+            "this is a part of a run that is still to be marched, or was computed or changed by other means than these"
+            " verbs; give them the run as simulate(…, compute=False) returned it, or march with compute=True"
+        )
+    return run
+
+
+def marching(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a verb take runs that are still to be marched; with ``compute=False`` it marches none itself."""
+
+    @wraps(verb)
+    def called(*arguments: Any, **keywords: Any) -> Any:
+        if "dask" not in sys.modules or keywords.get("compute") is False:
+            return verb(*arguments, **keywords)
+        return verb(*map(marched, arguments), **{key: marched(value) for key, value in keywords.items()})
+
+    return called

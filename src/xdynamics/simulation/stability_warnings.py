@@ -1,0 +1,68 @@
+"""The warning of a fixed step that is beyond the stability limit of its method."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from xdynamics.faults import InputError, StabilityWarning, warn
+from xdynamics.march import Settings
+from xdynamics.methods import Method
+from xdynamics.model import Model
+from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
+from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    from xdynamics.stability.amplification import Floats
+
+SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
+
+
+def warn_of_instability(model: Model, settings: Settings) -> None:
+    """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
+    step, method = settings.step, settings.method
+    if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
+        return
+    jacobian, span = _jacobian(model), settings.until - model.initial["t"].si
+    if jacobian is None:
+        return
+    if method.order > 1:
+        turned = step * fastest_rate(jacobian)
+        if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
+            return
+        if surely_stable(jacobian, method, len(model.coordinates), step):
+            return
+    limit, unit = _longest_stable_step(model, method), unit_suffix(model.time_unit)
+    if limit > 0.0 and step > limit:
+        warn(
+            f"step {step:.6g}{unit} is beyond the stability limit {limit:.6g}{unit} of '{method.name}'"
+            f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
+            " xdynamics.modes(model) for the steps that other methods allow",
+            StabilityWarning,
+        )
+    elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
+        warn(
+            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
+            f" 0{unit}): errors grow from step to step, with {step:.6g}{unit} more than e times within"
+            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; see xdynamics.modes(model)"
+            " for methods that are stable",
+            StabilityWarning,
+        )
+
+
+@lru_cache(maxsize=64)
+def _jacobian(model: Model) -> Floats | None:
+    """Linearise a model at its start; None where that is not possible."""
+    try:
+        return linearise(model, initial_state(model)).jacobian
+    except InputError:
+        return None  # the march will say what is wrong with the forces at the start
+
+
+@lru_cache(maxsize=256)
+def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -> float:
+    """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
+    jacobian = _jacobian(model)
+    assert jacobian is not None  # noqa: S101 - who asks has seen it
+    return stable_step_of(jacobian, method, model, growth=growth)

@@ -1,0 +1,84 @@
+"""States of a run at wanted times, in the place of its record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import record
+from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.keywords import FULL, STATES
+from xdynamics.march import March, Settings
+from xdynamics.model import Model
+from xdynamics.schema import STEP_NUMBER
+from xdynamics.simulation.records import warn_of_accuracy
+from xdynamics.units import Unit, unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.march.runner import Progress
+
+Floats = NDArray[np.float64]
+
+
+def times_within(times: Any, unit: Unit, start: float, until: float) -> Floats:
+    """Read the times to return states at, before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If one is no time of the run.
+    """
+    wanted = wanted_times(times, unit)
+    outside = wanted[(wanted < start) | (wanted > until)]
+    if outside.size:
+        raise InputError(
+            f"times have {float(outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
+            f" {until!r}{unit_suffix(unit)}"
+        )
+    return wanted
+
+
+def check_sampled(settings: Settings) -> None:
+    """Check that settings keep in a file what states at wanted times are computed from.
+
+    Raises
+    ------
+    InputError
+        Naming them.
+    """
+    if settings.keep_every > 1 or settings.log not in (FULL, STATES):
+        word = "keep_every" if settings.keep_every > 1 else "log"
+        raise InputError(
+            f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave"
+            f" out times or {word}"
+        )
+
+
+def sampled_march(model: Model, settings: Settings, wanted: Floats, progress: Progress | None) -> xr.Dataset:
+    """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
+    march = March(model, replace(settings, keep_every=1, log=STATES), progress, wanted)
+    around = record.dataset(march, march.blocks())
+    warn_of_accuracy(march)
+    states = states_at(around, wanted, model)
+    rows = states["row"]
+    return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
+
+
+def states_at(run: xr.Dataset, wanted: Floats | None, model: Model) -> xr.Dataset:
+    """Return the states at wanted times, as far as the run came; the record where none are wanted."""
+    if wanted is None:
+        return run
+    reached = wanted[wanted <= float(run["time"][-1])]
+    states = (
+        sample(run, reached, functions=model.functions)
+        if reached.size
+        else sample(run, float(run["time"][-1])).isel(at=slice(0))
+    )
+    return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})

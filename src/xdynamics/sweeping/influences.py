@@ -1,0 +1,112 @@
+"""What each axis of a sweep changes: outcomes, counts of events, and the variance of every number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
+from xdynamics.schema import AT, OCCURRENCE
+from xdynamics.sweeping.collection import DIGEST, check_sweep
+from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited, numbers
+from xdynamics.sweeping.kept_quantities import EVENT_COUNT
+from xdynamics.sweeping.members import OUTCOME, ended
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+EPS = float(np.finfo(float).eps)
+ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
+
+
+def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
+    """Return how much each axis changes outcomes, counts of events, and every number.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+    compute : bool
+        Whether to compute at once. If False, the Dataset has dask arrays, and one task that needs all members.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
+        ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
+        has alone, over members that have the number.
+
+    Raises
+    ------
+    InputError
+        If the Dataset is no sweep.
+
+    Notes
+    -----
+    The main effect is the variance of means over all other axes, divided by the total variance: Sobol's first-order
+    index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
+    """
+    check_sweep(sweep)
+    if compute:
+        return _influences(computed(sweep)[0])
+    lazy_names = [str(name) for name, variable in sweep.variables.items() if variable.chunks is not None]
+    few = sweep.isel({dim: slice(2) for dim in sweep.dims})
+    blank = few.assign(
+        {name: (few[name].dims, np.zeros(few[name].shape, few[name].dtype), few[name].attrs) for name in lazy_names}
+    )
+    about_names = {name: (sweep[name].dims, sweep[name].attrs) for name in lazy_names}
+    call = partial(_of_gathered, sweep.drop_vars(lazy_names), about_names)
+    task = Task.of("influences", call, tuple(Gathered(sweep[name]) for name in lazy_names), sweep.attrs.get(DIGEST))
+    return lazy(Stage(_influences(blank), task, ("axis_name",)))
+
+
+def _of_gathered(rest: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:
+    """Put the values of a sweep's variables into it, and return its influences."""
+    whole = {name: (dims, data, attrs) for (name, (dims, attrs)), data in zip(names.items(), values, strict=True)}
+    return _influences(rest.assign(whole))
+
+
+def _influences(sweep: xr.Dataset) -> xr.Dataset:
+    """Return the influences of axes on a sweep in memory."""
+    axes = [dim for dim in axes_of(sweep) if dim in sweep.dims]
+    names = numbers(sweep)
+    counts = [name for name in names if name.startswith(EVENT_COUNT)]
+    variables: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
+    for name in (OUTCOME, *counts):
+        values = ended(sweep).values if name == OUTCOME else sweep[name].values
+        word = "outcome" if name == OUTCOME else name
+        shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
+        variables[f"{word}_changes"] = (
+            ("axis",),
+            np.array(shares),
+            about("1", f"share of neighbours along the axis that differ in {name}", ROLE),
+        )
+    for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
+        number = sweep[name].astype(float)
+        variance = float(number.var())
+        rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
+        effects = [
+            (
+                float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance
+                if variance > rounding
+                else 0.0
+            )
+            for dim in axes
+        ]
+        variables[f"main_effect_{name}"] = (
+            ("axis",),
+            np.array(effects),
+            about("1", f"share of the variance of {name} that the axis has alone", ROLE),
+        )
+    return exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
+
+
+def _share_of_changes(values: NDArray[Any], axis: int) -> float:
+    """Return the share of neighbours along an axis that differ, among those that both exist."""
+    moved = np.moveaxis(values, axis, 0)
+    both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
+    return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
