@@ -8,12 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pytest
 
 import xdynamics as xd
+from cases.object_server import bucket
 from cases.problems import MODELS, ROOT, particle
 from cases.stages import marches
+from xdynamics.evidence.cluster import cluster_of, connected
 
 PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipeline.py"))
 # of the studies what makes them small
@@ -23,6 +26,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "ball_with_drag": {},
     "bouncing_ball_events": {},
     "coupled_modes": {"until": "5 s", "refine": {"steps": ["80 ms", "40 ms"], "at": ["5 s"]}},
+    "cluster_study": {"members": 6, "times": "0:6:7 s", "budget": {"quantity": "y", "event": "apogee"}},
     "drag_grid": {"angle": {"first": 10.0, "last": 80.0, "count": 8}, "drag": {"first": 0.0, "last": 3e-3, "count": 4}},
     "impact_oscillator_bifurcation": {"frequencies": "2.4:3.0:12 s-1", "until": "60 s", "occurrences": [5, 15]},
     "mass_calibration": {"draws": 2000},
@@ -73,6 +77,25 @@ def test_it_has_the_one_form(name: str) -> None:
     figure = text.partition("](")[2].partition(")")[0]
     assert (folder / figure).is_file()
     assert (folder / "study.toml").is_file()
+
+
+def test_the_cluster_study_is_the_same_on_a_cluster_and_an_object_store(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Assert the page of two threads, digests and all, from two processes whose runs are objects."""
+    if not request.config.getoption("--whole"):
+        pytest.skip("with --whole: a cluster and an object store are started")
+    pytest.importorskip("s3fs")
+    study = tomllib.loads((ROOT / "pipelines" / "cluster_study" / "study.toml").read_text()) | SMALL["cluster_study"]
+    main = main_of("cluster_study")
+    with dask.config.set(scheduler="threads", num_workers=2):
+        here = main(str(tmp_path / "results"), study)
+    with bucket(), cluster_of(None, 2) as client:
+        assert connected() is client
+        there = main("s3://bucket/results", study)
+        logs = xd.open_logs("s3://bucket/results/rockets", [1.0])
+        assert np.isfinite(logs.y.values).all()
+    assert there == here
 
 
 def test_what_the_pages_say_is_so() -> None:

@@ -21,8 +21,8 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     refinement = xd.refine(model, method=study["method"], **study["refine"], occurrences=1, compute=False)
     landing = xd.refine(model, method=study["method"], **study["landing"])
     ball = xd.simulate(model, method=study["method"], step=float(landing.step_size[-1]))
-    diagnosis = xd.diagnose(ball)
-    limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12)
+    diagnosis = xd.diagnose(ball, occurrences=study["cycles"], compute=False)
+    limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12, compute=False)
     asked = {"method": study["method"], "step": float(landing.step_size[-1]), "compute": False}
     known = xd.error_budget(model, **study["budget"], **asked)
     return xd.report(

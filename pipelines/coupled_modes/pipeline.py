@@ -18,14 +18,17 @@ STUDY = tomllib.loads((HERE / "study.toml").read_text())
 def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Excite one mode at a time and diagnose it beside its own period; refine the superposition; take the coupling away."""
     model = xd.Model.from_toml(ROOT / study["model"])
-    asked = {"method": study["method"], "until": study["until"]}
+    asked = {"method": study["method"], "until": study["until"], "compute": False}
     periods = xd.modes(model).period.values
     excited = [model.replace(initial=one) for one in study["excitations"].values()]
     runs = [xd.simulate(one, **asked, step=study["refine"]["steps"][-1]) for one in excited]
     names = study["excitations"]
-    modes = {name: xd.diagnose(run, reference=float(T)) for name, run, T in zip(names, runs, periods, strict=True)}
-    superposition = xd.refine(model, **asked, **study["refine"], compute=False)
-    uncoupled = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-11, until=study["until"])
+    listed = {"occurrences": study["cycles"], "compute": False}
+    modes = {
+        name: xd.diagnose(run, reference=float(T), **listed) for name, run, T in zip(names, runs, periods, strict=True)
+    }
+    superposition = xd.refine(model, **asked, **study["refine"])
+    uncoupled = xd.limiting(model, **study["limit"], **asked | {"method": "dop853", "rtol": 1e-11})
     return xd.report(folder, modes=modes, superposition=superposition, uncoupled=uncoupled)
 
 

@@ -23,9 +23,9 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     angles, drags = (np.linspace(one["first"], one["last"], one["count"]) for one in (study["angle"], study["drag"]))
     speeds = [study["speed"] * turned(np.radians(angles)) for turned in (np.cos, np.sin)]
     throws = {"angle": angles, "v_x": speeds[0], "v_y": speeds[1]}
-    grid = xd.sweep(model, {"angle": throws, "c": drags}, keep=study["keep"], rtol=study["rtol"], check=0.01).compute()
-    slopes, shares = xd.sensitivities(grid), xd.influences(grid)
-    indices = xd.sobol_indices(model, study["indices"], "end_x", draws=512, rtol=study["rtol"])
+    grid = xd.sweep(model, {"angle": throws, "c": drags}, keep=study["keep"], rtol=study["rtol"], check=0.01)
+    slopes, shares = xd.sensitivities(grid), xd.influences(grid, compute=False)
+    indices = xd.sobol_indices(model, study["indices"], "end_x", draws=512, rtol=study["rtol"], compute=False)
     return xd.report(folder, ranges=grid, slopes=slopes, shares=shares, indices=indices)
 
 

@@ -20,7 +20,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     linear = xd.error_budget(model, study["quantity"], at=study["at"], compute=False)
     drawn = xd.error_budget(model, study["quantity"], at=study["at"], draws=study["draws"], compute=False)
-    return xd.report(folder, linear=linear, drawn=drawn, run=xd.simulate(model))
+    return xd.report(folder, linear=linear, drawn=drawn, run=xd.simulate(model, compute=False))
 
 
 if __name__ == "__main__":

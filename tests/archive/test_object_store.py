@@ -16,10 +16,10 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.object_server import Way, object_server
+from cases.object_server import Way, bucket
 from cases.problems import oscillator
 from xdynamics.archive import lease, object_calls, object_store, segments
-from xdynamics.archive.object_calls import call, client
+from xdynamics.archive.object_calls import call
 from xdynamics.archive.object_store import LOCK, OBJECTS
 from xdynamics.archive.place import ObjectName, placed
 from xdynamics.archive.signatures import new_key
@@ -37,14 +37,7 @@ SECRET = "hidden-words"
 @pytest.fixture(scope="module")
 def store() -> Iterator[Way]:
     """An object store with the bucket `bucket`, and the way to it."""
-    with object_server() as way, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{way.server_port}")
-        patch.setenv("AWS_ACCESS_KEY_ID", "somebody")
-        patch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
-        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-        patch.setattr(object_calls, "ATTEMPTS", 2)
-        patch.setattr(object_calls, "READ", 20.0)  # a busy machine answers late
-        client().call_s3("create_bucket", Bucket="bucket")
+    with bucket(SECRET) as way:
         yield way
 
 

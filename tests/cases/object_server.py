@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+import pytest
+
 Rule = Callable[[str, str], str]  # of method and path: what happens to the request
 
 
@@ -131,3 +133,19 @@ def object_server() -> Iterator[Way]:
         way.shutdown()
         way.server_close()
         store.stop()
+
+
+@contextmanager
+def bucket(secret: str = "secret") -> Iterator[Way]:
+    """Run a store with the bucket `bucket`, and let this process and those that it starts reach it."""
+    from xdynamics.archive import object_calls
+
+    with object_server() as way, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{way.server_port}")
+        patch.setenv("AWS_ACCESS_KEY_ID", "somebody")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", secret)
+        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        patch.setattr(object_calls, "ATTEMPTS", 2)
+        patch.setattr(object_calls, "READ", 20.0)  # a busy machine answers late
+        object_calls.client().call_s3("create_bucket", Bucket="bucket")
+        yield way

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.evidence.chunks import Chunks
-from xdynamics.evidence.diagnosing import diagnosis
+from xdynamics.evidence.diagnosing import belief, diagnosis
 from xdynamics.evidence.diagnosing.cycles import Cycles, Turns, _chosen, _risen, _turned, cycles
 
 
@@ -220,10 +220,10 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
 
         other = xr.Dataset({"time": ("step", [0.0, companions_end])})
         stub: Any = type("Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside)})()
-        return float(diagnosis._believed(Chunks.of(run), stub)["believed_until"][1])
+        return float(belief.believed(Chunks.of(run), stub)["believed_until"][1])
 
     times = run.time.values
-    monkeypatch.setattr(diagnosis, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
+    monkeypatch.setattr(belief, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
     step = 2 * 0.02 + 1e-9
     assert believed(lambda t: (0.099 * span + 0 * t, -0.099 * speeds + 0 * t)) == end
     assert believed(lambda t: (np.where(t > 3.0, -0.101 * span, 0.0), 0 * t)) == pytest.approx(3.0, abs=step)

@@ -15,6 +15,7 @@ from xdynamics.evidence.stages import inputs_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import words_of
@@ -172,8 +173,10 @@ class Target:
         names = np.array(words_of(run["event_detector"])) if run.sizes.get("event", 0) else np.zeros(0, str)
         places = np.flatnonzero(names == self.event)
         if len(places) < self.occurrence:
+            ended = "" if run.attrs["run_outcome"] in GOOD else f", which ended badly: {run.attrs['run_outcome_text']}"
             raise InputError(
-                f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for"
+                f"'{self.event}' is met {len(places)} times in the run, and number {self.occurrence} is asked for, by"
+                f" {run.attrs['solver_method']}{ended}"
             )
         return int(places[self.occurrence - 1])
 
