@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from adaptive_problems import PLAIN, PROBLEMS, Words
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parent
 NAMES = ("arenstorf", "kepler", "double_pendulum")
 METHODS = ("dormand_prince", "dop853")
 SCIPY = {"dormand_prince": "RK45", "dop853": "DOP853"}

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 import xdynamics as xd
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parent
 MODEL = HERE.parents[1] / "data" / "models" / "harmonic_oscillator.toml"
 OBSERVABLE = 'phase = "atan2(-v_x*sqrt(m/k), x)"\n'
 ROUNDS = 7
