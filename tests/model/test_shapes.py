@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
@@ -168,3 +169,20 @@ def test_dimensions_have_names_of_their_own() -> None:
         xd.Model.from_text(CHAIN.replace("site", "step"))
     with pytest.raises(xd.ModelError, match="relation 'u' and coordinate 'u' have one name; rename one"):
         xd.Model.from_text(CHAIN.replace("spring]", "u]").replace("spring)", "u)").replace('"spring"', '"u"'))
+
+
+def test_members_of_a_sweep_start_where_their_parameters_say() -> None:
+    """Assert that values at the start follow arrays of parameters to the bit of single models, and slopes know it."""
+    model = xd.Model.from_text(CHAIN.replace('unit = "m", dims = ["site"]', 'unit = "mm", dims = ["site"]'))
+    amplitudes = np.array([0.1, 0.2, 0.37])
+    starts = model.started({"A": amplitudes})
+    assert {*starts} == {f"u·{i}" for i in range(6)}
+    for i, amplitude in enumerate(amplitudes):
+        alone = model.replace(parameters={"A": float(amplitude)})
+        assert [float(starts[name][i]) for name in starts] == [alone.initial[name].si for name in starts]
+    assert model.started({"k": amplitudes}) == {}
+    settings = {"method": "velocity_verlet", "step": 0.01, "until": 1.0}
+    uncertain = model.replace(parameters={"A": "0.1 ± 0.01 m"})
+    budget = xd.error_budget(uncertain, quantity="u·2", at="1 s", **settings)
+    slope = float(budget.sensitivity[budget.term_name.values.tolist().index("A")])
+    assert slope == pytest.approx(float(budget.value) / 0.1, rel=1e-6)  # the motion is linear in it

@@ -45,6 +45,8 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
     """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
+    if read := sorted(model.read_at_start.intersection(inputs)):
+        raise NotVariedError(f"values at the start follow '{read[0]}'")
     along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
     change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):

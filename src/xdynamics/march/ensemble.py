@@ -160,7 +160,8 @@ def march_many(
     settings : Settings
         Shared by all runs: method, end, tolerances, scales.
     parameters, initial : mapping of str to array_like of float, shape (n,), SI
-        Values that replace the model's, one for each run; `initial` names coordinates, velocities, states.
+        Values that replace the model's, one for each run; `initial` names coordinates, velocities, states. Those that
+        the model gives by expressions of parameters follow these.
     steps : array_like of float, shape (n,), s
         Step of each run's grid; with chosen steps, the first step.
     rtols : array_like of float, shape (n,)
@@ -188,7 +189,8 @@ def march_many(
     settings.check(model)
     model.require_functions()
     varied = {("parameter", name): values for name, values in (parameters or {}).items()}
-    varied |= {("initial value", name): values for name, values in (initial or {}).items()}
+    starts = model.started(parameters or {}) | dict(initial or {})
+    varied |= {("initial value", name): values for name, values in starts.items()}
     varied |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
     arrays = _checked(model, settings, varied)
     n = len(next(iter(arrays.values())))

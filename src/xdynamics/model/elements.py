@@ -7,9 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from xdynamics.expressions import Along, Node, expand, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
@@ -389,6 +391,36 @@ class Elements:
         return {
             one: Quantity(self._evaluated(values.tree, place, known, unit), unit) for one, place in self._placed(name)
         }
+
+    def read_at_start(self) -> frozenset[str]:
+        """Return the parameters that values at the start follow."""
+        trees = [at(one.tree, place, self.shapes) for one, place in self._expressions()]
+        return frozenset(set[str]().union(*map(free_names, trees)) - _constants().keys())
+
+    def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
+        """Return values at the start, in SI units, for arrays of parameters that some of them follow.
+
+        Every number has the bits that the model with those parameters has.
+        """
+        values: dict[str, Any] = _constants() | dict(known) | dict(parameters)
+        size = len(next(iter(parameters.values())))
+        starts = {}
+        for name, one in self.statement.starting.items():
+            for element, place in self._placed(name) if one.tree is not None else ():
+                assert one.tree is not None  # noqa: S101 - checked above
+                tree = at(one.tree, place, self.shapes)
+                if free_names(tree) & parameters.keys():
+                    unit = self._units()[name]
+                    numbers = np.broadcast_to(evaluate_many(tree, values) / float(unit.factor), size)
+                    starts[element] = np.array([unit.to_si(number) for number in numbers.tolist()])
+        return starts
+
+    def _expressions(self) -> Iterator[tuple[Any, Place]]:
+        """Yield values at the start that are expressions, with the place of each element."""
+        for name, values in self.statement.starting.items():
+            if values.tree is not None:
+                for _, place in self._placed(name):
+                    yield values, place
 
     def _units(self) -> dict[str, Unit]:
         time, old = self.statement.time_unit, self.statement

@@ -302,6 +302,18 @@ class Model:
         return list({component.name: component for component in components if isinstance(component, Function)}.values())
 
     @cached_property
+    def read_at_start(self) -> frozenset[str]:
+        """The parameters that expressions of values at the start read."""
+        return frozenset() if self._declared is None else Elements(self.shaped, self.shapes).read_at_start()
+
+    def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
+        if not self.read_at_start & parameters.keys():
+            return {}
+        known = {name: part.quantity.si for name, part in self.parameters.items()}
+        return Elements(self.shaped, self.shapes).varied(parameters, known)
+
+    @cached_property
     def digest(self) -> str:
         """sha256 of the model as TOML."""
         return hashlib.sha256(self.to_toml().encode()).hexdigest()
