@@ -21,9 +21,9 @@ from xdynamics.expressions import (
     exponent_of,
     shown,
 )
-from xdynamics.kernels.program import Compute, Load, Operand, Place, Store
+from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, Store
 
-_OPERATIONS = {
+OPERATIONS = {
     "+": "add",
     "-": "subtract",
     "*": "multiply",
@@ -41,9 +41,7 @@ _FOLDED: dict[str, Callable[..., float]] = {
     "multiply": operator.mul,
     "negative": operator.neg,
 }
-_CALLED = {"min": "least", "max": "greatest", "where": "choose"}
-
-Line = Compute | Load | Store
+CALLED = {"min": "least", "max": "greatest", "where": "choose"}
 
 
 class Assignments:
@@ -85,7 +83,7 @@ class Assignments:
                     result = self._joined(link, result)
                 return result
             case Compare():
-                return self.compute(_OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
+                return self.compute(OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
             case Call():
                 return self._called(tree)
             case Element() | Along():
@@ -139,11 +137,11 @@ class Assignments:
     def _joined(self, node: Binary, left: Operand) -> Operand:
         """Write a binary node whose left operand is already written."""
         if node.operator == "**":
-            return self._power(left, exponent_of(node.right) or Fraction(0))
-        return self.compute(_OPERATIONS[node.operator], left, self.value(node.right))
+            return self.power(left, exponent_of(node.right) or Fraction(0))
+        return self.compute(OPERATIONS[node.operator], left, self.value(node.right))
 
     def _called(self, tree: Call) -> Operand:
-        operation = _CALLED.get(tree.function, tree.function)
+        operation = CALLED.get(tree.function, tree.function)
         values = [self.value(argument) for argument in tree.arguments]
         if tree.function not in ("min", "max"):
             return self.compute(operation, *values)
@@ -152,11 +150,12 @@ class Assignments:
             result = self.compute(operation, result, value)
         return result
 
-    def _power(self, base: Operand, exponent: Fraction) -> Operand:
+    def power(self, base: Operand, exponent: Fraction) -> Operand:
+        """Write a power as products and square roots where these suffice."""
         if exponent == 0:
             return 1.0
         if exponent < 0:
-            return self.compute("divide", 1.0, self._power(base, -exponent))
+            return self.compute("divide", 1.0, self.power(base, -exponent))
         whole, rest = divmod(exponent, 1)
         if rest == 0:
             return self._product(base, whole)

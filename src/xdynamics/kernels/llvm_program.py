@@ -38,6 +38,7 @@ from xdynamics.kernels.program import (
     Store,
     When,
     While,
+    nested,
     size,
     soundness,
 )
@@ -142,10 +143,12 @@ class ProgramText:
         self._lines.begin(label)
 
     @contextmanager
-    def _pass(self, line: Loop | Reduction, index: Index) -> Iterator[None]:
+    def _pass(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
         """Print the lines of one pass; what they compute is forgotten after it."""
         outside = dict(self._values), self._joint, dict(self._pairs), dict(self._places.indices)
         self._places.indices[line.index] = index
+        if isinstance(line, Reduction):
+            self._values.update(zip(line.totals, totals, strict=True))
         self._joint = self._joint | together(line.body)
         self._print(line.body)
         yield
@@ -153,12 +156,17 @@ class ProgramText:
 
     def _loop(self, line: Loop) -> None:
         wide, whole = self._abreast, 0
-        if wide > self._runs and not self._places.indices and line.independent:
+        if wide > self._runs and not self._places.indices and not self._into_row(line) and line.independent:
             whole = line.count // wide * wide
         if whole:
             with self._side_by_side(wide):
                 self._passes(line, 0, whole, wide, [])
         self._passes(line, whole, line.count, 1, [])
+
+    def _into_row(self, line: Loop) -> bool:
+        """Whether a loop writes to a row of the log, whose elements are apart."""
+        written = {inner.place.array for inner in nested(line.body) if isinstance(inner, Store)}
+        return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in written)
 
     @contextmanager
     def _side_by_side(self, wide: int) -> Iterator[None]:
@@ -170,11 +178,69 @@ class ProgramText:
         self._pairs = pairs
 
     def _reduce(self, line: Reduction) -> None:
-        start: list[Value] = [self._operand(line.start) for _ in line.totals]
-        if line.kind == INTERVAL and not isinstance(line.start, str):
-            start = [self._intervals.of("point", value) for value in start]
-        totals = self._passes(line, 0, line.count, 1, start)
+        totals: list[Value] = [self._operand(start) for start in line.starts]
+        if line.kind == INTERVAL:
+            of = self._intervals.of
+            pairs = zip(line.starts, totals, strict=True)
+            totals = [value if isinstance(start, str) else of("point", value) for start, value in pairs]
+        totals = (
+            self._bounded(line, totals) if line.below or line.above else self._passes(line, 0, line.count, 1, totals)
+        )
         self._values.update(zip(line.totals, totals, strict=True))
+
+    def _bounded(self, line: Reduction, totals: list[Value]) -> list[Value]:
+        """Print the passes before, or after, the number of an index; of lanes with several numbers some by a mask."""
+        of = self._places.indices[line.below or line.above]
+        if isinstance(of.value, int):
+            bounds = (0, of.value) if line.below else (of.value + 1, line.count)
+            return self._passes(line, *bounds, 1, totals) if bounds[0] < bounds[1] else totals
+        beyond = self._lines.line("p", f"add i64 {of.value}, {self._lines.lanes if of.step else 1}").text
+        if not of.step:
+            return self._inner(line, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
+        if line.below:
+            return self._inner(line, of.value, beyond, self._inner(line, "0", of.value, totals), masked=True)
+        return self._inner(line, beyond, str(line.count), self._inner(line, of.value, beyond, totals, masked=True))
+
+    def _inner(
+        self, line: Reduction, first: str, last: str, totals: list[Value], *, masked: bool = False
+    ) -> list[Value]:
+        """Print passes between two numbers that are known when they are made; there may be none."""
+        lines, label, before = self._lines, self._lines.label(), self._lines.block
+        self._put(f"%{label}any = icmp ult i64 {first}, {last}")
+        self._put(f"br i1 %{label}any, label %{label}, label %{label}end")
+        lines.begin(label)
+        index, head = f"%{label}i", len(lines.lines)
+        carried = self._phis(label, totals, "t")
+        new = self._made(line, Index(index), carried, masked=masked)
+        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
+        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
+        self._put(f"{index}n = add i64 {index}, 1")
+        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
+        inside = lines.block
+        lines.begin(f"{label}end")
+        joined = self._phis(label, totals, "e")
+        lines.lines += self._merged(joined, totals, before, new, inside)
+        return joined
+
+    def _phis(self, label: str, totals: list[Value], letter: str) -> list[Value]:
+        """Name what totals are where two ways through the text meet."""
+        parts = [[self._lines.value(part) for part in _parts(total)] for total in totals]
+        return [
+            _like(total, [Written(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(own)])
+            for i, (total, own) in enumerate(zip(totals, parts, strict=True))
+        ]
+
+    def _merged(
+        self, names: list[Value], old: list[Value], before: str, new: list[Value], inside: str = ""
+    ) -> list[str]:
+        """Return lines that say what totals are: as they were, or as a pass left them."""
+        lines, phis = self._lines, []
+        for name, *ways in zip(names, old, new, strict=True):
+            for one, first, second in zip(_parts(name), *(map(lines.value, _parts(way)) for way in ways), strict=True):
+                ends = f"[ {first.text}, %{before} ], [ {second.text}, %{inside or lines.block} ]"
+                phis.append(f"{one.text} = phi {lines.kind(one.letter)} {ends}")
+        return phis
 
     def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
         """Print passes of a loop, written out if they are few; return the totals after them."""
@@ -183,20 +249,12 @@ class ProgramText:
                 totals = self._made(line, Index(k), totals)
             return totals
         lines, label, before = self._lines, self._lines.label(), self._lines.block
-        parts = [[lines.value(part) for part in _parts(total)] for total in totals]
         self._begin(label)
         index, head = f"%{label}i", len(lines.lines)
-        carried = [
-            _like(total, [Written(lines, part.letter, f"%{label}t{i}.{k}") for k, part in enumerate(parts[i])])
-            for i, total in enumerate(totals)
-        ]
+        carried = self._phis(label, totals, "t")
         new = self._made(line, Index(index, int(step > 1)), carried)
         phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
-        for old, total, now in zip(parts, carried, new, strict=True):
-            for part, name, value in zip(old, _parts(total), map(lines.value, _parts(now)), strict=True):
-                kind = lines.kind(part.letter)
-                phis.append(f"{name.text} = phi {kind} [ {part.text}, %{before} ], [ {value.text}, %{lines.block} ]")
-        lines.lines[head:head] = phis
+        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
         self._put(f"{index}n = add i64 {index}, {step}")
         self._put(f"{index}c = icmp ult i64 {index}n, {last}")
         self._put(f"br i1 {index}c, label %{label}, label %{label}end")
@@ -206,22 +264,29 @@ class ProgramText:
     def _most(self, line: Loop | Reduction) -> float:
         return WRITTEN_OUT if any(isinstance(inner, Loop | Reduction) for inner in line.body) else float("inf")
 
-    def _made(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> list[Value]:
+    def _made(self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False) -> list[Value]:
         """Print one pass; return the totals after it."""
-        with self._pass(line, index):
+        with self._pass(line, index, totals):
             if isinstance(line, Loop):
                 return totals
             joined = [
                 self._of(line.kind)(line.operation, total, self._operand(term))
                 for total, term in zip(totals, line.terms, strict=True)
             ]
-            if line.where:
-                truth = self._operand(line.where)
+            if line.where or masked:
+                truth = self._side(line, index) if masked else self._operand(str(line.where))
                 joined = [
                     _like(old, [choose(truth, *pair) for pair in zip(_parts(new), _parts(old), strict=True)])
                     for old, new in zip(totals, joined, strict=True)
                 ]
             return joined
+
+    def _side(self, line: Reduction, index: Index) -> Written:
+        """Return in which lanes a pass is before, or after, the number of the index that bounds it."""
+        indices = self._places.indices
+        indices[line.index] = index
+        own, bound = (self._places.ordinal(name) for name in (line.index, line.below or line.above))
+        return own < bound if line.below else own > bound
 
     # ---------------------------------------------------------------------------------------------------- operations
 

@@ -48,6 +48,7 @@ RULES: Mapping[str, Callable[..., Any]] = {
     "least": least,
     "greatest": greatest,
     "positive": positive,
+    "newest": lambda _, new: new,
 }
 
 

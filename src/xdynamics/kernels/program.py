@@ -161,22 +161,35 @@ class Reduction:
         What is joined, of each pass, and the names of the results.
     operation : str
         How a total so far and a term are joined: "add", "least", "greatest", …
-    start : float or str
-        What every total begins as.
+    start : float or str, or a tuple of them
+        What every total begins as, or each.
     where : str, optional
         A truth: a pass where it does not hold keeps the totals (adding zero would make -0.0 into 0.0).
     kind : str
+    below, above : str
+        Index of a loop around it: only passes before its number are made, or only those after it.
+
+    Notes
+    -----
+    In the body a total's name means the total so far; "newest" makes a term the total.
     """
 
     index: str
     count: int
     body: tuple[Line, ...]
-    terms: tuple[str, ...]
+    terms: tuple[Operand, ...]
     totals: tuple[str, ...]
     operation: str = "add"
-    start: Operand = 0.0
+    start: Operand | tuple[Operand, ...] = 0.0
     where: str | None = None
     kind: str = FLOAT
+    below: str = ""
+    above: str = ""
+
+    @property
+    def starts(self) -> tuple[Operand, ...]:
+        """What each total begins as."""
+        return self.start if isinstance(self.start, tuple) else (self.start,) * len(self.totals)
 
 
 @dataclass(frozen=True)

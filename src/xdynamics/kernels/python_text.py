@@ -103,13 +103,16 @@ class _Printer:
 
     def _pass(self, line: Loop | Reduction, inner: list[str]) -> None:
         """Print a loop of these lines."""
-        self.lines += [f"for {line.index} in range({line.count}):", *(f"    {entry}" for entry in inner)]
+        passes = str(line.count)
+        if isinstance(line, Reduction) and (line.below or line.above):
+            passes = line.below or f"{line.above} + 1, {line.count}"
+        self.lines += [f"for {line.index} in range({passes}):", *(f"    {entry}" for entry in inner)]
 
     def _reduction(self, line: Reduction) -> None:
-        start = self.text(line.start)
-        if line.kind != FLOAT and not isinstance(line.start, str):
-            start = f"_{line.kind}.of('point', {start})"
-        self.lines += [f"{total} = {start}" for total in line.totals]
+        for total, start in zip(line.totals, line.starts, strict=True):
+            text = self.text(start)
+            exact = line.kind == FLOAT or isinstance(start, str)
+            self.lines.append(f"{total} = {text}" if exact else f"{total} = _{line.kind}.of('point', {text})")
         self._texts |= {total: (total, _ATOM) for total in line.totals}
         read = tuple(filter(None, (*line.terms, line.where)))
         inner = _Printer(line.body, self._texts, read)
@@ -141,6 +144,8 @@ class _Printer:
             return f"{self._bound(arguments[0], strength)}{sign}{self._bound(arguments[1], strength + 1)}", strength
         if name in COMPARISONS:
             return f"{self._bound(arguments[0], 1)}{COMPARISONS[name]}{self._bound(arguments[1], 1)}", 0
+        if name == "newest":
+            return self._expression(arguments[1])
         if name == "negative":
             return f"-{self._bound(arguments[0], 3)}", 3
         if name == "choose":
@@ -191,6 +196,6 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
             case Store():
                 yield line.value
             case Loop() | Reduction():
-                yield from (line.start,) if isinstance(line, Reduction) else ()
+                yield from line.starts if isinstance(line, Reduction) else ()
                 # a value that a loop reads from outside is computed before it
                 yield from (operand for operand in _operands(line.body) for _ in range(2))

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
-from typing import Any
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain
 from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, rate_of
 from xdynamics.expressions.tree import children
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.trees import at, dims_along, element_numbers, end_of
+from xdynamics.shapes.parts import Parts
+from xdynamics.shapes.trees import at, element_numbers, end_of
 
 
 def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, Node]:
@@ -50,7 +50,7 @@ def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, No
     >>> text_of(found["u"])
     '-roll(2*(u - roll(u, site, 1))*(k*(1/2)), site, -1) + 2*(u - roll(u, site, 1))*(k*(1/2))'
     """
-    parts = _Parts(shapes)
+    parts = Parts(shapes)
     last = parts.number(tree)
     varying = parts.depending(names)
     adjoints: dict[int, list[Node]] = {last: [ONE]}
@@ -64,7 +64,7 @@ def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, No
             continue
         for position, operand in enumerate(parts.operands[number]):
             if varying[operand]:
-                given = parts.summed(_given(node, position, adjoint, parts), number, operand)
+                given = _reduced(_given(node, position, adjoint, parts), number, operand, parts)
                 adjoints.setdefault(operand, []).append(given)
     gradients = {name: _summed(reversed(found[name])) for name in names if name in found}
     return {name: one for name, one in gradients.items() if one != ZERO}
@@ -110,85 +110,16 @@ def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
     return ZERO
 
 
-class _Parts:
-    """The distinct parts of expressions, each numbered after those that it is made of, with their dimensions."""
-
-    def __init__(self, shapes: Shapes) -> None:
-        self.nodes: list[Node] = []
-        self.operands: list[tuple[int, ...]] = []
-        self.dims: list[Set[str]] = []
-        self.shapes = shapes
-        self._known: dict[Any, int] = {}
-        self._seen: dict[int, tuple[int, Node]] = {}  # numbers of nodes, which live as long as this
-
-    def number(self, node: Node) -> int:
-        """Return the number of an expression, after entering its parts."""
-        waiting: list[Binary] = []
-        while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
-            waiting.append(node)
-            node = node.left
-        number = self._seen[id(node)][0] if id(node) in self._seen else self._entered(node, children(node))
-        for link in reversed(waiting):
-            number = self._entered(link, (link.right,), number)
-        return number
-
-    def _entered(self, node: Node, inner: Iterable[Node], *before: int) -> int:
-        operands = (*before, *map(self.number, inner))
-        key = (_heading(node), operands)
-        if key not in self._known:
-            self._known[key] = len(self.nodes)
-            self.nodes.append(node)
-            self.operands.append(operands)
-            self.dims.append(self._dims(node, [self.dims[operand] for operand in operands]))
-        self._seen[id(node)] = self._known[key], node
-        return self._known[key]
-
-    def _dims(self, node: Node, inner: list[Set[str]]) -> Set[str]:
-        if isinstance(node, Along):
-            return dims_along(node, inner, self.shapes)
-        return set(self.shapes.dims.get(node.name, ())) if isinstance(node, Name) else set[str]().union(*inner)
-
-    def depending(self, names: Collection[str]) -> list[bool]:
-        """Return of every part whether it depends on some names."""
-        found: list[bool] = []
-        for node, operands in zip(self.nodes, self.operands, strict=True):
-            named = isinstance(node, Name | Element) and node.name in names
-            found.append(named or (not isinstance(node, Compare) and any(found[operand] for operand in operands)))
-        return found
-
-    def of(self, node: Node) -> Set[str]:
-        """Return the dimensions of an expression."""
-        return self.dims[self.number(node)]
-
-    def summed(self, tree: Node, number: int, operand: int) -> Node:
-        """Return what a part gives to an operand of fewer dimensions: the sum over those that it lacks."""
-        node = self.nodes[number]
-        dims = set(self.dims[number])
-        if isinstance(node, Along) and node.function in ("first", "second"):
+def _reduced(tree: Node, number: int, operand: int, parts: Parts) -> Node:
+    """Return what a part gives to an operand of fewer dimensions: the sum over those that it lacks."""
+    node, dims = parts.nodes[number], set(parts.dims[number])
+    if isinstance(node, Along):
+        if node.function in ("first", "second"):
             return tree  # of the operand's dimensions already
-        if isinstance(node, Along):
-            dims |= set(node.dims)
-        if isinstance(node, Along) and node.function == "onto":
-            dims.discard(end_of(node, self.shapes))
-        return _total(tree, self.shapes.ordered(dims - self.dims[operand]), self.of(tree), self.shapes)
-
-
-def _heading(node: Node) -> object:
-    """Return what tells a node from others with the same operands."""
-    match node:
-        case Number():
-            return repr(node.value)
-        case Name():
-            return Name, node.name
-        case Element():
-            return Element, node.name, node.entries
-        case Binary() | Compare():
-            return type(node), node.operator
-        case Call():
-            return Call, node.function
-        case Along():
-            return node.function, node.dims, node.places
-    return type(node)
+        dims |= set(node.dims)
+        if node.function == "onto":
+            dims.discard(end_of(node, parts.shapes))
+    return _total(tree, parts.shapes.ordered(dims - parts.dims[operand]), parts.of(tree), parts.shapes)
 
 
 def _summed(terms: Iterable[Node]) -> Node:
@@ -232,7 +163,7 @@ def _total(tree: Node, dims: tuple[str, ...], own: Set[str], shapes: Shapes) -> 
 # ------------------------------------------------------------------------------------------------------- reverse mode
 
 
-def _given(node: Node, position: int, adjoint: Node, parts: _Parts) -> Node:
+def _given(node: Node, position: int, adjoint: Node, parts: Parts) -> Node:
     """Return what an operation gives to the adjoint of one of its operands."""
     if isinstance(node, Along):
         return _given_along(node, position, adjoint, parts)
@@ -240,7 +171,7 @@ def _given(node: Node, position: int, adjoint: Node, parts: _Parts) -> Node:
     return rate_of(node, [adjoint if other == position else ZERO for other in range(len(children(node)))])
 
 
-def _given_along(node: Along, position: int, adjoint: Node, parts: _Parts) -> Node:
+def _given_along(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
     shapes, a, dims = parts.shapes, node.arguments[position], node.dims
     if node.function in ("roll", "shift") and isinstance(adjoint, Negative):
         return negative(_given_along(node, position, adjoint.operand, parts))
@@ -269,7 +200,7 @@ def _given_along(node: Along, position: int, adjoint: Node, parts: _Parts) -> No
     return adjoint  # of a sum
 
 
-def _given_by_shift(node: Along, position: int, adjoint: Node, parts: _Parts) -> Node:
+def _given_by_shift(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
     if position == 1:
         return Call("where", (_beyond(node, parts.shapes), adjoint, ZERO)) if node.places else ZERO
     if node.dims[0] not in parts.of(adjoint):  # the same everywhere, but for elements that are shifted out
@@ -287,7 +218,7 @@ def _over(left: Node, right: Node) -> Node:
     return divide(left, right)
 
 
-def _crossed(node: Along, factors: tuple[Node, Node], parts: _Parts) -> Node:
+def _crossed(node: Along, factors: tuple[Node, Node], parts: Parts) -> Node:
     """Return a cross product; two vectors that are the same in every direction are parallel."""
     varies = any(node.dims[0] in parts.of(one) for one in factors)
     return replace(node, arguments=factors) if varies and ZERO not in factors else ZERO
@@ -333,7 +264,7 @@ def _element_rate(node: Element, rate: Node, shapes: Shapes) -> Node:
 
 def _rate_along(node: Along, inner: Sequence[Node], shapes: Shapes) -> Node:
     """Return the rate of a function along dimensions from those of its values."""
-    parts, dims = _Parts(shapes), node.dims
+    parts, dims = Parts(shapes), node.dims
     own = [parts.of(one) for one in inner]
     match node.function:
         case "sum":
