@@ -30,7 +30,9 @@ SHAPES = Shapes(
         "pair": Relation("pair", "body", "body", *np.triu_indices(N, 1)),
         "next": Relation("next", "site", "site", RING[:-1], RING[1:]),
         "ring": Relation("ring", "site", "site", RING, (RING + 1) % N),
-        "two": Relation("two", "site", "site", np.repeat(RING[:-2], 2), (np.repeat(RING[:-2], 2) + np.tile([1, 2], N - 2))),
+        "two": Relation(
+            "two", "site", "site", np.repeat(RING[:-2], 2), (np.repeat(RING[:-2], 2) + np.tile([1, 2], N - 2))
+        ),
         "bond": Relation("bond", "body", "body", np.array([3, 0, 11, 3, 7] * 5), np.array([0, 1, 3, 18, 3] * 5)),
         "touch": Relation("touch", "body", "wall", np.array([0, 1, 1, 3, 18]), np.array([1, 1, 0, 0, 1])),
     },
@@ -79,7 +81,7 @@ def program(trees: list[Node]) -> Program:
     return Program("nests", "Test.", tuple(nests.lines), local=nests.local, tables=nests.tables)
 
 
-def numbers(trees: list[Node]) -> tuple[np.ndarray, dict[str, float]]:
+def numbers() -> tuple[np.ndarray, dict[str, float]]:
     """Return numbers for all quantities, some of them zeros of both signs, as an array and by element."""
     random = np.random.default_rng(7)
     p = random.uniform(0.3, 1.7, OFFSETS["b"] + 1)
@@ -98,7 +100,9 @@ def force(text: str, name: str) -> Node:
 
 
 CASES: Mapping[str, list[Node]] = {
-    "pointwise": [parse(text) for text in ("a*u + b", "a*g*u", "r*e - m", "u*index(site) + size(site)", "a**-1.5 + u**3")],
+    "pointwise": [
+        parse(text) for text in ("a*u + b", "a*g*u", "r*e - m", "u*index(site) + size(site)", "a**-1.5 + u**3")
+    ],
     "gravity": [force(GRAVITY, "r"), force(GRAVITY, "m")],
     "energy": [parse(f"sum({GRAVITY}, pair)"), parse("sum(m*r**2, body, axis)"), parse("mean(g*u, row, site)")],
     "chain": [force("s*(second(u, next) - first(u, next))**2/2 + k**4", "u")],
@@ -134,7 +138,7 @@ CASES: Mapping[str, list[Node]] = {
 def test_bits_of_elements(name: str, abreast: int) -> None:
     """Assert that loops, however many elements are side by side, and in Python, have the bits of elements written out."""
     trees = [prepared(tree, SHAPES) for tree in CASES[name]]
-    p, values = numbers(trees)
+    p, values = numbers()
     expected = [
         evaluate(at(tree, place, SHAPES), values) for tree in trees for place in SHAPES.places(dims_of(tree, SHAPES))
     ]
@@ -150,7 +154,7 @@ def test_bits_of_elements(name: str, abreast: int) -> None:
 def test_runs_side_by_side(name: str) -> None:
     """Assert that every one of several runs has the bits of a single one."""
     trees = [prepared(tree, SHAPES) for tree in CASES[name]]
-    p, _ = numbers(trees)
+    p, _ = numbers()
     runs = np.stack([p * (1 + 0.01 * lane) for lane in range(4)], axis=-1)
     count = sum(int(np.prod(SHAPES.shape(dims_of(tree, SHAPES)))) for tree in trees)
     z, one = np.full((count, 4), np.nan), np.full(count, np.nan)

@@ -65,6 +65,10 @@ class Blocks(tuple[str, ...]):
         """Return the place of a block's first number in the array."""
         return self._offsets[name]
 
+    def find(self, name: str) -> int | None:
+        """Return the place of a block's first number; None if there is no such block."""
+        return self._offsets.get(name)
+
     @cached_property
     def size(self) -> int:
         """How many numbers the array has."""

@@ -191,7 +191,8 @@ class Law:
         """Return the law as LLVM text, without some of the programs."""
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
         programs = [entry for entry in self.programs if entry not in without]
-        return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions)
+        abreast = machine.vector_lanes() // 2 if model_programs.has_loops(self.layout.model) else 1
+        return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""

@@ -16,7 +16,9 @@ from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.motion import in_regimes
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.switches import Switch, smooth_switches
+from xdynamics.model.whole import energies_of_wholes, has_wholes, written_out
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes import at
 from xdynamics.units import Dimension
 
 
@@ -232,10 +234,21 @@ class Layout:
         }
         return dimensions.pop() if len(dimensions) == 1 else None
 
+    @cached_property
+    def wholes(self) -> dict[str, tuple[tuple[str, ...], Node]]:
+        """What `derived` has the elements of: the dimensions of each, and what it is, of a model with dimensions."""
+        model = self.model
+        energies = energies_of_wholes(model) if self.energy_dimension is not None else {}
+        observables = {name: written_out(model, tree) for name, tree in model.shaped.observables.items()}
+        dims = model.shapes.dims
+        return {name: (dims.get(name, ()), tree) for name, tree in (energies | observables).items()}
+
     def _energies(self) -> dict[str, Node]:
         """Return kinetic energy and, where a potential is known, potential and total energy."""
         if self.energy_dimension is None:
             return {}
+        if has_wholes(self.model):
+            return {name: at(tree, {}, self.model.shapes) for name, tree in energies_of_wholes(self.model).items()}
         half_square = [
             Binary(
                 "*",

@@ -2,30 +2,92 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.blocks import Blocks
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.nests import Nests, UnprintedError
 from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, Store, element
-from xdynamics.model import Function
+from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import followed, function_rate, python_values
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, motion, slope
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
+from xdynamics.model.whole import has_wholes, motion_of_wholes, shapes_of
 
 PYTHON = "python_"  # prefix of the names of functions passed in
 
 
 def forces(layout: Layout) -> Program:
     """Write M a = F: the results of a force evaluation follow the state that it used."""
+    about = "Accelerations, rates, force components and drives of a state."
+    if (nests := _in_loops(layout)) is not None:
+        return Program("forces", about, tuple(nests.lines), local=nests.local, tables=nests.tables)
     lines = _moved(layout, motion(layout.model))
     for name in layout.evaluation:
         lines.store(Place("z", layout.record.place(name)), lines.named(name))
-    return Program("forces", "Accelerations, rates, force components and drives of a state.", tuple(lines.lines))
+    return Program("forces", about, tuple(lines.lines))
+
+
+def has_loops(model: Model) -> bool:
+    """Whether the law of a model with dimensions is printed in loops; else its elements are written out."""
+    written_out = model.contacts or model.frictions or model.python_functions or watched_by(model)
+    return has_wholes(model) and not written_out
+
+
+def _in_loops(layout: Layout) -> Nests | None:
+    """Write the motion of a model with dimensions in loops; None of one whose elements are written out."""
+    if not has_loops(layout.model):
+        return None
+    names, record = _Names(layout, layout.used), layout.record
+    written = {name: Place("z", record.place(_first(layout, name))) for name in layout.model.shaped.drives}
+    results = []
+    for name, dims, tree in motion_of_wholes(layout.model):
+        written[name] = Place("z", record.place(_first(layout, name)))
+        results.append((name, dims, tree, written[name]))
+    nests = Nests(shapes_of(layout.model), names, lambda name: written.get(name) or names.first(name))
+    for name in layout.drives:
+        nests.outermost.store(Place("z", record.place(name)), nests.outermost.named(name))
+    try:
+        nests.results(results)
+    except UnprintedError:
+        return None
+    return nests
+
+
+def _first(layout: Layout, name: str) -> str:
+    """Return the name of the first element of a quantity."""
+    shapes = shapes_of(layout.model)
+    return shapes.element(name, dict.fromkeys(shapes.dims.get(name, ()), 0))
+
+
+def _of_states(layout: Layout) -> Nests:
+    """Return what writes expressions of everything in a state of the march."""
+    names = _Names(layout, layout.record)
+    return Nests(shapes_of(layout.model) if has_loops(layout.model) else layout.model.shapes, names, names.first)
+
+
+def _derived(nests: Nests, layout: Layout, first: int) -> None:
+    """Write energies, observables and gaps to `z`, of a model with dimensions in loops."""
+    if has_loops(layout.model):
+        results, place = [], first
+        for name, (dims, tree) in layout.wholes.items():
+            results.append((name, dims, tree, Place("z", place)))
+            place += math.prod(layout.model.shapes.shape(dims))
+        with suppress(UnprintedError):
+            _of_states(layout).results(results)  # of lines that are thrown away
+            nests.results(results)
+            return
+    lines = nests.outermost
+    for i, tree in enumerate(layout.derived.values()):
+        lines.store(Place("z", first + i), lines.value(tree))
 
 
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
@@ -70,12 +132,15 @@ def resets(layout: Layout) -> Program:
 
 def derived(layout: Layout) -> Program:
     """Write energies, observables and gaps of a state; of smooth switches the function and whether it decides."""
+    nests, count = _of_states(layout), len(layout.derived)
+    lines = nests.outermost
+    _derived(nests, layout, 0)
+    for switch in layout.smooth:
+        for tree in (switch.function, decides(layout.model, switch)):
+            lines.store(Place("z", count), lines.value(tree))
+            count += 1
     about = "Energies, observables and gaps of a state."
-    trees = [
-        *layout.derived.values(),
-        *(tree for switch in layout.smooth for tree in (switch.function, decides(layout.model, switch))),
-    ]
-    return _returning("derived", about, layout, trees, known=layout.record)
+    return Program("derived", about, tuple(nests.lines), local=nests.local, tables=nests.tables, sound=(0, count))
 
 
 def _passed(lines: Assignments, layout: Layout, first: int, reached: Operand) -> None:
@@ -99,16 +164,16 @@ def row(layout: Layout, memory: int) -> Program:
 
     `memory` is where in `w` the numbers of switches declared smooth begin.
     """
-    lines = Assignments(_Names(layout, layout.record))
     first = len(("time", "step_size"))
+    nests = _of_states(layout)
+    lines = nests.outermost
     step = lines.load(Place("at", AT.index("h")))
     lines.store(Place("z", 0), lines.named("t"))
     lines.store(Place("z", 1), step)
     kept = Load("_kept", element("y")), Store(element("z", first), "_kept")
     copied = Loop("i", layout.state.size, kept)
     first += layout.state.size
-    for i, tree in enumerate(layout.derived.values()):
-        lines.store(Place("z", first + i), lines.value(tree))
+    _derived(nests, layout, first)
     sound = (first, len(layout.derived))
     first += len(layout.derived)
     body: list[Instruction] = [copied]
@@ -127,7 +192,9 @@ def row(layout: Layout, memory: int) -> Program:
     if layout.smooth:
         _passed(lines, layout, memory, lines.compute("more", step, 0.0))
     body[0:0] = lines.lines
-    return Program("row", "A row of the log.", tuple(body), sound=sound, spread=True)
+    return Program(
+        "row", "A row of the log.", tuple(body), local=nests.local, tables=nests.tables, sound=sound, spread=True
+    )
 
 
 def _returning(
@@ -136,7 +203,7 @@ def _returning(
     layout: Layout,
     trees: Iterable[Node],
     inner: Mapping[str, Any] | None = None,
-    known: Iterable[str] | None = None,
+    known: Blocks | None = None,
 ) -> Program:
     lines = Assignments(_Names(layout, layout.record if known is None else known, inner or {}))
     count = 0
@@ -166,21 +233,31 @@ class _Names:
     Any other name is computed where it first occurs, from the assignments `inner`.
     """
 
-    def __init__(self, layout: Layout, known: Iterable[str], inner: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, layout: Layout, known: Blocks, inner: Mapping[str, Any] | None = None) -> None:
         self._layout = layout
+        self._known = known
         self._inner = inner or {}
         self._kept = {switch.drive for switch in watched_by(layout.model)}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
-        self._places: Mapping[str, Place] = {
-            **{name: Place("p", i) for i, name in enumerate(constants(layout.model))},
-            **{name: Place("y", i) for i, name in enumerate(known) if name not in self._drives},
-            "t": Place("at", AT.index("t")),
-            REGIME_NUMBER: Place("at", AT.index("regime")),
-        }
+        self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+
+    def place(self, name: str) -> Place | None:
+        """Return where a number is, or the first of a quantity with dimensions."""
+        if name in ("t", REGIME_NUMBER):
+            return Place("at", AT.index("t" if name == "t" else "regime"))
+        if name not in self._drives and (found := self._known.find(name)) is not None:
+            return Place("y", found)
+        return Place("p", self._constants[name]) if name in self._constants else None
+
+    def first(self, name: str) -> Place:
+        """Return where the numbers of a quantity with dimensions begin."""
+        place = self.place(_first(self._layout, name))
+        assert place is not None  # noqa: S101 - what expressions name was checked
+        return place
 
     def __call__(self, lines: Assignments, name: str) -> Operand:
-        if name in self._places:
-            return lines.load(self._places[name], name)
+        if (place := self.place(name)) is not None:
+            return lines.load(place, name)
         if name in self._inner:
             inner = self._inner[name]
             return _called(lines, inner) if isinstance(inner, Function) else lines.value(inner)

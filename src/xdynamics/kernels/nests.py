@@ -7,7 +7,7 @@ number can be added without a change.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from itertools import count, groupby, product
@@ -18,10 +18,10 @@ import numpy as np
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, exponent_of
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.kernels.assignments import CALLED, OPERATIONS, Assignments
-from xdynamics.kernels.program import Gather, Line, Load, Loop, Operand, Ordinal, Place, Reduction, Store
+from xdynamics.kernels.program import Gather, Line, Loop, Operand, Ordinal, Place, Reduction, Store
 from xdynamics.shapes import Relation, Shapes
 from xdynamics.shapes.parts import Parts
-from xdynamics.shapes.trees import element_numbers, end_of
+from xdynamics.shapes.trees import REDUCTIONS, element_numbers, end_of
 
 SMALL = 4  # elements up to which a dimension is written out
 PIECES = 16  # stretches of a relation, in each of which ends follow one another, up to which it has no table of ends
@@ -29,11 +29,11 @@ LARGEST_TABLE = 200_000
 LARGEST_LOCAL = 500_000  # numbers on the stack
 
 
-class Unprinted(Exception):
+class UnprintedError(Exception):
     """An expression that has no loops; its elements are written out."""
 
 
-class _Split(Exception):
+class _SplitError(Exception):
     """An index whose values are not all treated alike: those before a number, and those from there on."""
 
     def __init__(self, index: str, at: int) -> None:
@@ -196,13 +196,13 @@ class Nests:
         return first
 
     def _named(self, name: str, env: Env) -> Operand:
-        dims = self.shapes.dims.get(name)
-        if dims is None:
-            return self._scopes[0].named(name)
+        dims = self.shapes.dims.get(name, ())
         key = name, self._key(dims, env)
         for memo in self._memos:
             if key in memo:
                 return memo[key]
+        if not dims:
+            return self._scopes[0].named(name)
         return self._load(self._at(self._place(name), dims, env), dims, env)
 
     def _along(self, number: int, node: Along, env: Env) -> Operand:
@@ -226,7 +226,7 @@ class Nests:
 
     def _ordinal(self, index: Index | Link) -> Operand:
         if isinstance(index, Link):
-            raise Unprinted
+            raise UnprintedError
         if not index.name:
             return float(index.shift)
         memo, key = self._memos[index.level], ("ordinal", index.name)
@@ -241,10 +241,10 @@ class Nests:
         dim, n, operands = node.dims[0], node.places, self._parts.operands[number]
         size, index = self.shapes.extent(dim).size, env[dim]
         if isinstance(index, Link) or index.gathered:
-            raise Unprinted
+            raise UnprintedError
         turns, last = (index.first - n) // size, (index.last - 1 - n) // size
         if turns != last:
-            raise _Split(index.name, n + size * (turns + 1))
+            raise _SplitError(index.name, n + size * (turns + 1))
         if turns and node.function == "shift":
             return self.value(operands[1], env)
         far = -n - turns * size
@@ -256,7 +256,7 @@ class Nests:
         index = env[dim]
         assert isinstance(index, Index)  # noqa: S101 - no relation of every two has three links and a cross product
         if index.name:
-            raise _Split(index.name, index.first + 1)
+            raise _SplitError(index.name, index.first + 1)
         i, j = (known_number((index.shift + k) % 3) for k in (1, 2))
         plus, minus = (
             self.compute("multiply", self.value(a, {**env, dim: one}), self.value(b, {**env, dim: other}))
@@ -268,16 +268,19 @@ class Nests:
 
     def _reduced(self, number: int, node: Along, env: Env) -> Operand:
         if self._written_out(node.dims):
-            env = dict(env)
             terms = (self._term(number, node, {**env, **inner}) for inner in self._all(node.dims))
             return self._finished(node, self._chained(CALLED.get(node.function, "add"), terms))
         if self._depth(number, env):
             return self._load_staged(number, env)
         with self._outside():
-            operation = CALLED.get(node.function, "add")
-            start = {"least": math.inf, "greatest": -math.inf}.get(operation, -0.0)
-            total = self._running(node.dims, env, operation, lambda inner: self._term(number, node, inner), start)
-            return self._finished(node, total)
+            return self._along_all(number, node, env)
+
+    def _along_all(self, number: int, node: Along, env: Env) -> Operand:
+        """Write a reduction in loops."""
+        operation = CALLED.get(node.function, "add")
+        start = {"least": math.inf, "greatest": -math.inf}.get(operation, -0.0)
+        total = self._running(node.dims, env, operation, lambda inner: self._term(number, node, inner), start)
+        return self._finished(node, total)
 
     def _term(self, number: int, node: Along, env: Env) -> Operand:
         values = [self.value(operand, env) for operand in self._parts.operands[number]]
@@ -313,7 +316,7 @@ class Nests:
                 now = self._total(level)
                 try:
                     new = self._running(rest, {**env, dim: index}, operation, term, now)
-                except _Split as split:
+                except _SplitError as split:
                     if split.index != index.name:
                         raise
                     waiting[:0] = [(first, split.at), (split.at, last)]
@@ -372,7 +375,7 @@ class Nests:
         if len(starts) <= PIECES and not link.gathered:
             later = [start for start in starts if start > link.first]
             if later and later[0] < link.last:
-                raise _Split(link.name, later[0])
+                raise _SplitError(link.name, later[0])
             far = int(numbers[link.first]) - link.first
             return link._replace(shift=link.shift + far, first=link.first + far, last=link.last + far)
         table = f"{relation.name}_{function}"
@@ -386,7 +389,7 @@ class Nests:
 
     def _table(self, name: str, numbers: list[int]) -> str:
         if len(numbers) > LARGEST_TABLE:
-            raise Unprinted
+            raise UnprintedError
         self.tables.setdefault(name, tuple(numbers))
         return name
 
@@ -395,10 +398,10 @@ class Nests:
         relation, dim = self.shapes.relations[node.dims[0]], end_of(node, self.shapes)
         index = env[dim]
         if isinstance(index, Link):
-            raise Unprinted
+            raise UnprintedError
         if number not in self._arrays and not of_every_two(relation) and not index.gathered:
-            acting = tuple(one != ZERO for one in node.arguments)
-            runs = patterns(relation, acting, self.shapes.extent(dim).size)
+            first, second = (one != ZERO for one in node.arguments)
+            runs = patterns(relation, (first, second), self.shapes.extent(dim).size)
             if len(runs) <= PIECES:
                 return self._sum_of_links(number, runs, index, env)
         if number not in self._arrays:
@@ -412,7 +415,7 @@ class Nests:
         """Write what an element's links give, whose numbers follow from the element's."""
         later = [start for start in runs if start > index.first]
         if later and later[0] < index.last:
-            raise _Split(index.name, later[0])
+            raise _SplitError(index.name, later[0])
         stride, links = runs[max(start for start in runs if start <= index.first)]
         node = self._parts.nodes[number]
         assert isinstance(node, Along)  # noqa: S101 - it is what links give
@@ -450,11 +453,11 @@ class Nests:
             for number, node in enumerate(parts.nodes)
             if _is_onto(node, relation.name) and number not in self._arrays and number not in inner
         ]
-        sums = []  # an onto and the place of each of its elements along small dimensions
+        sums: list[tuple[int, Env]] = []  # an onto and the place of each of its elements along small dimensions
         for number in numbers:
             others = tuple(one for one in self._dims(number) if one != dim)
             if not self._written_out(others):
-                raise Unprinted
+                raise UnprintedError
             self._arrays[number] = self._new_array(number)
             sums += [(number, env) for env in self._all(others)]
         size = self.shapes.extent(dim).size
@@ -463,7 +466,7 @@ class Nests:
             i = env[dim]
             assert isinstance(i, Index)  # noqa: S101 - elements, no links
             if not i.name or (i.first, i.last) != (0, size):
-                raise Unprinted
+                raise UnprintedError
             totals: list[Operand] = [-0.0] * len(sums)
             for end in (1, 0):
                 totals = self._over_others(relation, end, i, sums, totals)
@@ -471,16 +474,16 @@ class Nests:
                 self._store(self._at(self._arrays[number], self._dims(number), {**env, **inner}), total)
 
         if size <= 1:
-            raise Unprinted
+            raise UnprintedError
         with self._outside():
             self._nest((dim,), write, whole=True)
 
     def _over_others(
-        self, relation: Relation, end: int, i: Index, sums: list[tuple[int, Env]], totals: list[Operand]
+        self, relation: Relation, end: int, i: Index, sums: Sequence[tuple[int, Env]], totals: list[Operand]
     ) -> list[Operand]:
         """Write the sums over all elements before one, to whose links it is second, or over all after it."""
-        nodes, size = self._parts.nodes, i.last
-        acting = [k for k, (number, _) in enumerate(sums) if nodes[number].arguments[end] != ZERO]  # type: ignore[union-attr]
+        size = i.last
+        acting = [k for k, (number, _) in enumerate(sums) if self._gives(number, end)]
         if not acting:
             return totals
         with self._scope() as level:
@@ -495,9 +498,14 @@ class Nests:
             body = tuple(self._scopes[-1].lines)
         start = tuple(totals[k] for k in acting)
         bounds = {"below" if end else "above": i.name}
-        line = Reduction(j.name, size, body, tuple(map(str, new)), tuple(now), "newest", start, **bounds)  # type: ignore[arg-type]
+        line = Reduction(j.name, size, body, tuple(map(str, new)), tuple(now), "newest", start, **bounds)
         joined = dict(zip(acting, self._joined(line), strict=True))
         return [joined.get(k, total) for k, total in enumerate(totals)]
+
+    def _gives(self, number: int, end: int) -> bool:
+        """Whether links give something to the elements at one of their ends."""
+        node = self._parts.nodes[number]
+        return isinstance(node, Along) and node.arguments[end] != ZERO
 
     def _stage_links(self, number: int, node: Along, relation: Relation) -> None:
         """Write what links give, and then add it to the elements at their ends, link by link."""
@@ -524,9 +532,9 @@ class Nests:
         relation = self.shapes.relations[node.dims[0]]
         link, size = env[relation.name], relation.size
         if not isinstance(link, Index) or (link.first, link.last) != (0, size):
-            raise Unprinted
+            raise UnprintedError
         if not self._written_out(others):
-            raise Unprinted
+            raise UnprintedError
         dim = end_of(node, self.shapes)
         for end, function in enumerate(("first", "second")):
             if node.arguments[end] == ZERO:
@@ -535,15 +543,9 @@ class Nests:
             for inner in self._all(others):
                 here = {**env, **inner, dim: at}
                 place = self._at(array, dims, here)
-                term = self._of_link_at(self._parts.operands[number][end], here)
-                level = at.level
-                before = f"_{next(self._serial)}_b"
-                self._scopes[level].lines.append(Load(before, place))
-                self._levels[before] = level
-                self._store(place, self.compute("add", before, term))
-
-    def _of_link_at(self, number: int, env: Env) -> Operand:
-        return self._load_staged(number, env) if number in self._arrays else self.value(number, env)
+                part = self._parts.operands[number][end]
+                term = self._load_staged(part, here) if part in self._arrays else self.value(part, here)
+                self._store(place, self.compute("add", self._load(place, dims, here), term))
 
     def _gathered(self, relation: Relation, function: str, link: Index) -> Index:
         """Return the element at an end, read from a table."""
@@ -581,23 +583,16 @@ class Nests:
         """Compute a part for all its elements before the loops that read it; return the place of the first."""
         if number not in self._arrays:
             array, dims = self._new_array(number), self._dims(number)
-            node = self._parts.nodes[number]
-            reduced = isinstance(node, Along) and node.dims if isinstance(node, Along) else ()
             with self._outside():
                 self._nest(dims, lambda env: self._store(self._at(array, dims, env), self._direct(number, env)))
-            del reduced
             self._arrays[number] = array
         return self._arrays[number]
 
     def _direct(self, number: int, env: Env) -> Operand:
         """Write a part for its array: a reduction in the loop over what is left."""
         node = self._parts.nodes[number]
-        if isinstance(node, Along) and node.function in ("sum", "mean", "min", "max", "norm", "dot"):
-            operation = CALLED.get(node.function, "add")
-            start = {"least": math.inf, "greatest": -math.inf}.get(operation, -0.0)
-            total = self._running(node.dims, env, operation, lambda inner: self._term(number, node, inner), start)
-            return self._finished(node, total)
-        return self.value(number, env)
+        reduces = isinstance(node, Along) and node.function in REDUCTIONS and not self._written_out(node.dims)
+        return self._along_all(number, node, env) if reduces else self.value(number, env)  # type: ignore[arg-type]
 
     def _load_staged(self, number: int, env: Env) -> Operand:
         place, dims = self._staged(number), self._dims(number)
@@ -606,7 +601,7 @@ class Nests:
     def _new_array(self, number: int) -> Place:
         size = math.prod(self.shapes.shape(self._dims(number)))
         if sum(self.local.values()) + size > LARGEST_LOCAL:
-            raise Unprinted
+            raise UnprintedError
         name = f"part{number}_"
         self.local[name] = size
         return Place(name)
@@ -620,7 +615,7 @@ class Nests:
         for dim in reversed(dims):
             index = env[dim]
             if isinstance(index, Link):
-                raise Unprinted
+                raise UnprintedError
             offset += index.shift * stride
             if index.name:
                 strides.append((index.name, stride))
@@ -651,8 +646,7 @@ class Nests:
                 for further in self._all(small):
                     write({**env, **further})
 
-        with self._outside() if len(self._scopes) == 1 else self._same():
-            inside({}, [*large[-1:], *large[:-1]])
+        inside({}, [*large[-1:], *large[:-1]])
 
     def _looped(self, dim: str, env: Env, inside: Callable[[Env], None], *, whole: bool) -> None:
         waiting = [(0, self.shapes.extent(dim).size)]
@@ -665,11 +659,11 @@ class Nests:
                 index = Index(f"_i{next(self._serial)}", first, first, last, level)
                 try:
                     inside({**env, dim: index})
-                except _Split as split:
+                except _SplitError as split:
                     if split.index != index.name:
                         raise
                     if whole:
-                        raise Unprinted from None
+                        raise UnprintedError from None
                     waiting[:0] = [(first, split.at), (split.at, last)]
                     continue
                 body = tuple(self._scopes[-1].lines)
@@ -680,9 +674,9 @@ class Nests:
         """Give up where an index of these would have to be split."""
         try:
             yield
-        except _Split as split:
+        except _SplitError as split:
             if split.index in {index.name for index in indices}:
-                raise Unprinted from None
+                raise UnprintedError from None
             raise
 
     @contextmanager
@@ -706,10 +700,6 @@ class Nests:
         finally:
             self._scopes += inner[0]
             self._memos += inner[1]
-
-    @contextmanager
-    def _same(self) -> Iterator[None]:
-        yield
 
     def _written_out(self, dims: Iterable[str]) -> bool:
         return all(self.shapes.extent(dim).size <= SMALL for dim in dims)

@@ -114,7 +114,7 @@ class _Printer:
             exact = line.kind == FLOAT or isinstance(start, str)
             self.lines.append(f"{total} = {text}" if exact else f"{total} = _{line.kind}.of('point', {text})")
         self._texts |= {total: (total, _ATOM) for total in line.totals}
-        read = tuple(filter(None, (*line.terms, line.where)))
+        read = (*line.terms, *([line.where] if line.where else ()))
         inner = _Printer(line.body, self._texts, read)
         joined = [
             f"{total} = {inner._computed(Compute(total, line.operation, (total, term), line.kind))[0]}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions import Along, Node, expand, free_names, shown
+from xdynamics.expressions import Along, Node, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
@@ -23,7 +23,7 @@ from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, at, dims_of, gradient, written
 from xdynamics.shapes.naming import DOT, parted
-from xdynamics.shapes.trees import total
+from xdynamics.shapes.trees import expanded, total
 from xdynamics.units import CONSTANTS, Dimension, Quantity, Unit, constant
 
 Place = Mapping[str, int]
@@ -247,27 +247,26 @@ class Elements:
 
     def _force(self, force: Force) -> Force:
         """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""
-        potential, acting = None, dict(force.components)
+        potential = None
         if force.potential is not None:
             dims = dims_of(force.potential, self.shapes)
             potential = total([at(force.potential, place, self.shapes) for place in self.shapes.places(dims)])
-            acting = dict(self.pushing(force.potential))
-        elif force.over:
-            acting = {
-                name: tree if isinstance(tree, Function) else self._onto(name, tree, force.over)
-                for name, tree in acting.items()
-            }
         components: dict[str, Node | Function] = {
             one: tree if isinstance(tree, Function) else at(tree, place, self.shapes)
-            for name, tree in acting.items()
+            for name, tree in self.acting(force).items()
             for one, place in self._placed(name)
         }
         return replace(force, potential=potential, components=components, over="")
 
-    def pushing(self, potential: Node) -> dict[str, Node]:
-        """Return the force of a potential on every coordinate, with dimensions: its negative gradient."""
-        tree = expand(potential, self.statement.definitions)
-        return gradient(negative(tree), self.statement.coordinates, self.shapes)
+    def acting(self, force: Force) -> dict[str, Node | Function]:
+        """Return what a force term is for every coordinate, with dimensions; of a potential, its negative gradient."""
+        if force.potential is not None:
+            tree = expanded(force.potential, self.statement.definitions, self.shapes)
+            return dict(gradient(negative(tree), self.statement.coordinates, self.shapes))
+        return {
+            name: self._onto(name, tree, force.over) if force.over and not isinstance(tree, Function) else tree
+            for name, tree in force.components.items()
+        }
 
     def _onto(self, name: str, tree: Node, over: str) -> Node:
         """Return what links give to elements of a coordinate: a force to first ends, its opposite to second ones."""

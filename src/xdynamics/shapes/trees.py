@@ -17,12 +17,13 @@ from xdynamics.expressions import (
     Node,
     Number,
     chain,
+    expand,
     free_names,
     shown,
 )
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.tree import children
+from xdynamics.expressions.tree import children, every
 from xdynamics.faults import InputError
 from xdynamics.shapes.extents import Shapes
 
@@ -73,6 +74,44 @@ def _least(node: Call, values: list[Node], shapes: Shapes) -> Along:
             f" reduce, or {node.function}(a, b) to compare"
         )
     return Along(node.function, (prepared(values[0], shapes),), dims, 0, node.column)
+
+
+def expanded(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node:
+    """Return an expression with definitions substituted; one element of a definition is picked from all of them.
+
+    Raises
+    ------
+    InputError
+        As `expressions.expand`.
+    """
+    trees = {name: _picked(tree, definitions, shapes) for name, tree in definitions.items()}
+    return expand(_picked(node, definitions, shapes), trees)
+
+
+def _picked(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node:
+    """Return an expression in which single elements are of nothing that is defined."""
+    if not any(isinstance(one, Element) and one.name in definitions for one in every(node)):
+        return node
+    match node:
+        case Element():
+            tree: Node = Name(node.name, node.column)
+            for dim, number in element_numbers(node, shapes).items():
+                tree = Call("where", (Compare("==", Along("index", (), (dim,)), Number(float(number))), tree, ZERO))
+            return Along("sum", (tree,), shapes.dims[node.name])
+        case Negative():
+            return replace(node, operand=_picked(node.operand, definitions, shapes))
+        case Binary():
+            first, links = chain(node)
+            tree = _picked(first, definitions, shapes)
+            for link in links:
+                tree = Binary(link.operator, tree, _picked(link.right, definitions, shapes), link.column)
+            return tree
+        case Compare():
+            left, right = (_picked(one, definitions, shapes) for one in (node.left, node.right))
+            return replace(node, left=left, right=right)
+        case Call() | Along():
+            return replace(node, arguments=tuple(_picked(one, definitions, shapes) for one in node.arguments))
+    return node
 
 
 def dims_of(node: Node, shapes: Shapes) -> tuple[str, ...]:

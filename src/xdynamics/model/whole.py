@@ -1,0 +1,94 @@
+"""The motion of a model with dimensions as expressions with dimensions: as many as there are quantities.
+
+What they are at each element is what the model says of its elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+from xdynamics.expressions import Along, Binary, Call, Name, Node, Number
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.model.elements import Elements
+from xdynamics.model.model import Model
+from xdynamics.model.motion import in_regimes
+from xdynamics.model.parts import Function
+from xdynamics.schema import acceleration, force, rate, velocity
+from xdynamics.shapes import Shapes, dims_of
+from xdynamics.shapes.trees import expanded
+
+Quantity = tuple[str, tuple[str, ...], Node]  # a name, its dimensions, what it is
+
+
+def has_wholes(model: Model) -> bool:
+    """Whether a model has dimensions, and its motion is that of `motion_of_wholes`."""
+    derived = model.shaped.lagrangian is not None  # its mass is full, and of elements alone
+    return bool(model.shapes.dims) and not derived and not model.mass_is_full
+
+
+@lru_cache(maxsize=64)
+def shapes_of(model: Model) -> Shapes:
+    """Return the shapes of a model with those of its force components."""
+    own = model.shapes.dims
+    names = {force(term, name): own.get(name, ()) for term, parts in acting(model).items() for name in parts}
+    return replace(model.shapes, dims={**own, **{name: dims for name, dims in names.items() if dims}})
+
+
+@lru_cache(maxsize=64)
+def acting(model: Model) -> dict[str, dict[str, Node | Function]]:
+    """Return what every force term is for every coordinate on which it acts."""
+    elements = Elements(model.shaped, model.shapes)
+    return {term: elements.acting(part) for term, part in model.shaped.forces.items()}
+
+
+def motion_of_wholes(model: Model) -> list[Quantity]:
+    """Return force terms, accelerations and rates, as `model.motion` writes them for elements, without full masses."""
+    own, found, totals = model.shapes.dims, list[Quantity](), dict[str, Node]()
+    for term, components in acting(model).items():
+        for name, tree in components.items():
+            assert not isinstance(tree, Function)  # noqa: S101 - asked before
+            one = force(term, name)
+            found.append((one, own.get(name, ()), in_regimes(model, term, written_out(model, tree))))
+            totals[name] = Binary("+", totals[name], Name(one)) if name in totals else Name(one)
+    for i, name in enumerate(model.shaped.coordinates):
+        mass = Call("positive", (written_out(model, model.shaped.mass[i][i]),))
+        found.append((acceleration(name), own.get(name, ()), Binary("/", totals.get(name, ZERO), mass)))
+    for name, state in model.shaped.states.items():
+        found.append((rate(name), own.get(name, ()), written_out(model, state.rate)))
+    return found
+
+
+def written_out(model: Model, tree: Node) -> Node:
+    """Return an expression with dimensions with every definition substituted."""
+    return expanded(tree, model.shaped.definitions, model.shapes)
+
+
+def energies_of_wholes(model: Model) -> dict[str, Node]:
+    """Return kinetic energy and, where a potential is known, potential and total energy."""
+    kinetic, potential = [], []
+    for i, name in enumerate(model.shaped.coordinates):
+        speed = Name(velocity(name))
+        mass = Binary("/", written_out(model, model.shaped.mass[i][i]), Number(2.0))
+        kinetic.append(_summed(model, Binary("*", mass, Binary("*", speed, speed))))
+    for term, part in model.shaped.forces.items():
+        if part.potential is not None:
+            whole = _summed(model, written_out(model, part.potential))
+            potential.append(in_regimes(model, term, whole))
+    found = {"kinetic_energy": _total(kinetic)}
+    if potential:
+        found["potential_energy"] = _total(potential)
+        found["total_energy"] = Binary("+", found["kinetic_energy"], found["potential_energy"])
+    return found
+
+
+def _summed(model: Model, tree: Node) -> Node:
+    dims = dims_of(tree, model.shapes)
+    return Along("sum", (tree,), dims) if dims else tree
+
+
+def _total(terms: list[Node]) -> Node:
+    total = terms[0]
+    for term in terms[1:]:
+        total = Binary("+", total, term)
+    return total
