@@ -105,31 +105,39 @@ def solved(matrices: Floats, right: Floats) -> Floats:
 
 
 def least_squares(columns: Floats, values: Floats) -> Floats:
-    """Return the least-squares coefficients of columns for given values, by orthogonalisation.
+    """Return the least-squares coefficients of columns for given values, of one system or of stacked ones.
 
     Golub and Van Loan, Matrix Computations, 4th ed., section 5.2.8 (modified Gram-Schmidt), with the values as a last
     column, which preserves small residuals (Björck 1967, doi:10.1007/BF01934122). A column that depends linearly on
     those before it has the coefficient 0.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (..., n, m)
+    values : ndarray, shape (..., n)
 
     Examples
     --------
     >>> least_squares(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 3.0, 5.0])).round(12).tolist()
     [1.0, 2.0]
     """
-    n = columns.shape[1]
-    left, upper = np.column_stack([columns, values]), np.zeros((n, n + 1))
-    sizes = np.sqrt(np.sum(columns**2, axis=0))
-    for k in range(n):
-        size = np.sqrt(np.sum(left[:, k] ** 2))
-        if not size > DEPENDENT * sizes[k]:
-            continue
-        unit = left[:, k] / size
-        upper[k, k:] = np.sum(unit[:, None] * left[:, k:], axis=0)
-        left[:, k:] -= unit[:, None] * upper[k, None, k:]
-    coefficients = np.zeros(n)
-    for k in reversed(range(n)):
-        if upper[k, k]:
-            coefficients[k] = (upper[k, n] - float(np.sum(upper[k, k + 1 : n] * coefficients[k + 1 :]))) / upper[k, k]
+    m = columns.shape[-1]
+    last = np.broadcast_to(values[..., None], (*columns.shape[:-1], 1))
+    left, upper = np.concatenate([columns, last], axis=-1), np.zeros((*columns.shape[:-2], m, m + 1))
+    sizes, coefficients = np.sqrt(np.sum(columns**2, axis=-2)), np.zeros((*columns.shape[:-2], m))
+    with np.errstate(all="ignore"):
+        for k in range(m):
+            size = np.sqrt(np.sum(left[..., k] ** 2, axis=-1))
+            independent = (size > DEPENDENT * sizes[..., k])[..., None]
+            unit = left[..., k] / size[..., None]
+            row = np.sum(unit[..., None] * left[..., k:], axis=-2)
+            upper[..., k, k:] = np.where(independent, row, 0.0)
+            rest = left[..., k:] - unit[..., None] * row[..., None, :]
+            left[..., k:] = np.where(independent[..., None], rest, left[..., k:])
+        for k in reversed(range(m)):
+            known = np.sum(upper[..., k, k + 1 : m] * coefficients[..., k + 1 :], axis=-1)
+            quotient = (upper[..., k, m] - known) / upper[..., k, k]
+            coefficients[..., k] = np.where(upper[..., k, k] != 0.0, quotient, 0.0)
     return coefficients
 
 

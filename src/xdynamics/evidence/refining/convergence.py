@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,28 +197,39 @@ def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
     """Fit with a free order: for each order the fit is linear, so the search is over one number."""
     from scipy.optimize import minimize_scalar
 
-    def spread(order: float) -> float:
-        return _fixed(values, h, (order,), weights, free=True).spread
+    def spread(orders: Any) -> Floats:
+        return _solution(values, power(h / h[0], np.asarray(orders)[..., None, None]), weights, free=True)[2]
 
     tried = np.linspace(LEAST_SHARE * formal / 8.0, 4.0 * formal, GRID)
-    best = int(np.argmin([spread(trial) for trial in tried]))
-    low, high = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
-    order = float(minimize_scalar(spread, bounds=(low, high), method="bounded", options={"xatol": 1e-12}).x)
-    return _fixed(values, h, (order,), weights, free=True)
+    best = int(np.argmin(spread(tried)))
+    bounds = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
+    found = minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-12})
+    return _fixed(values, h, (float(found.x),), weights, free=True)
 
 
 def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
     """Fit with given orders; an order found by a search counts as a parameter too."""
     # steps are divided by the coarsest: powers of small numbers would differ too much in size
-    columns = np.stack([np.ones(len(h)), *(power(h / h[0], term) for term in orders)], axis=1)
-    root = np.sqrt(weights)
-    solution = least_squares(root[:, None] * columns, root * values)
-    residuals = values - dot(columns, solution)
-    freedom = len(values) - 1 - len(orders) - int(free)
-    spread = float(np.sqrt(np.sum(weights * residuals**2) / freedom)) if freedom > 0 else inf
+    powers = power(h / h[0], np.array(orders)[:, None])
+    solution, residuals, spread = _solution(values, powers, weights, free=free)
     slopes = tuple(float(term / power(h[0], p)) for term, p in zip(solution[1:], orders, strict=True))
     limit = float(solution[0])
-    return Fit(limit, slopes, orders, spread, float(residuals[-1]), float(values[-1]) - limit)
+    return Fit(limit, slopes, orders, float(spread), float(residuals[-1]), float(values[-1]) - limit)
+
+
+def _solution(values: Floats, powers: Floats, weights: Floats, *, free: bool) -> tuple[Floats, Floats, Floats]:
+    """Return the coefficients of 1 and the powers, shape (..., p, n), the residuals, and their standard deviation."""
+    columns = np.stack([np.ones_like(powers[..., 0, :]), *np.moveaxis(powers, -2, 0)], axis=-1)
+    root = np.sqrt(weights)
+    solution = least_squares(root[:, None] * columns, root * values)
+    residuals = values - dot(columns, solution[..., None, :])
+    freedom = len(values) - 1 - powers.shape[-2] - int(free)
+    spread = (
+        np.sqrt(np.sum(weights * residuals**2, axis=-1) / freedom)
+        if freedom > 0
+        else np.full(residuals.shape[:-1], inf)
+    )
+    return solution, residuals, spread
 
 
 @dataclass(frozen=True)
