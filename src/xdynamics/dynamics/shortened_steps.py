@@ -54,9 +54,7 @@ def sampled(
     InputError
         If a time lies outside the run, rows are missing, or the Dataset is not a run record.
     """
-    inside = Inside.of(run, functions, rule)
-    rows, starts, ends = _located(run["time"], times, after=after)
-    return inside.dataset(times, rows, starts, ends)
+    return Inside.of(run, functions, rule).at(times, after=after)
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,9 @@ class Inside:
             if name not in run.variables:
                 remedy = log_description(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
-            if run[name].attrs.get("units") != units[name]:
+            if run.variables[name].attrs.get("units") != units[name]:
                 raise InputError(
-                    f"'{name}' is in {run[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded;"
+                    f"'{name}' is in {run.variables[name].attrs.get('units')!r}, needs '{units[name]}' as it was recorded;"
                     " convert what was sampled"
                 )
         return inside
@@ -137,6 +135,14 @@ class Inside:
         """The compiled law."""
         return law_of(self.layout, sampled=self.settings.samples)
 
+    def at(self, times: Floats, *, after: bool) -> xr.Dataset:
+        """Evaluate the run at times within it, as `sampled` does: for those who ask again and again."""
+        return self.dataset(times, *_located(self._times, times, after=after))
+
+    @cached_property
+    def _times(self) -> _Times:
+        return _Times(self.run.variables["time"])
+
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states of the steps, and evaluate them at times."""
         where = np.stack([times, starts, ends])
@@ -154,35 +160,45 @@ class Inside:
         """Return states and errors at times as a Dataset."""
         import xarray as xr
 
-        layout, run, scheme = self.layout, self.run, self.settings.scheme
-        orders = interpolation_orders(scheme, layout, self.rule)
-        variables = {}
-        for i, name in enumerate(layout.used):
-            recorded = run[name].attrs
-            error = schema.error(name)
-            rule = {
-                "interpolation": scheme.interpolation(self.rule),
-                "interpolation_order": orders[name],
-                "ancillary_variables": error,
-            }
-            described = {key: recorded[key] for key in ("units", "long_name", "role")}
-            variables[name] = xr.Variable((AT,), numbers[i], described | rule)
-            error_attributes = {"units": recorded["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
-            variables[error] = xr.Variable((AT,), numbers[layout.used.size + i], error_attributes)
-        time_attributes = {"units": str(run["time"].attrs["units"]), "long_name": "wanted time", "role": "time"}
+        run, variables = self.run, {}
+        for i, (name, described, error, error_described) in enumerate(self._descriptions):
+            variables[name] = xr.Variable((AT,), numbers[i], described)
+            variables[error] = xr.Variable((AT,), numbers[len(self._descriptions) + i], error_described)
+        time_attributes = {
+            "units": str(run.variables["time"].attrs["units"]),
+            "long_name": "wanted time",
+            "role": "time",
+        }
         variables[AT_TIME] = xr.Variable((AT,), times, time_attributes | schema.AXIS)
         variables["row"] = xr.Variable(
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
-        attributes |= interpolation(scheme, self.rule) | {"error_estimate": ROUTE}
+        attributes |= interpolation(self.settings.scheme, self.rule) | {"error_estimate": ROUTE}
         return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)
+
+    @cached_property
+    def _descriptions(self) -> list[tuple[str, dict[str, Any], str, dict[str, Any]]]:
+        """Name and attributes of each state, and of its error."""
+        layout, scheme, descriptions = self.layout, self.settings.scheme, []
+        orders = interpolation_orders(scheme, layout, self.rule)
+        for name in layout.used:
+            recorded, error = self.run.variables[name].attrs, schema.error(name)
+            rule = {
+                "interpolation": scheme.interpolation(self.rule),
+                "interpolation_order": orders[name],
+                "ancillary_variables": error,
+            }
+            described = {key: recorded[key] for key in ("units", "long_name", "role")} | rule
+            of_error = {"units": recorded["units"], "long_name": f"error of {name}: {ROUTE}", "role": "error"}
+            descriptions.append((name, described, error, of_error))
+        return descriptions
 
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
         """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
         following = np.minimum(rows + 1, self.run.sizes[STEPS] - 1)
         wanted = step_columns(self.model, self.settings, rows, following)
-        return [self.run[name].variable.isel({STEPS: chosen}) for name, chosen in wanted]
+        return [self.run.variables[name].isel({STEPS: chosen}) for name, chosen in wanted]
 
     def _evaluated(self, where: Floats, columns: Floats) -> Floats:
         """Evaluate states and their errors.
@@ -190,7 +206,7 @@ class Inside:
         Rows of `where` are wanted time, start and end; of `columns` step, regime, contacts, the state at its start and
         perhaps at its end.
         """
-        every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run["time"].attrs["units"]))
+        every, unit = rows_apart(self.run.attrs), unit_suffix(str(self.run.variables["time"].attrs["units"]))
         _check_whole(where, columns[0], slack(self.run), unit, every)
         reintegrated = self.rule == REINTEGRATE
         return states_within(
@@ -308,13 +324,12 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
     return wanted
 
 
-def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+def _located(accepted: _Times, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Find the row from which each time's step starts, and the times at both ends of that step."""
-    accepted = _Times(time)
     first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
     if outside.size:
-        unit = unit_suffix(str(time.attrs.get("units", SECONDS.text)))
+        unit = unit_suffix(accepted.units)
         raise InputError(
             f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
             f" to {last!r}{unit}; a run is never extrapolated"
@@ -328,8 +343,8 @@ def _located(time: xr.DataArray, wanted: Floats, *, after: bool) -> tuple[NDArra
 class _Times:
     """Accepted times, of which only the chunks are read that a search needs."""
 
-    def __init__(self, time: xr.DataArray) -> None:
-        self._time = time
+    def __init__(self, time: xr.Variable) -> None:
+        self._time, self.units = time, str(time.attrs.get("units", SECONDS.text))
         sizes = time.chunks[0] if time.chunks else (time.size,)
         self._offsets = np.concatenate([[0], np.cumsum(sizes)])
         self._read: dict[int, Floats] = {}

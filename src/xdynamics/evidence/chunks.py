@@ -15,6 +15,7 @@ from xdynamics.evidence.memory import most_megabytes
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.record.columns import state_name
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import STEPS
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Chunks:
         """Return the rows of a run; what is that already, as it is."""
         return run if isinstance(run, Chunks) else cls(run, model_of(run, functions))
 
-    @property
+    @cached_property
     def is_stored(self) -> bool:
         """Whether there is anything to be read."""
         return any(variable.chunks is not None for variable in self.run.variables.values())
@@ -271,6 +272,6 @@ def with_roles(run: xr.Dataset, roles: tuple[str, ...]) -> list[str]:
     """Name the variables along `step` that have one of some roles."""
     return [
         str(name)
-        for name, variable in run.data_vars.items()
-        if variable.attrs.get("role") in roles and variable.dims == (STEPS,)
+        for name in run.data_vars
+        if (variable := run.variables[name]).attrs.get("role") in roles and variable.dims == (STEPS,)
     ]

@@ -150,7 +150,7 @@ def evaluated_on(
             f"what is computed between rows needs {', '.join(missing)};"
             f" {log_description(run.attrs) or 'take the whole record'}"
         )
-    columns = {name: run[name].values for name in ("regime", *names) if name in run}
+    columns = {name: run.variables[name].values for name in ("regime", *names) if name in run.variables}
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
     return evaluated_inside(model, trees, states, times, (rows, following), columns, functions)

@@ -24,8 +24,8 @@ from xdynamics.evidence.diagnosing.phases import (
     exact_march,
     listed,
     reference_times,
-    turns,
 )
+from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, task_of
 from xdynamics.faults import InputError

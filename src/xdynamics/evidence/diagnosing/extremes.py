@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks, Part
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
 from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
@@ -82,20 +82,25 @@ def extremes(
     searches = [
         _begun(rows, near, heights, here) for heights, here in zip(found, np.split(places_near, ends[:-1]), strict=True)
     ]
+    inside: Inside | None = None
     while True:
         places = [search.places() for _, search in searches]
         if not any(item.size for item in places):
             break
         ends = np.cumsum([0, *(item.size for item in places)])
-        states = sampled(near, np.concatenate(places), after=False, rule=REINTEGRATE, functions=functions)
+        inside = inside or Inside.of(near, functions, REINTEGRATE)
+        states = inside.at(np.concatenate(places), after=False)
         for k, ((name, _), (_, search)) in enumerate(zip(wanted, searches, strict=True)):
             if places[k].size:
                 here = states.isel({schema.AT: slice(ends[k], ends[k + 1])})
                 search.narrow(*_with_rates(near, model, name, factors[name], here))
     results = [_settled(*item) for item in searches]
-    for k, (name, _) in enumerate(wanted):
-        if results[k].rule == INTERPOLATED:
-            off = _between(near, model, name, factors[name], np.array([results[k].time]), functions)[1]
+    between_rows = [k for k, result in enumerate(results) if result.rule == INTERPOLATED]
+    if inside is not None and between_rows:
+        states = inside.at(np.array([results[k].time for k in between_rows]), after=False)
+        for i, k in enumerate(between_rows):
+            name = wanted[k][0]
+            _, off = _with_errors(near, model, name, factors[name], states.isel({schema.AT: slice(i, i + 1)}))
             results[k] = results[k]._replace(uncertainty=float(off[0]))
     return results
 
@@ -156,12 +161,12 @@ def _begun(rows: Chunks, near: xr.Dataset, heights: _Heights, places: Rows) -> t
     at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
     best = Extreme(sign * top, time, LOCATED if at_event else SAMPLED, 0.0)
     values, times = heights.values, heights.times
-    if rows.run[name].attrs["role"] not in STATES and model.python_functions:
+    if rows.run.variables[name].attrs["role"] not in STATES and model.python_functions:
         best = best._replace(uncertainty=0.0 if at_event else heights.above)
         values, times, places = values[:, :0], times[:, :0], places[:0]
     tree, rates = rate_tree(model, name), None
     if tree is not None:
-        states = {variable: np.asarray(near[variable])[places] for variable in model.units}
+        states = {variable: _column(near, variable)[places] for variable in model.units}
         rates = evaluated_on(near, model, [tree], states, times.ravel(), places)[0].reshape(values.shape)
         rates = rates / _factor(rows.run, name)
     # the rows of a hump, one after the other
@@ -187,7 +192,7 @@ def _settled(best: Extreme, search: Summits) -> Extreme:
 
 
 def _factor(run: xr.Dataset, name: str) -> float:
-    return float(parse_unit(str(run[name].attrs["units"])).factor)
+    return float(parse_unit(str(run.variables[name].attrs["units"])).factor)
 
 
 def _with_rates(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset) -> tuple[Floats, Floats]:
@@ -195,19 +200,19 @@ def _with_rates(run: xr.Dataset, model: Model, name: str, factor: float, states:
     values, tree = _values(run, model, name, factor, states), rate_tree(model, name)
     if tree is None:
         return values, values
-    state = {variable: np.asarray(states[variable]) for variable in model.units}
-    times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
+    state = {variable: _column(states, variable) for variable in model.units}
+    times, rows = _column(states, schema.AT_TIME), _column(states, "row")
     return values, evaluated_on(run, model, [tree], state, times, rows)[0] / factor
 
 
 def _values(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset, moved: str = "") -> Floats:
     """Return a quantity on states inside steps; with one variable moved by its interpolation error, if named."""
     if name in model.units and not moved:
-        return np.asarray(states[name])
-    state = {variable: np.asarray(states[variable]) for variable in model.units}
+        return _column(states, name)
+    state = {variable: _column(states, variable) for variable in model.units}
     if moved:
-        state[moved] = state[moved] + np.asarray(states[schema.error(moved)])
-    times, rows = np.asarray(states[schema.AT_TIME]), np.asarray(states["row"])
+        state[moved] = state[moved] + _column(states, schema.error(moved))
+    times, rows = _column(states, schema.AT_TIME), _column(states, "row")
     return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / factor
 
 
@@ -215,20 +220,23 @@ def between(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
-    return _between(run, model, name, _factor(run, name), times, functions)
-
-
-def _between(
-    run: xr.Dataset, model: Model, name: str, factor: float, times: Floats, functions: Functions | None
-) -> tuple[Floats, Floats]:
-    """Return the same where the unit's factor is given: the quantity itself need not be in the record."""
     states = sampled(run, times, after=False, rule=REINTEGRATE, functions=functions)
+    return _with_errors(run, model, name, _factor(run, name), states)
+
+
+def _with_errors(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset) -> tuple[Floats, Floats]:
+    """Return the same of known states, where the unit's factor is given: the quantity itself need not be in the record."""
     values = _values(run, model, name, factor, states)
     if name in model.units:
-        return values, np.abs(np.asarray(states[schema.error(name)]))
-    uncertain = [variable for variable in model.units if np.asarray(states[schema.error(variable)]).any()]
+        return values, np.abs(_column(states, schema.error(name)))
+    uncertain = [variable for variable in model.units if _column(states, schema.error(variable)).any()]
     moved = (np.abs(_values(run, model, name, factor, states, variable) - values) for variable in uncertain)
     return values, sum(moved, np.zeros(values.shape))
+
+
+def _column(states: xr.Dataset, name: str) -> Floats:
+    """Return a variable's numbers: a DataArray made of it first takes many times as long."""
+    return np.asarray(states.variables[name].values)
 
 
 def beyond(values: Floats, time: Floats, row: int) -> float:
@@ -247,8 +255,8 @@ def sought(run: xr.Dataset) -> list[str]:
     """Name the quantities whose extremes are sought; in large models only those that steps integrate."""
     along = {
         str(name): variable.attrs.get("role")
-        for name, variable in run.data_vars.items()
-        if variable.dims == (schema.STEPS,)
+        for name in run.data_vars
+        if (variable := run.variables[name]).dims == (schema.STEPS,)
     }
     names = [name for name, role in along.items() if role in SOUGHT]
     return names if len(names) <= MOST_NAMES else [name for name in names if along[name] in STATES]
@@ -258,11 +266,11 @@ def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None)
     """Return the largest and the least value of quantities as variables of a Dataset."""
     run = rows.run
     variables: dict[str, tuple[Any, ...]] = {}
-    rules, time_unit = schema.flags(dict(enumerate(RULES))), str(run["time"].attrs["units"])
+    rules, time_unit = schema.flags(dict(enumerate(RULES))), str(run.variables["time"].attrs["units"])
     wanted = [(name, sign) for name in names for sign in (1.0, -1.0)]
     for (name, sign), result in zip(wanted, extremes(rows, wanted, functions), strict=True):
         units, word, adjective = (
-            str(run[name].attrs["units"]),
+            str(run.variables[name].attrs["units"]),
             *(("maximum", "largest") if sign > 0 else ("minimum", "least")),
         )
         variables |= {

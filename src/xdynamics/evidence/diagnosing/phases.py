@@ -15,6 +15,7 @@ from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, check_whole
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
+from xdynamics.evidence.diagnosing.turns import TURNS
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.stages import Task, march_task
 from xdynamics.faults import InputError
@@ -32,7 +33,6 @@ Functions = Mapping[str, Callable[..., float]]
 
 EXACT, MOST_STEPS = ("dop853", 1e-12), 1_000_000  # of the march that is the reference of phases
 PARTS = 64  # of a cycle, from which its area is computed
-TURNS = "turn"  # dimension
 
 
 def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
@@ -181,36 +181,4 @@ def listed(variables: Mapping[str, Any], count: int | None) -> dict[str, Any]:
     return {
         name: (dims, _filled(values, count) if dims in ((CYCLE,), (TURNS,)) else values, attributes)
         for name, (dims, values, attributes) in variables.items()
-    }
-
-
-def turns(rows: Chunks, name: str, functions: Functions | None) -> dict[str, Any]:
-    """Locate where a coordinate turns: its velocity passes zero within a step."""
-    speed, turned, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
-    for part in rows.parts("time", speed):
-        time, v, numbers = part.columns["time"], part.columns[speed], part.numbers
-        passed = np.flatnonzero((numbers[:-1] >= part.first) & (v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
-        turned.append(numbers[passed])
-        signs.append(np.sign(v[passed]))
-    before, sign = np.concatenate(turned), np.concatenate(signs)
-    low, high = rows.at("time", np.stack([before, before + 1]))
-    run, _ = rows.near(np.concatenate([before, before + 1]))
-    for _ in range(60 if before.size else 0):
-        middle = (low + high) / 2.0
-        states = sampled(run, middle, after=False, rule=REINTEGRATE, functions=functions)
-        same = sign * np.asarray(states[speed]) > 0.0
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    points = (
-        np.asarray(sampled(run, high, after=False, rule=REINTEGRATE, functions=functions)[name])
-        if before.size
-        else np.zeros(0)
-    )
-    units = str(run[name].attrs["units"])
-    return {
-        "turning_time": (
-            (TURNS,),
-            high,
-            about(time_unit(run).text, f"when {name} turns, located by steps of the run's own method", ROLE),
-        ),
-        "turning_point": ((TURNS,), points, about(units, f"{name} where it turns", ROLE)),
     }

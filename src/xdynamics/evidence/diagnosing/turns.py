@@ -1,0 +1,74 @@
+"""Turning points: where the velocity of a coordinate passes zero within a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.evidence.chunks import Chunks
+from xdynamics.evidence.diagnosing.conservation import ROLE
+from xdynamics.evidence.evidence_dataset import about
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.record.flag_words import time_unit
+
+Floats = NDArray[np.float64]
+
+TURNS = "turn"  # dimension
+HALVINGS = 60  # of a step
+DEEPEST, MOST_PLACES = 6, 500  # of the halvings whose places are evaluated at once, and of these places
+
+
+def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]] | None) -> dict[str, Any]:
+    """Return times and places of a coordinate's turns as variables of a Dataset."""
+    speed, turned, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
+    for part in rows.parts("time", speed):
+        time, v, numbers = part.columns["time"], part.columns[speed], part.numbers
+        passed = np.flatnonzero((numbers[:-1] >= part.first) & (v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
+        turned.append(numbers[passed])
+        signs.append(np.sign(v[passed]))
+    before, sign = np.concatenate(turned), np.concatenate(signs)
+    low, high = rows.at("time", np.stack([before, before + 1]))
+    run, _ = rows.near(np.concatenate([before, before + 1]))
+    points = np.zeros(0)
+    if before.size:
+        inside = Inside.of(run, functions, REINTEGRATE)
+
+        def not_yet(times: Floats) -> NDArray[np.bool_]:
+            velocities = inside.at(times.ravel(), after=False).variables[speed].values
+            return sign * velocities.reshape(times.shape) > 0.0
+
+        high = _bisected(low, high, not_yet)
+        points = inside.at(high, after=False).variables[name].values
+    units = str(rows.run[name].attrs["units"])
+    located = f"when {name} turns, located by steps of the run's own method"
+    return {
+        "turning_time": ((TURNS,), high, about(time_unit(rows.run).text, located, ROLE)),
+        "turning_point": ((TURNS,), points, about(units, f"{name} where it turns", ROLE)),
+    }
+
+
+def _bisected(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.bool_]]) -> Floats:
+    """Return the least known time behind each zero.
+
+    The middles of several halvings are evaluated at once, whichever halves will be kept: asking takes longer than
+    evaluating. They are those of one halving after the other, to the bit.
+    """
+    columns, depth = np.arange(low.size), DEEPEST
+    while depth > 1 and (2**depth - 1) * low.size > MOST_PLACES:
+        depth -= 1
+    for _ in range(HALVINGS // depth):
+        lows, highs, middles = low[None], high[None], []
+        for _ in range(depth):
+            middles.append((lows + highs) / 2.0)
+            halves = (lows, middles[-1]), (middles[-1], highs)
+            lows, highs = (np.stack(half, axis=1).reshape(-1, low.size) for half in halves)
+        later, place = not_yet(np.concatenate(middles)), np.zeros(low.size, np.int64)
+        for level in range(depth):
+            place = 2 * place + later[2**level - 1 + place, columns]
+        low, high = lows[place, columns], highs[place, columns]
+    return high
