@@ -41,8 +41,10 @@ def test_a_term_is_the_same_alone_and_with_others(compute: bool) -> None:
 
 def test_totals_are_of_what_is_left_and_the_record_says_so() -> None:
     """Assert totals, draws and shares without an input, and what attributes, result and summary say."""
-    whole = xd.error_budget(ROCKET, "y", event="apogee", draws=400)
-    part = xd.error_budget(ROCKET, "y", event="apogee", draws=400, without=["drag_coefficient", "roundoff"])
+    whole = xd.error_budget(ROCKET, "y", event="apogee", step="5 ms", draws=400)
+    part = xd.error_budget(
+        ROCKET, "y", event="apogee", step="5 ms", draws=400, without=["drag_coefficient", "roundoff"]
+    )
     assert part.attrs["left_out"] == "roundoff, drag_coefficient"
     assert "left_out" not in whole.attrs
     standard = float(whole.standard_uncertainty[whole.term_name.values.tolist().index("airframe")])
@@ -51,7 +53,7 @@ def test_totals_are_of_what_is_left_and_the_record_says_so() -> None:
     assert float(whole.monte_carlo_standard_uncertainty) > 5.0 * standard
     assert float(part.share.sum()) == pytest.approx(1.0)
     assert "(k = 2, without roundoff and drag_coefficient, numerical part" in part.attrs["result"]
-    alone = xd.error_budget(ROCKET, "y", event="apogee", only=["airframe"])
+    alone = xd.error_budget(ROCKET, "y", event="apogee", step="5 ms", only=["airframe"])
     assert "(k = 2, airframe alone, numerical part 0 m)" in alone.attrs["result"]
     assert any(line.startswith("physical  airframe") for line in summary(alone))
 

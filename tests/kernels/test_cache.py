@@ -32,12 +32,15 @@ KEPLER = str(MODELS / "kepler.toml")
 CODE = ENGINE.name_of_code(NUMBA)
 
 
-def told(folder: Path, **more: str) -> tuple[str, int, str]:
+def ran(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a script with a cache folder."""
+    environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
+    return subprocess.run([sys.executable, "-c", script, KEPLER], env=environment, capture_output=True, text=True, check=True)  # fmt: skip
+
+
+def told(folder: Path) -> tuple[str, int, str]:
     """Run the script with a cache folder: digest, compilations by numba, what was said."""
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, KEPLER], env=os.environ | {"XDYNAMICS_CACHE": str(folder)} | more,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = ran(SCRIPT, folder)
     digest, compiled = done.stdout.split()
     return digest, int(compiled), done.stderr
 
@@ -106,11 +109,19 @@ def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkey
         assert cache.read(one.name) == whole[32:]
 
 
-def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], tmp_path: Path) -> None:
-    """Assert that damaged code costs a compilation, which is told; while the text is whole, LLVM's alone in silence."""
-    folder = shutil.copytree(kept[0], tmp_path / "cache")
+@pytest.fixture(scope="module")
+def recompiled(kept: tuple[Path, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[str, int, str]]:
+    """A cache whose engine was damaged, after a run that compiled it anew, and what that run told."""
+    folder = shutil.copytree(kept[0], tmp_path_factory.mktemp("recompiled") / "cache")
     put_in_place(folder / CODE, "flipped")
-    digest, compiled, said = told(folder)
+    return folder, told(folder)
+
+
+def test_a_damaged_engine_is_compiled_anew(
+    kept: tuple[Path, str], recompiled: tuple[Path, tuple[str, int, str]]
+) -> None:
+    """Assert that damaged code costs a compilation, which is told; while the text is whole, LLVM's alone in silence."""
+    folder, (digest, compiled, said) = recompiled
     assert digest == kept[1]
     assert compiled > 0
     assert "compiling the engine, once per installation" in said
@@ -129,18 +140,30 @@ def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeyp
     assert len(loaded.entries()) == len(ENGINE.functions)
 
 
-def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], tmp_path: Path) -> None:
-    """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time and one line of advice."""
+KNOWN = """
+import lzma
+from pathlib import Path
+from xdynamics.kernels import engine_part
+text = lzma.decompress(Path({path!r}).read_bytes()[32:]).decode().split("\\n", 2)[2]
+engine_part.text_of = lambda _functions: print("compiled") or text
+"""
+
+
+def test_a_cache_that_cannot_be_written(recompiled: tuple[Path, tuple[str, int, str]], tmp_path: Path) -> None:
+    """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time and one line of advice.
+
+    What numba compiled in the test above stands for what it would compile here.
+    """
     (tmp_path / "cache").write_text("no folder")
-    digest, compiled, said = told(tmp_path / "cache")
-    assert digest == kept[1]
-    assert compiled > 0
+    known = KNOWN.format(path=str(recompiled[0] / ENGINE.name_of_text))
+    done = ran(known + SCRIPT, tmp_path / "cache")
+    assert done.stdout.split() == ["compiled", recompiled[1][0], "0"]
     advice = (
         f"xdynamics: compiled code cannot be kept in '{tmp_path / 'cache'}' (File exists), so every process compiles it"
         " again; set XDYNAMICS_CACHE to a folder of your own that nobody else can write to and that has room"
     )
     slow = "xdynamics: compiling the model and its method"  # said where that lasts longer than a second
-    lines = [line for line in said.splitlines() if not line.startswith(slow)]
+    lines = [line for line in done.stderr.splitlines() if not line.startswith(slow)]
     assert sorted(lines) == [advice, "xdynamics: compiling the engine: about 10 s"]
     assert [one.name for one in tmp_path.iterdir()] == ["cache"]
 
@@ -330,25 +353,28 @@ def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tm
     assert list(tmp_path.iterdir()) == []
 
 
+EIGHT = """
+import os
+import xdynamics as xd
+from xdynamics.simulation import single_run
+children = []
+for _ in range(8):
+    children.append(os.fork())
+    if not children[-1]:
+        break
+else:
+    raise SystemExit(sum(os.waitpid(child, 0)[1] != 0 for child in children))
+"""
+
+
 def test_eight_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: Path) -> None:
     """Assert that processes that compile one law at once all end right and leave one whole file of it."""
     folder = tmp_path / "cold"
     folder.mkdir()
     shutil.copy(kept[0] / CODE, folder / CODE)
-    environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, KEPLER],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(8)
-    ]
-    ended = [(one.communicate(), one.returncode) for one in started]
-    assert [code for _, code in ended] == [0] * 8
-    assert {out.split()[0] for (out, _), _ in ended} == {kept[1]}
+    lines = ran(EIGHT + SCRIPT, folder).stdout.splitlines()
+    assert len(lines) == 8
+    assert {line.split()[0] for line in lines} == {kept[1]}
     assert not list(folder.glob("*.part"))
 
 
