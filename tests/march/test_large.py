@@ -82,10 +82,10 @@ def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     # far from the mass that is struck there is hardly any motion; what there is has an error in proportion, 2e-7 of u8,
     # which is 2e-9 after 2 s, where its absolute tolerance is 1e-10: no warning
     run = xd.simulate(model, method=method, until="2 s", **asked)
-    energy = run.kinetic_energy.values + sum(
-        (run[f"u{i + 1}"].values - run[f"u{i}"].values) ** 2 / 2 for i in range(CHAINED - 1)
-    )
-    energy += (run.u0.values**2 + run[f"u{CHAINED - 1}"].values ** 2) / 2
+    u = np.array(
+        [run.variables[f"u{i}"].values for i in range(CHAINED)]
+    )  # a DataArray of each would take ten times as long
+    energy = run.kinetic_energy.values + (np.diff(u, axis=0) ** 2).sum(axis=0) / 2 + (u[0] ** 2 + u[-1] ** 2) / 2
     assert energy == pytest.approx(1.0, rel=1e-4)
     assert xd.Model.from_text(str(run.model_toml.values)) == model
 
