@@ -23,7 +23,10 @@ PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipel
 SMALL: dict[str, dict[str, Any]] = {
     "convergence_study": {"methods": ["velocity_verlet", "rk4"]},
     "oscillator_methods": {"until": "8 s"},
-    "ball_with_drag": {},
+    "ball_with_drag": {
+        "landing": {"steps": ["100 ms"], "until_change": {"event_time_ground": "1 ms", "after_ground_v_y": "1 cm s-1"}},
+        "budget": {"quantity": "t", "event": "ground", "draws": 200},
+    },
     "bouncing_ball_events": {},
     "coupled_modes": {"until": "5 s", "refine": {"steps": ["80 ms", "40 ms"], "at": ["5 s"]}},
     "cluster_study": {"members": 6, "times": "0:6:7 s", "budget": {"quantity": "y", "event": "apogee"}},

@@ -62,6 +62,15 @@ def client() -> Iterator[Any]:
             yield client
 
 
+def test_a_scheduler_of_no_kind_leaves_nothing_behind() -> None:
+    """Assert, before any cluster is there, that dask computes in this process again after an address that is none."""
+    pytest.importorskip("distributed")
+    with pytest.raises(xd.InputError, match="'nowhere://x' cannot be reached"), cluster_of("nowhere://x", None):
+        raise AssertionError("connected to nowhere")
+    assert connected() is None
+    assert dask.config.get("scheduler", None) is None
+
+
 def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_path: Path) -> None:
     """Assert a lazy sweep, and one into a folder, on a cluster of two workers."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")
