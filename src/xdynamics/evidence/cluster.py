@@ -109,7 +109,7 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
             yield client
         return
     try:
-        library.comm.resolve_address(scheduler)  # a client of an unknown kind of address stays the default when it fails
+        library.comm.resolve_address(scheduler)  # else a client that failed would stay dask's
         client = library.Client(scheduler, timeout=PATIENCE)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"the scheduler {scheduler!r} cannot be reached: {error}") from None
