@@ -234,7 +234,7 @@ def _with_errors(run: xr.Dataset, model: Model, name: str, factor: float, states
     return values, sum(moved, np.zeros(values.shape))
 
 
-def _column(states: xr.Dataset, name: str) -> Floats:
+def _column(states: xr.Dataset, name: str) -> Any:
     """Return a variable's numbers: a DataArray made of it first takes many times as long."""
     return np.asarray(states.variables[name].values)
 

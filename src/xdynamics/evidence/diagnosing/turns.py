@@ -39,7 +39,7 @@ def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]]
         inside = Inside.of(run, functions, REINTEGRATE)
 
         def not_yet(times: Floats) -> NDArray[np.bool_]:
-            velocities = inside.at(times.ravel(), after=False).variables[speed].values
+            velocities: Floats = inside.at(times.ravel(), after=False).variables[speed].values
             return sign * velocities.reshape(times.shape) > 0.0
 
         high = _bisected(low, high, not_yet)
