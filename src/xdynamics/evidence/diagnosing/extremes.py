@@ -208,7 +208,8 @@ def _with_rates(run: xr.Dataset, model: Model, name: str, factor: float, states:
 def _values(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset, moved: str = "") -> Floats:
     """Return a quantity on states inside steps; with one variable moved by its interpolation error, if named."""
     if name in model.units and not moved:
-        return _column(states, name)
+        recorded: Floats = _column(states, name)
+        return recorded
     state = {variable: _column(states, variable) for variable in model.units}
     if moved:
         state[moved] = state[moved] + _column(states, schema.error(moved))
