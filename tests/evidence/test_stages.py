@@ -16,7 +16,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
 from xdynamics.evidence.memory import LIMIT, Memory, most_megabytes
-from xdynamics.evidence.stages import Task
+from xdynamics.evidence.stages import Task, computed
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
@@ -121,10 +121,34 @@ def test_a_lazy_refinement_is_saved_as_the_eager_one(tmp_path: Path) -> None:
         assert_same_bits(kept, computed)
 
 
-def test_a_lazy_refinement_travels_to_another_process() -> None:
-    """Assert that the graph of a study can be pickled, as a cluster does, and comes to the same bits there."""
-    study = xd.refine(OSCILLATOR, compute=False, **STUDY)
-    assert_same_bits(pickle.loads(pickle.dumps(study)), xd.refine(OSCILLATOR, **STUDY))
+VARIED: dict[str, dict[str, Any]] = {
+    "steps": {"method": "rk4", "steps": [0.04, 0.02, 0.01]},
+    "rtols": {"method": "dop853", "rtols": [1e-4, 1e-6, 1e-8]},
+    "time_tolerances": {"method": "rk4", "step": 0.02, "time_tolerances": ["1e-6 s", "1e-8 s"]},
+    "rules": {"method": "rk4", "step": 0.02, "rules": ["interpolant", "reintegrate"]},
+}
+
+
+@pytest.mark.parametrize("varied", VARIED)
+def test_a_lazy_refinement_travels_to_another_process(varied: str) -> None:
+    """Assert that the graph of a study can be pickled, as a cluster does, and comes to the same bits and words there."""
+    asked: dict[str, Any] = {"until": 1.0, "occurrences": 1, **VARIED[varied]}
+    sent, eager = pickle.loads(pickle.dumps(xd.refine(BALL, compute=False, **asked))), xd.refine(BALL, **asked)
+    with marches():
+        found = computed(sent)[0]
+    assert_same_bits(found, eager)
+    assert_described(found, eager)
+
+
+def test_a_lazy_budget_travels_to_another_process() -> None:
+    """Assert the same of a budget, whose steps have the unit of the model's time."""
+    ball = xd.Model.from_toml(MODELS / "ball_drag.toml")
+    asked: dict[str, Any] = {"at": "1 s", "method": "rk4", "step": "50 ms"}
+    sent = pickle.loads(pickle.dumps(xd.error_budget(ball, "y", compute=False, **asked)))
+    with marches():
+        found = computed(sent)[0]
+    assert_described(found, eager := xd.error_budget(ball, "y", **asked))
+    assert_same_bits(found, eager)
 
 
 # ------------------------------------------------------------------------------------------------------------- memory

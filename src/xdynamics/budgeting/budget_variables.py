@@ -157,7 +157,7 @@ def levels_as(compared: Compared, run: xr.Dataset, unit: Unit) -> dict[str, Any]
     levels, text = compared.levels, unit.text
     orders = observed_orders(compared.values, levels.values)
     # a run's steps may be pure numbers like its time
-    level_units = str(run["step_size"].attrs["units"]) if levels.varied is STEPS else levels.varied.units
+    level_units = str(run["step_size"].attrs["units"]) if levels.varied == STEPS else levels.varied.units
     return {
         levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.long_name, ROLE)),
         "level_value": (

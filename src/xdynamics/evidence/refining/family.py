@@ -167,7 +167,7 @@ def _judged(number: Watched, levels: Levels, accepted: int) -> dict[str, Any]:
 def _judgements(number: Watched, levels: Levels, accepted: int) -> Iterator[Judged]:
     """Judge the levels at every place of a number."""
     kinks = np.full(len(number.values), np.inf)
-    if number.kinks is not None and levels.varied is not TIME_TOLERANCES:
+    if number.kinks is not None and levels.varied != TIME_TOLERANCES:
         kinks = number.kinks
     rows = (number.values, number.errors, number.rounding.tolist(), number.moved.tolist(), kinks)
     for values, errors, rounding, moved, kink in zip(*rows, strict=True):
@@ -178,7 +178,7 @@ def _judgements(number: Watched, levels: Levels, accepted: int) -> Iterator[Judg
             rounding,
             float(errors[-2:].max()),
             moved,
-            smooth=levels.varied is not RTOLS,
+            smooth=levels.varied != RTOLS,
             kink=float(kink),
             accepted=accepted,
             order=levels.order,

@@ -103,9 +103,9 @@ def _ratio(study: Study) -> float:
 
 def _growth(study: Study) -> float:
     """Return the ratio of the next level's rows to the last one's."""
-    if study.levels.varied is STEPS:
+    if study.levels.varied == STEPS:
         return _ratio(study)
-    if study.levels.varied is RTOLS and len(study.runs) > 1:
+    if study.levels.varied == RTOLS and len(study.runs) > 1:
         return max(1.0, float(study.runs[-1].sizes["step"]) / float(study.runs[-2].sizes["step"]))
     return 1.0
 

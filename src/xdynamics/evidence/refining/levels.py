@@ -118,7 +118,7 @@ class Levels:
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
         level_values = np.array([_read(model, varied, candidate) for candidate in values])
-        if varied is CHOICES:
+        if varied == CHOICES:
             if (
                 len(level_values) < FEWEST
                 or not {*level_values.tolist()} <= {*RULES}
@@ -151,7 +151,7 @@ class Levels:
     @property
     def ordered(self) -> bool:
         """Whether levels are numbers with which errors shrink."""
-        return self.varied is not CHOICES
+        return self.varied != CHOICES
 
     def rule(self, k: int) -> str:
         """Return how states between accepted ones are found in a level."""
@@ -164,9 +164,9 @@ class Levels:
 
     def model_of(self, value: Any) -> Model:
         """Return the model of a level: events are located as the level prescribes, not as the model does."""
-        if self.varied is TIME_TOLERANCES:
+        if self.varied == TIME_TOLERANCES:
             return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} {self.model.time_unit.text}"})
-        if self.varied is CHOICES:
+        if self.varied == CHOICES:
             return _located(self.model, LOCATED[:1], {"root_state": str(value)})
         return self.model
 
@@ -174,7 +174,7 @@ class Levels:
         """Return the settings of a level."""
         keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
         varied = {keys[self.varied]: float(value)} if self.ordered else {}
-        if self.varied is RTOLS:
+        if self.varied == RTOLS:
             coarsest = self.settings | {"rtol": float(self.values[0])}
             tolerances = settings_for(self.model, **coarsest).tolerances
             if tolerances:  # those that follow their variable scale with rtol by themselves
@@ -233,9 +233,9 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
 
 
 def _read(model: Model, varied: Varied, value: Any) -> Any:
-    if varied is CHOICES:
+    if varied == CHOICES:
         return str(value)
-    if varied is RTOLS:
+    if varied == RTOLS:
         try:
             return float(value)
         except (TypeError, ValueError):
