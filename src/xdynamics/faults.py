@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import re
 import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator
@@ -14,6 +15,21 @@ MOST_LISTED = 20  # faults that a message shows; an error holds them all
 MOST_SOUGHT = 200  # faults of one input, after which it is given up
 # controls, marks of direction and other characters without a shape, halves of pairs, ends of lines and paragraphs
 UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+
+
+DOT = "·"  # in names of elements of quantities with dimensions
+_ELEMENT = re.compile(rf"([A-Za-z0-9_.]+){DOT}([A-Za-z0-9_]+(?:{DOT}[A-Za-z0-9_]+)*)")
+
+
+def spoken(text: str) -> str:
+    """Return a text with elements as people write them.
+
+    Examples
+    --------
+    >>> spoken("initial value of 'v_r·Jupiter·x' is missing")
+    "initial value of 'v_r[Jupiter, x]' is missing"
+    """
+    return _ELEMENT.sub(lambda match: f"{match[1]}[{', '.join(match[2].split(DOT))}]", text) if DOT in text else text
 
 
 def escaped(text: str, *, lines: bool = False) -> str:
@@ -57,9 +73,9 @@ class InputError(ValueError):
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
         listed = numbered(faults) if message.endswith(numbered(faults)) else ""
-        text = escaped(message.removesuffix(listed)) + listed
+        text = spoken(escaped(message.removesuffix(listed)) + listed)
         super().__init__(text)
-        self.faults = tuple(map(escaped, faults)) or (text,)
+        self.faults = tuple(spoken(escaped(fault)) for fault in faults) or (text,)
 
 
 class StabilityWarning(UserWarning):
@@ -99,7 +115,7 @@ def warn(message: str, category: type[Warning]) -> None:
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_code.co_filename.startswith(_OURS):
         level, frame = level + 1, frame.f_back
-    warnings.warn(message, category, stacklevel=level)
+    warnings.warn(spoken(message), category, stacklevel=level)
 
 
 def numbered(faults: Iterable[str]) -> str:

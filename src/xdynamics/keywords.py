@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.faults import InputError
 
 if TYPE_CHECKING:
-    from xdynamics.units import Unit
+    from xdynamics.shapes.naming import written
+from xdynamics.shapes.naming import written
+from xdynamics.units import Unit
 
 # what belongs together, in the order of the help
 MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "March", "Step control", "Events", "Arithmetic", "Record"
@@ -147,7 +149,7 @@ def columns_of(given: Any) -> str | tuple[str, ...]:
         raise InputError(
             f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']"
         )
-    return tuple(dict.fromkeys(given))
+    return tuple(dict.fromkeys(map(written, given)))
 
 
 def _whole(value: Any, name: str, _: Unit) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -125,6 +125,7 @@ ELEMENTS, ELEMENT_NAME = "elements", "element_name"
 ATOL_FOLLOWING = "atol_follows"
 OF_ELEMENTS = ("atol", "atol_si", ATOL_FOLLOWING, "uncertainty")
 DETECTOR_DIMENSIONS = "detector_dimensions"  # of `event_detector`: along which dimensions a detector has elements
+LINK_OF = "of"  # of the ends of links: the dimension whose elements they are
 LABEL, LINK = "label", "link"  # roles of labels and of ends of links
 NOWHERE = -1  # the element of an event whose detector has none along a dimension
 SEALED = "archive_seal"  # of files only: that the seal must be there
@@ -171,10 +172,20 @@ def flags(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
     return dict(zip(FLAG_ATTRIBUTES, (np.array(list(words), dtype), " ".join(words.values())), strict=True))
 
 
-def coordinates_of(name: str, dims: Sequence[str]) -> str | None:
-    """Return the `coordinates` attribute of a variable in a file: the times along its first dimension that has some."""
+def coordinates_of(name: str, dims: Sequence[str], names: Container[str]) -> str | None:
+    """Return the `coordinates` attribute of a variable in a file: times along its first dimension that has some, and labels.
+
+    Parameters
+    ----------
+    name : str
+    dims : sequence of str
+    names : container of str
+        Of all variables of the file.
+    """
     times = {STEPS: "time", AT: AT_TIME}
-    return next((times[dim] for dim in dims if dim in times and name != times[dim]), None)
+    found = [*(times[dim] for dim in dims if dim in times and name != times[dim])][:1]
+    found += [label for label in map(label_of, dims) if label in names and label != name]
+    return " ".join(found) or None
 
 
 def label_of(dim: str) -> str:

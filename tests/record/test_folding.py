@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from xdynamics.record.folding import as_recorded, fold, labelled, model_dimensions, unfold, unlabelled
+from xdynamics.record.folding import fold, labelled, model_dimensions, unlabelled
+from xdynamics.record.unfolding import as_recorded, unfold
 from xdynamics.shapes import Extent, Relation, Shapes
 
 DIMS = {"r": ("body", "axis"), "m": ("body",), "u": ("site",), "distance": ("pair",), "height": ("body",)}

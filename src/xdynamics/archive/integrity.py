@@ -15,6 +15,7 @@ from xdynamics.archive.seals import content_digest, letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection
+from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import ATOL_RULE, LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ class Standing:
 
 def standing(run: xr.Dataset) -> Standing:
     """Compare a record with what it was when it was marched or read."""
+    run = as_recorded(run)
     origin = run.attrs.get(ORIGIN)
     if not isinstance(origin, Origin):
         digest = str(run.attrs.get(ROOT_DIGEST, ""))

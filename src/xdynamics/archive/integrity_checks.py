@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,8 +111,8 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     own: dict[str, dict[str, Any]] = {}
     differing = [
         f"variable '{name}' {fault}"
-        for name, variable in file.variables.items()
-        if (fault := _fault_of(name, variable, digests, own))
+        for name in file.variables
+        if (fault := _fault_of(name, file.variables, digests, own))
     ]
     faults += missing + differing
     if not missing and not differing and attributes[ROOT_DIGEST] != root_digest(digests, own, attributes):
@@ -122,8 +122,9 @@ def _examined(file: Any, tail: Tail, faults: list[str], objects: Inventory | Non
     return Examination(tuple(faults), str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")))
 
 
-def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
-    """Compare one variable with its digest, and note its digest and attributes; return its fault."""
+def _fault_of(name: str, variables: Mapping[str, Any], digests: dict[str, str], own: dict[str, dict[str, Any]]) -> str:
+    """Compare one of a file's variables with its digest, and note its digest and attributes; return its fault."""
+    variable = variables[name]
     try:
         digests[name] = stored_digest(variable)
         attributes = attributes_of(variable)
@@ -141,7 +142,9 @@ def _fault_of(name: str, variable: Any, digests: dict[str, str], own: dict[str, 
         return "differs from its digest"
     further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
     own_dims = dims[:-1] if further else dims
-    as_written = {"coordinates": coordinates_of(name, own_dims)} | ({"_Encoding": "utf-8"} if is_text else {})
+    as_written = {"coordinates": coordinates_of(name, own_dims, variables)} | (
+        {"_Encoding": "utf-8"} if is_text else {}
+    )
     added = any(attributes.get(key, value) != value for key, value in as_written.items())
     if added or "_FillValue" in attributes or (further and dims != (*own_dims, further)):
         return "is not stored as it was written"

@@ -11,6 +11,7 @@ import numpy as np
 
 from xdynamics.archive.seals import Seal, root_digest, stored_slabs
 from xdynamics.record import own_attributes
+from xdynamics.record.folding import labelled, unlabelled
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import DIGEST, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
@@ -118,6 +119,7 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
     unchanged : mapping, optional
         For lazy variables, tests whether values are their result, without computing them again.
     """
+    run = unlabelled(run)
     arrays = {
         str(name): (variable.dims, variable.data, dict(variable.attrs)) for name, variable in run.variables.items()
     }
@@ -125,7 +127,7 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
         if isinstance(data, np.ndarray):  # lazy arrays are read-only already
             data.flags.writeable = False
     run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays, unchanged or {}), run.attrs, None)
-    return run
+    return labelled(run)
 
 
 def _of_arrays(
@@ -160,7 +162,7 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
             held=variable._data,  # noqa: SLF001
         )
     run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, source)
-    return run
+    return labelled(run)
 
 
 def digest_of(name: str, variable: Any) -> str:

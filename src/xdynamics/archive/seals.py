@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.netcdf_library import alone, read
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.text_encoding import form_of
+from xdynamics.record.unfolding import as_recorded
 from xdynamics.record.variable_attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,
@@ -48,7 +49,7 @@ _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
 
 def content_digest(run: xr.Dataset) -> str:
     """Return the content digest that an archive of a Dataset would have."""
-    digests = {}
+    run, digests = as_recorded(run), {}
     for name, variable in run.variables.items():
         seal = Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
         for slab in stored_slabs(variable):
@@ -176,7 +177,7 @@ def slabs(variable: Any) -> Iterator[Array]:
     if not variable.dims or variable.dtype.kind in "UOT":
         yield np.asarray(variable.values)
         return
-    rows = CHUNKS.get(variable.dims[0], OTHER_CHUNK) * 8
+    rows = max(1, CHUNKS.get(variable.dims[0], OTHER_CHUNK) * 8 // max(1, prod(variable.shape[1:])))
     for start in range(0, max(1, variable.shape[0]), rows):
         yield np.asarray(variable[start : start + rows].values)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
     spec, rows = record.columns(march), iter(before)
     first = next(rows, None)
     if first:
-        _define(writer, spec, {}, compress=march.settings.compress)
+        _define(writer, spec, march, {})
         for name, values in chain([first], rows):
             writer.append(name, values)
         if len(segments):
@@ -87,7 +88,7 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
         for block in march.blocks(_rows(march), segments.patience):
             if not writer.filled:
                 sizes = _sizes(block) if march.is_over and not march.waits else {}
-                _define(writer, spec, sizes, compress=march.settings.compress)
+                _define(writer, spec, march, sizes)
             parts = [(column.variable.name, column.take(block)) for column in spec]
             _settle(pending)
             pending = [pool.submit(writer.write, parts)]
@@ -102,9 +103,20 @@ def _fill(writer: Writer, march: March, segments: Segments, before: Iterable[Par
             writer.append(column.variable.name, column.take(rest))
 
 
-def _define(writer: Writer, spec: Sequence[record.Column], sizes: Mapping[str, int], *, compress: bool) -> None:
-    if compress:
-        writer.pack({one.variable.name: (one.variable.dims[0], np.dtype(one.variable.dtype).itemsize) for one in spec})
+def _define(writer: Writer, spec: Sequence[record.Column], march: March, sizes: Mapping[str, int]) -> None:
+    shapes = march.model.shapes
+    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
+    sizes = {**sizes, **elements}
+    if march.settings.compress:
+        widths = {
+            one.name: prod(elements.get(dim, 1) for dim in one.dims) for one in (column.variable for column in spec)
+        }
+        writer.pack(
+            {
+                one.name: (one.dims[0], np.dtype(one.dtype).itemsize * widths[one.name])
+                for one in (column.variable for column in spec)
+            }
+        )
     for column in spec:
         one = column.variable
         writer.define(one.name, one.dims, np.dtype(one.dtype), one.attributes, sizes)

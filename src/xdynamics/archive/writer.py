@@ -95,6 +95,8 @@ class Writer:
             if dims
             else None
         )
+        if chunks and dims[0] in CHUNKS and (inner := prod(chunks[1:])) > 2:  # elements of a model's dimensions
+            chunks[0] = min(chunks[0], max(1, CHUNKS[dims[0]] // inner))
         # further levels of zlib take more time, a tenth and up, for a hundredth of the bytes
         variable = self._file.createVariable(
             name,
@@ -136,8 +138,9 @@ class Writer:
     def since(self, before: Mapping[str, int]) -> Iterator[Array]:
         """Read back the values that variables were given since they held `before`, some megabytes at a time."""
         for name, n in self._filled.items():
-            for start in range(before.get(name, 0), n, BACK):
-                yield self._read_back(name, start, min(start + BACK, n))
+            rows = max(1, BACK // prod(self._file.variables[name].shape[1:]))
+            for start in range(before.get(name, 0), n, rows):
+                yield self._read_back(name, start, min(start + rows, n))
 
     @alone
     def _read_back(self, name: str, start: int, stop: int) -> Array:
@@ -204,7 +207,7 @@ class Writer:
             kept[COMPRESSION] = COMPRESSION_WORDS
         digests = self.digests()
         for name, own in self._attributes.items():
-            coordinates = coordinates_of(name, self._seals[name].dims)
+            coordinates = coordinates_of(name, self._seals[name].dims, self._seals)
             kept_as = {"coordinates": coordinates} if coordinates else {}
             self._file.variables[name].setncatts(own | kept_as | {DIGEST: digests[name]})
         self._file.setncatts(kept)

@@ -28,6 +28,7 @@ from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
+from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     COMPRESSION,
     DERIVED,
@@ -206,6 +207,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     """
     if not isinstance(getattr(run, "attrs", None), Mapping) or not hasattr(run, "variables"):
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
+    run = as_recorded(run)
     if derived is None:
         record.check(run, whole=False)
     result = standing(run)

@@ -88,7 +88,7 @@ def budget_dataset(request: Request, budgeted: Budgeted, monte_carlo: Drawn | No
     attributes = {name: value for name, value in later.items() if value == value}
     title = f"error budget of {model.name}: {target.description}"
     digests = (budgeted.number.digest,) if compared is None else compared.digests
-    return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes)
+    return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes, shapes=model.shapes)
 
 
 def _choice(request: Request, terms: list[Term]) -> str:

@@ -132,7 +132,7 @@ def _dataset(model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected: tup
         variables[names.get(name, name)] = ((CASE,), ledger[name].values, dict(ledger[name].attrs))
     attributes = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
-    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes)
+    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes, shapes=model.shapes)
 
 
 def _gates_as(gates: list[tuple[str, str, str]]) -> dict[str, Any]:

@@ -263,7 +263,9 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
         "model_digest": asked.model.digest,
         "fitted_digest": fitted.digest,
     }
-    return exhibit("fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes)
+    return exhibit(
+        "fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes, shapes=asked.model.shapes
+    )
 
 
 def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import escaped
+from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
 from xdynamics.schema import (
@@ -35,6 +36,7 @@ SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
 
 
+@of_elements
 def summary(run: xr.Dataset) -> list[str]:
     """Describe a run in lines: outcome, method, counts, end state, energy band, events.
 
@@ -130,6 +132,7 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
+@of_elements
 def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
@@ -286,6 +289,7 @@ def _moving(run: xr.Dataset) -> list[str]:
     ]
 
 
+@of_elements
 def as_data(run: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run for scripts: plain numbers and words, times in s, the rest in recorded units."""
     attributes = run.attrs

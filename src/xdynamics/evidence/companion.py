@@ -22,7 +22,7 @@ from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.record import check_kind
+from xdynamics.record import check_kind, of_elements, shapes_of
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_whole, kind_description
@@ -123,6 +123,7 @@ def global_error(name: str) -> str:
     return f"global_error_{name}"
 
 
+@of_elements
 def companion(
     run: xr.Dataset,
     times: Sequence[float] | Floats | float | str | None = None,
@@ -217,7 +218,14 @@ def _dataset(
         about(unit, "error of the event's time since the start of the run", "error"),
     )
     attributes = {"companion": states.attrs["companion"], "model_digest": run.attrs["model_digest"]}
-    return exhibit("companion", f"{run.attrs['title']}, beside a tighter run", digests, variables, attributes)
+    return exhibit(
+        "companion",
+        f"{run.attrs['title']}, beside a tighter run",
+        digests,
+        variables,
+        attributes,
+        shapes=shapes_of(run),
+    )
 
 
 def _added(states: xr.Dataset, errors: Mapping[str, Floats], factor: float, said: str) -> xr.Dataset:

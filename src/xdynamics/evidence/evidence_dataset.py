@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from xdynamics import archive
 from xdynamics.record.circumstances import circumstances
-from xdynamics.schema import AT_TIME, CONVENTIONS, EVIDENCE, RUNS, SCHEMA_VERSION
+from xdynamics.record.folding import fold
+from xdynamics.schema import AT_TIME, CONVENTIONS, EVIDENCE, MODEL_DIMENSIONS, RUNS, SCHEMA_VERSION
+from xdynamics.shapes import NO_SHAPES, Shapes
+from xdynamics.shapes.naming import spoken
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,6 +25,8 @@ def exhibit(
     variables: Mapping[str, Any],
     attributes: Mapping[str, Any],
     unchanged: Mapping[str, Any] | None = None,
+    *,
+    shapes: Shapes = NO_SHAPES,
 ) -> xr.Dataset:
     """Assemble a Dataset of evidence, ready to be saved.
 
@@ -36,6 +43,8 @@ def exhibit(
         Further attributes of the Dataset.
     unchanged : mapping, optional
         For lazy variables, tests whether values are their result; see `archive.marched`.
+    shapes : Shapes, optional
+        Of the model: what is said of elements is put together, and told as people write them.
     """
     import xarray as xr
 
@@ -49,8 +58,29 @@ def exhibit(
         EVIDENCE: kind,
         RUNS: " ".join(runs),
     }
+    if shapes.dims:
+        dataset, attributes = fold(_told(dataset), shapes), _told_attributes(attributes)
+        header |= {key: entry for key, entry in dataset.attrs.items() if key == MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)
+
+
+def _told(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a Dataset whose texts name elements as people write them."""
+    texts = {
+        name: (
+            variable.dims,
+            np.array([spoken(text) for text in variable.values.ravel().tolist()]).reshape(variable.shape),
+            variable.attrs,
+        )
+        for name, variable in dataset.variables.items()
+        if variable.dtype.kind == "U" and variable.chunks is None and name != "model_toml"
+    }
+    return dataset.assign(texts) if texts else dataset
+
+
+def _told_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: spoken(entry) if isinstance(entry, str) else entry for key, entry in attributes.items()}
 
 
 def about(units: str, long_name: str, role: str) -> dict[str, Any]:

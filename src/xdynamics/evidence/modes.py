@@ -18,6 +18,8 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, initial_state, linearise
 from xdynamics.model.motion import variables
+from xdynamics.record import of_elements
+from xdynamics.record.folding import fold, labelled
 from xdynamics.record.kinds import log_description
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
@@ -34,6 +36,7 @@ SUGGESTION = (
 )
 
 
+@of_elements
 def modes(
     subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None, compute: bool = True
 ) -> xr.Dataset:
@@ -157,9 +160,10 @@ def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
-    return xr.Dataset(
+    found = xr.Dataset(
         {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}, attrs=attributes
     )
+    return labelled(fold(found, model.shapes))
 
 
 def _subject(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:

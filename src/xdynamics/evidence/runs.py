@@ -41,6 +41,8 @@ def record_of(
 def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
+    Quantities with dimensions have a variable for each of their elements.
+
     Raises
     ------
     InputError
@@ -61,4 +63,4 @@ def marched_by(
     run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
-    return run
+    return record.unfold(run)

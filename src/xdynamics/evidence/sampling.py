@@ -12,6 +12,7 @@ from xdynamics.dynamics.shortened_steps import sampled, wanted_times
 from xdynamics.evidence.companion import companion_of
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
+from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ Floats = NDArray[np.float64]
 SIDES = ("before", "after")
 
 
+@of_elements
 def sample(
     run: xr.Dataset,
     times: Sequence[float] | Floats | float | str,

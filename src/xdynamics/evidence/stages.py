@@ -193,7 +193,7 @@ def lazy(stage: Stage) -> xr.Dataset:
     layers, dependencies = task.layers, task.dependencies
     variables = {}
     for name, variable in template.variables.items():
-        if name in known:
+        if name in known or name in template.indexes:
             continue
         key = f"{name}-{task.name}"
         call = partial(_values, str(name), variable.dims, variable.shape)
@@ -259,8 +259,7 @@ def _collection(dataset: xr.Dataset) -> Any:
 def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
     """Return what was computed of a collection as a Dataset."""
     if not isinstance(values, dict):
-        whole: xr.Dataset = values
-        return whole
+        return record.whole_of(values)
     loaded = dataset.copy(deep=False)
     for name, data in values.items():
         loaded.variables[name].data = data
@@ -297,8 +296,9 @@ def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset
 
 def task_of(stage: xr.Dataset) -> Task | None:
     """Return the task that gives a lazy stage; None if the Dataset is none, or was changed since it was made."""
-    described = stage.encoding.get(STAGE)
-    return described.task if isinstance(described, _Described) and described.delayed(stage) is not None else None
+    whole = record.whole_of(stage)
+    described = whole.encoding.get(STAGE)
+    return described.task if isinstance(described, _Described) and described.delayed(whole) is not None else None
 
 
 def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset) -> Any:
@@ -311,6 +311,7 @@ def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage
     InputError
         If it has more.
     """
+    stage = record.whole_of(stage)
     values = np.array(stage.variables[name].values if name in stage.variables else stage.attrs.get(name, ""))
     for dim, size, stated in zip(dims, values.shape, shape, strict=True):
         if size > stated:
@@ -344,7 +345,7 @@ def blank_run(prepared: March) -> xr.Dataset:
     """Return a run without rows: names, units and words of its variables, before it is marched."""
     import xarray as xr
 
-    variables = [column.variable for column in record.columns(prepared)]
+    variables = [column.variable for column in record.element_columns(prepared)]
     run = xr.Dataset(
         {
             variable.name: xr.Variable(variable.dims, np.zeros([0] * len(variable.dims)), variable.attributes)

@@ -14,6 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, at_time, words
 from xdynamics.figures.plane import MOST_BODIES, left_out, views
 from xdynamics.figures.sheet import check_path, kept, lit
+from xdynamics.record import of_elements
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +25,7 @@ MOST_FRAMES = 3000
 MARGIN = 0.06  # of the larger side
 
 
+@of_elements
 def animate(
     run: xr.Dataset,
     path: Given,

@@ -10,6 +10,7 @@ from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
+from xdynamics.record import of_elements
 from xdynamics.schema import EVIDENCE, SAMPLES
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ PAGES = {
 }
 
 
+@of_elements
 def plot(
     record: xr.Dataset | Mapping[str, xr.Dataset],
     path: Given | None = None,

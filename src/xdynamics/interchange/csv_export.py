@@ -14,6 +14,7 @@ from xdynamics.archive.place import Place
 from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import ArchiveError, InputError
+from xdynamics.record import of_elements
 from xdynamics.schema import AT, AT_TIME, error
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def check_target(path: Place) -> Place:
     return path
 
 
+@of_elements
 def text_of(run: xr.Dataset, wanted: Floats) -> str:
     """Return the states at some times: CSV with units in its header, numbers to the last bit."""
     states = sample(run, wanted)
@@ -55,6 +57,7 @@ def text_of(run: xr.Dataset, wanted: Floats) -> str:
     return text.getvalue()
 
 
+@of_elements
 def tabled(run: xr.Dataset, wanted: Floats, path: Place) -> str:
     """Write a table into a file, as far as the run came; return a line that describes it."""
     reached = wanted[wanted <= float(run["time"][-1])]

@@ -22,6 +22,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.model.table_keys import near
+from xdynamics.shapes.naming import written
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
 
 FORCE_SAMPLES = ("all", "none")
@@ -155,6 +156,7 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
         return Tolerances(relative, {}, units, number(atol, "atol"))
+    atol = {one: value for name, value in atol.items() for one in model.shapes.elements(written(name))}
     for name in atol:
         if name not in ("", *units):
             raise InputError(f"atol names {name!r}; there are {', '.join(units)}")

@@ -16,6 +16,7 @@ from xdynamics.methods.scheme import STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
 from xdynamics.record.kinds import left_out_atols
+from xdynamics.record.unfolding import unfold
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, parse_unit
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
         str(name): Quantity(
             rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
         )
-        for name, variable in run.data_vars.items()
+        for name, variable in unfold(run).data_vars.items()
         if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():

@@ -93,14 +93,32 @@ class Units:
         return spell(dimension_of(self.about.model.observables[name], dimensions | accelerations))
 
 
+@dataclass(frozen=True)
+class LineOf:
+    """Takes a line of one of the log's tables, ``rows`` or ``samples``, by its number."""
+
+    table: str
+    index: int
+    factor: float
+
+    def __call__(self, block: Block) -> Array:
+        """Take it of a block."""
+        return self.taken(block, self.index)
+
+    def taken(self, block: Block, lines: int | slice) -> Array:
+        """Take some lines of a block, in the record's unit."""
+        values: Array = getattr(block.log, self.table)[lines, : getattr(block, self.table)]
+        return times(values, self.factor)
+
+
 def row_of(index: int, factor: float) -> Callable[[Block], Array]:
     """Take a column of the logged rows."""
-    return lambda block: times(block.log.rows[index, : block.rows], factor)
+    return LineOf("rows", index, factor)
 
 
 def sample_of(index: int, factor: float) -> Callable[[Block], Array]:
     """Take a column of the force samples."""
-    return lambda block: times(block.log.samples[index, : block.samples], factor)
+    return LineOf("samples", index, factor)
 
 
 def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -22,9 +22,13 @@ from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
+from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
+from xdynamics.record.element_names import Names
 from xdynamics.record.event_columns import event_columns
+from xdynamics.record.folded_columns import dimensions, folded, folded_constants
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
+from xdynamics.shapes import Shapes
 from xdynamics.units import Scales, Unit
 
 Array = NDArray[Any]
@@ -35,14 +39,19 @@ OF_STATES = ("coordinate", "velocity", "state", "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    settings = march.settings
+    return folded(element_columns(march), march.model.shapes)
+
+
+def element_columns(march: March) -> list[Column]:
+    """Return the same, where quantities with dimensions have a variable for each of their elements."""
+    settings, shapes = march.settings, march.model.shapes
     selected = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
     if settings.log != FULL:
-        selected = _logged(selected, settings.log)
+        selected = _logged(selected, settings.log, shapes)
     return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]
 
 
-def _logged(available: list[Column], log: str | tuple[str, ...]) -> list[Column]:
+def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes) -> list[Column]:
     """Return the columns that a log holds, always including rejected trials, events, times, steps and flags.
 
     Raises
@@ -53,12 +62,13 @@ def _logged(available: list[Column], log: str | tuple[str, ...]) -> list[Column]
     by_rows = {
         column.variable.name: column.variable for column in available if column.variable.dims[0] in (STEPS, SAMPLES)
     }
-    if log != STATES:
+    if not isinstance(log, str):
+        log, quantities = _elements(log, by_rows, shapes), of_wholes(by_rows)
         for name in log:
             if name not in by_rows:
                 raise InputError(
-                    f"log names '{name}', which is no column of this run's log{near(name, tuple(by_rows))}; there are"
-                    f" {', '.join(by_rows)}"
+                    f"log names '{name}', which is no column of this run's log{near(name, quantities)}; there are"
+                    f" {', '.join(quantities)}"
                 )
     roles = (*ALWAYS, *OF_STATES) if log == STATES else ALWAYS
     return [
@@ -68,6 +78,18 @@ def _logged(available: list[Column], log: str | tuple[str, ...]) -> list[Column]
         or name in log
         or (column.variable.role in roles and column.variable.dims == (STEPS,))
     ]
+
+
+def _elements(log: tuple[str, ...], names: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
+    """Return the names of a log with the elements of each quantity in its place."""
+    wholes = Names(shapes).wholes(names) if shapes.dims else {}
+    return tuple(one for name in log for one in (wholes[name].members.values() if name in wholes else (name,)))
+
+
+def _logged_elements(march: March) -> tuple[str, ...]:
+    """Return the names of a chosen log's variables of states, by their elements."""
+    used = march.layout.used
+    return _elements(tuple(march.settings.log), used, march.model.shapes)
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
@@ -95,6 +117,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         entries.append(
             (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", extra), one.quantity.value)
         )
+    entries = folded_constants(entries, march.model.shapes) + dimensions(march.model)
     entries += passed(march)
     names, numbers = numbers_at_end(march.run)
     if march.settings.partial:  # rows by which a march is judged, and which its record may leave out
@@ -187,9 +210,8 @@ def _long_name(reaction: Reaction) -> str:
 
 def _declared(model: Model, reaction: Reaction) -> dict[str, str]:
     """Return the model's declarations of a contact or friction element; the force acts along the gradient of its gap, or slip."""
-    element: Contact | Friction = (
-        model.frictions[reaction.owner] if reaction.sort == DRY else model.contacts[reaction.owner]
-    )
+    owner, shaped = of_whole(reaction.owner), model.shaped
+    element: Contact | Friction = shaped.frictions[owner] if reaction.sort == DRY else shaped.contacts[owner]
     keys = (
         ("gap", "restitution")
         if reaction.sort == NORMAL
@@ -262,15 +284,34 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
                 "atol_si": final,
                 schema.ATOL_RULE: schema.ATOL_FOLLOWS,
             }
-    log = march.settings.log
-    return tolerances if isinstance(log, str) else {name: entry for name, entry in tolerances.items() if name in log}
+    if not isinstance(march.settings.log, str):
+        logged = _logged_elements(march)
+        tolerances = {name: entry for name, entry in tolerances.items() if name in logged}
+    return _of_quantities(march, tolerances)
+
+
+def _of_quantities(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the final tolerances of quantities with dimensions, beside those that were given for some elements."""
+    if not march.model.shapes.dims:
+        return followed
+    about = About(march.layout, march.settings.scales, march.settings.tolerances, samples=False)
+    wholes, final = Names(march.model.shapes).wholes(march.layout.used), dict(followed)
+    for whole in wholes.values():
+        elements = {}
+        for number, name in whole.members.items():
+            own = final.pop(name, None) or _tolerance(about, name, about.units.known[name])
+            elements[number] = name, own
+        if any(schema.ATOL_RULE in own for _, own in elements.values()):
+            final[whole.name] = attributes_of_whole(elements, whole.size)
+    return final
 
 
 def left_out_tolerances(march: March) -> dict[str, tuple[float, str]]:
     """Return the absolute tolerances that were given, in SI units, and the units of variables that a log leaves out."""
-    tolerances, log, model = march.settings.tolerances, march.settings.log, march.model
-    if tolerances is None or isinstance(log, str):
+    tolerances, model = march.settings.tolerances, march.model
+    if tolerances is None or isinstance(march.settings.log, str):
         return {}
+    log = _logged_elements(march)
     left_out = {name: tolerances.of(name) for name in march.layout.used if name not in log}
     return {name: (atol, model.units[name].text) for name, atol in left_out.items() if atol is not None}
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import isfinite
+from math import isfinite, prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.kinds import is_run, is_whole
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
@@ -21,6 +22,7 @@ from xdynamics.schema import (
     EVIDENCE,
     FIXED,
     GIVEN_STEP,
+    LABEL,
     LEFT_OUT_ATOL,
     NUMBERS,
     PAIRS,
@@ -69,9 +71,9 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     """
     whole = whole and is_whole(run.attrs)
     expected = {fixed.name: fixed for fixed in FIXED}
-    placed = is_run(run.attrs)
+    placed, shaped = is_run(run.attrs), {*model_dimensions(run)}
     variable_faults = {
-        name: [*_variable(str(name), variable, expected.get(str(name)) if placed else None, placed=placed)]
+        name: [*_variable(str(name), variable, expected.get(str(name)) if placed else None, shaped, placed=placed)]
         for name, variable in run.variables.items()
     }
     faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
@@ -128,16 +130,21 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
         yield f"variable '{GIVEN_STEP.name}' is missing"
 
 
-def _variable(name: str, variable: xr.Variable, expected: Variable | None, *, placed: bool) -> Iterator[str]:
-    """List the faults of a variable and, in a run record, of its place there."""
+def _variable(
+    name: str, variable: xr.Variable, expected: Variable | None, shaped: set[str], *, placed: bool
+) -> Iterator[str]:
+    """List the faults of a variable and, in a run record, of its place there; `shaped` are dimensions of its model."""
     attributes = variable.attrs
+    inner = [size for dim, size in zip(variable.dims, variable.shape, strict=True) if dim in shaped]
+    own = tuple(dim for dim in variable.dims if dim not in shaped)
+    told = variable.dtype.kind in "UO" and (not variable.dims or attributes.get("role") == LABEL)
     if not _is_name(name):
         yield "has a name that no file can keep"
     if expected and tuple(variable.dims) != expected.dims:
         yield f"has dims {tuple(variable.dims)}, needs {expected.dims}"
     elif expected and expected.dtype != "U" and variable.dtype != np.dtype(expected.dtype):
         yield f"has the type {variable.dtype}, needs {np.dtype(expected.dtype)}"
-    elif (variable.dtype.kind in "UO" and variable.dims and placed) or (
+    elif (variable.dtype.kind in "UO" and placed and not told) or (
         variable.dtype.kind not in "UO" and variable.dtype.str[1:] not in STORED
     ):
         yield f"has the type {variable.dtype}, needs numbers, or one text without a dimension"
@@ -151,17 +158,12 @@ def _variable(name: str, variable: xr.Variable, expected: Variable | None, *, pl
     yield from (
         f"has the attribute {word} = {_short(attributes[word])}, needs a number"
         for word in ("uncertainty", "atol", "atol_si")
-        if word in attributes and not _is_number(attributes[word])
+        if word in attributes and not _is_number(attributes[word]) and np.shape(attributes[word]) != (prod(inner),)
     )
     yield from (f": {fault}" for fault in unkeepable(attributes))
     role = attributes.get("role")
     needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
-    if (
-        placed
-        and needed is not None
-        and isinstance(role, str)
-        and (tuple(variable.dims) != needed or variable.dtype.kind != "f")
-    ):
+    if placed and needed is not None and isinstance(role, str) and (own != needed or variable.dtype.kind != "f"):
         yield f"is a {role} along {tuple(variable.dims)} of type {variable.dtype}, needs {needed} and float64"
     timeless = (
         expected is not None and expected.units == SECONDS.text and attributes.get("units") == "1"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from os import PathLike
@@ -17,7 +17,7 @@ from xdynamics.march import Block, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
-from xdynamics.schema import BOUNDS, GIVEN_STEP, STEPS, Variable
+from xdynamics.schema import BOUNDS, GIVEN_STEP, LABEL, LINK, STEPS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 TIME = "time"
-KNOWN_BEFORE = ("parameter", "model")  # roles of what is known before a march
+KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
 
 
 def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
@@ -58,7 +58,9 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
 
     Variables along dimensions of no given size are left out, and attributes that are known after the march only.
     """
-    known = {**sizes, BOUNDS: 2}
+    shapes = march.model.shapes
+    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
+    known = {**sizes, BOUNDS: 2, **elements}
     variables = [column.variable for column in columns(march)]
     filled = [
         (variable, np.zeros([known[dim] for dim in variable.dims], variable.dtype))
@@ -73,7 +75,7 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
     return _assembled(filled, provenance.settings_used(march))
 
 
-def _assembled(filled: Iterable[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
+def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the variables of one march as a Dataset, without aligning, comparing or copying them.
 
     xarray's public constructor takes each of some hundred variables apart several times, longer than a short march lasts;
@@ -86,7 +88,8 @@ def _assembled(filled: Iterable[tuple[Variable, Array]], attributes: dict[str, A
         variable.name: xr.Variable(variable.dims, data, variable.attributes, fastpath=True)
         for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME)
     }
-    return xr.Dataset._construct_direct(variables, {TIME}, attrs=attributes)  # noqa: SLF001
+    coordinates: set[Any] = {TIME, *(variable.name for variable, _ in filled if variable.role == LABEL)}
+    return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
 
 def _rest(march: March) -> Iterator[Block]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,11 @@ def of_whole(text: str) -> str:
     'velocity of r'
     """
     return _LABELS.sub("", text) if DOT in text else text
+
+
+def of_wholes(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names with those of quantities in the place of their elements'."""
+    return tuple(dict.fromkeys(map(of_whole, names)))
 
 
 def attributes_of_whole(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], size: int) -> dict[str, Any]:

@@ -17,11 +17,13 @@ from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.record.column import About, Column, event_of, times
+from xdynamics.record.element_attributes import of_whole
 from xdynamics.schema import EVENTS, Variable
 from xdynamics.units import Dimension, Unit, spell
 
 Array = NDArray[Any]
 
+MOST_FLAGS = 127  # that a byte can number
 TIME_LEAVES = "none, what the time tolerance leaves"
 
 
@@ -63,9 +65,10 @@ def event_columns(about: About) -> list[Column]:
 def _detector(about: About) -> Column:
     """Return which event function passed zero, with the rule of each."""
     names = labels(about.layout.watched)
-    owners = np.array([names.index(watched.name) for watched in about.layout.watched] or [0], np.int8)
-    extra = schema.flags(dict(enumerate(names)) or {0: "none"}) | _detectors(about)
-    detector = Variable("event_detector", (EVENTS,), "i1", "1", "event function that passed zero", "flag", extra)
+    number, dtype = {name: i for i, name in enumerate(names)}, "i1" if len(names) <= MOST_FLAGS else "i4"
+    owners = np.array([number[watched.name] for watched in about.layout.watched] or [0], dtype)
+    extra = schema.flags(dict(enumerate(names)) or {0: "none"}, dtype) | _detectors(about)
+    detector = Variable("event_detector", (EVENTS,), dtype, "1", "event function that passed zero", "flag", extra)
     return Column(detector, lambda block: owners[block.log.events["detector"][: block.events]])
 
 
@@ -135,9 +138,10 @@ def _laws(model: Model) -> dict[str, str]:
     """Return the law of impacts, and the order in which they are computed."""
     if not model.contacts:
         return {}
-    contact = next(iter(model.contacts.values()))
-    restitutions = "; ".join(f"{name}: {text_of(contact.restitution)}" for name, contact in model.contacts.items())
-    return {"impact_law": contact.law, "impact_order": " ".join(model.contacts), "restitution": restitutions}
+    contacts = model.shaped.contacts
+    contact = next(iter(contacts.values()))
+    restitutions = "; ".join(f"{name}: {text_of(contact.restitution)}" for name, contact in contacts.items())
+    return {"impact_law": contact.law, "impact_order": " ".join(contacts), "restitution": restitutions}
 
 
 def _bracket(factor: float) -> Callable[[Block], Array]:
@@ -170,11 +174,11 @@ def _left_over(about: About) -> Callable[[Block], Array]:
 
 def _detectors(about: About) -> dict[str, str]:
     """Describe every event by its function, direction, action and tolerances, contacts and friction by their rules."""
-    model = about.model
+    shaped = about.model.shaped
     elements: dict[str, Mapping[str, Any]] = {
-        "": model.events,
-        "contact_": model.contacts,
-        "friction_": model.frictions,
+        "": shaped.events,
+        "contact_": shaped.contacts,
+        "friction_": shaped.frictions,
     }
     entries: list[tuple[str, str, Callable[[Any], Any]]] = [
         ("", "functions", lambda element: _text(element.function)),
@@ -248,8 +252,9 @@ def _values(about: About) -> list[Column]:
     shared = set(texts)
     extra: dict[str, Any] = {}
     if len(shared) > 1:
-        listed = (
-            f"{detector.name}{_WATCHED[detector.role]} {text}" for detector, text in zip(watched, texts, strict=True)
+        listed = dict.fromkeys(
+            f"{of_whole(detector.name)}{_WATCHED[detector.role]} {text}"
+            for detector, text in zip(watched, texts, strict=True)
         )
         extra["comment"] = "SI unit by event: " + ", ".join(listed)
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])

@@ -20,6 +20,7 @@ from xdynamics.schema import (
     SELECTION,
     SELECTION_OF,
 )
+from xdynamics.shapes.naming import written
 
 COMPLETED = (
     "`xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete(run) in Python, marches it again to its whole log"
@@ -115,6 +116,6 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
     """
     text = str(attributes.get(LEFT_OUT_ATOL, "{}"))
     try:
-        return {str(name): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
+        return {written(str(name)): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise InputError(f"attribute '{LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name") from None

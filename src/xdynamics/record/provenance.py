@@ -27,6 +27,9 @@ from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, 
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.columns import left_out_tolerances
+from xdynamics.record.element_names import listed
+from xdynamics.record.folding import sized
+from xdynamics.shapes.naming import spoken
 from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
 
 if TYPE_CHECKING:
@@ -71,6 +74,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_switches(march),
         **_located(march),
         **_assumed(march.model),
+        **_dimensions(march.model),
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
@@ -80,7 +84,8 @@ def settings_used(march: March) -> dict[str, Any]:
         "force_digest": force_digest(march),
     }
     recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
-    return recorded | circumstances("simulated")
+    said = {key: spoken(value) if isinstance(value, str) else value for key, value in recorded.items()}
+    return said | circumstances("simulated")
 
 
 def _ended(march: March) -> dict[str, Any]:
@@ -116,9 +121,9 @@ def _thinning(march: March) -> dict[str, Any]:
     if settings.log != FULL:
         log = settings.log if isinstance(settings.log, str) else schema.CHOSEN
         recorded |= {schema.LOG: log, f"{schema.LOG}_rule": KEPT_COLUMNS}
-        recorded |= {} if isinstance(settings.log, str) else {schema.LOGGED: " ".join(settings.log)}
+        recorded |= {} if isinstance(settings.log, str) else {schema.LOGGED: listed(settings.log)}
         left_out = left_out_tolerances(march)
-        recorded |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
+        recorded |= {schema.LEFT_OUT_ATOL: json.dumps(left_out, ensure_ascii=False)} if left_out else {}
     if settings.compress:
         recorded[schema.COMPRESSION] = schema.COMPRESSION_WORDS
     return recorded
@@ -196,7 +201,15 @@ def _time_scales(march: March) -> dict[str, Any]:
 
 def _assumed(model: Model) -> dict[str, str]:
     """Name the coordinates that start at rest because no velocity is given."""
-    return {schema.AT_REST: " ".join(model.statement.at_rest)} if model.statement.at_rest else {}
+    at_rest = model.shaped.at_rest
+    return {schema.AT_REST: " ".join(at_rest)} if at_rest else {}
+
+
+def _dimensions(model: Model) -> dict[str, str]:
+    """Name the model's dimensions and relations, with their sizes."""
+    shapes = model.shapes
+    dims = {*shapes.relations, *shapes.extents}
+    return {schema.MODEL_DIMENSIONS: sized(shapes, dims)} if dims else {}
 
 
 def _located(march: March) -> dict[str, Any]:

@@ -155,5 +155,8 @@ class Shapes:
         return [self.element(name, place, own) for place in self.places(own)]
 
 
+NO_SHAPES = Shapes()  # of a model without dimensions
+
+
 def _few(names: tuple[str, ...]) -> str:
     return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")

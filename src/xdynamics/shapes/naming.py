@@ -9,8 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-DOT = "·"
-_ELEMENT = re.compile(rf"([A-Za-z0-9_.]+){DOT}([A-Za-z0-9_]+(?:{DOT}[A-Za-z0-9_]+)*)")
+from xdynamics.faults import DOT, spoken
+
+__all__ = ["DOT", "element", "parted", "spoken", "written"]
+
 _SPOKEN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
 
 
@@ -35,17 +37,6 @@ def parted(name: str) -> tuple[str, tuple[str, ...]]:
     """
     whole, *labels = name.split(DOT)
     return whole, tuple(labels)
-
-
-def spoken(text: str) -> str:
-    """Return a text with elements as people write them.
-
-    Examples
-    --------
-    >>> spoken("initial value of 'v_r·Jupiter·x' is missing")
-    "initial value of 'v_r[Jupiter, x]' is missing"
-    """
-    return _ELEMENT.sub(lambda match: f"{match[1]}[{', '.join(match[2].split(DOT))}]", text) if DOT in text else text
 
 
 def written(text: str) -> str:

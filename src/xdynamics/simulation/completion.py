@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import record
 from xdynamics.archive.place import Given
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
@@ -82,7 +83,7 @@ def complete(
         model = Model.from_text(str(kept["model_toml"].values), functions=functions)
         settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
         whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
-        if differing := _first_other(kept, whole):
+        if differing := _first_other(record.unfold(kept), record.unfold(whole)):
             raise ArchiveError(
                 f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']},"
                 f" '{differing}' gives other bits than those kept by {kept.attrs['xdynamics_version']}; see"

@@ -121,7 +121,8 @@ def _march_on(kept: xr.Dataset, model: Model, until: str | float, progress: Prog
     needed = {entry.variable.name: entry.variable.dims for entry in record.columns(march)}
     missing = [name for name, dims in needed.items() if places.get(name) != dims]
     if march.layout.reactions or march.layout.smooth:  # energies of impacts and switches that were passed are of states
-        left_out = [name for name in march.layout.used if name not in places]
+        there = record.unfold(kept).variables
+        left_out = [name for name in march.layout.used if name not in there]
         if left_out and (note := log_description(kept.attrs)):
             raise InputError(f"the run cannot be extended, it has no {', '.join(left_out)}; {note}")
     if missing:
@@ -164,6 +165,7 @@ def _rows(kept: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
 
 def _stand_behind(kept: xr.Dataset, march: March) -> None:
     """Set a march to where a run ended."""
+    kept = record.unfold(kept)
     memory, numbers = str(kept[END_MEMORY.name].attrs["names"]), np.asarray(kept[END_MEMORY.name].values)
     rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:

@@ -146,7 +146,14 @@ def _dataset(
         )
     model, quantity = request.model, request.quantity
     attributes = {"quantity": quantity, "draws": request.draws, "seed": request.seed, "model_digest": model.digest}
-    return exhibit("sobol indices", f"{model.name}: shares of the variance of {quantity}", [], variables, attributes)
+    return exhibit(
+        "sobol indices",
+        f"{model.name}: shares of the variance of {quantity}",
+        [],
+        variables,
+        attributes,
+        shapes=model.shapes,
+    )
 
 
 def _check(ranges: Any, draws: int, resamples: int) -> None:

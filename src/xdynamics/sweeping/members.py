@@ -297,7 +297,7 @@ def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
     march = march_of(grid.unrecorded, at)
     if march is None:
         return
-    run = record.dataset(march, march.blocks())
+    run = record.unfold(record.dataset(march, march.blocks()))
     alone = {DIGEST: digest_of_end(run, march.layout.used), OUTCOME: run.attrs[OUTCOME]}
     differences = [
         f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]

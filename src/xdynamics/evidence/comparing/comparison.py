@@ -22,7 +22,7 @@ from xdynamics.evidence.observables import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError
-from xdynamics.record import check
+from xdynamics.record import check, of_elements, shapes_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_evidence, kind_description, rows_apart
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
@@ -36,6 +36,7 @@ EPS = float(np.finfo(float).eps)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 
+@of_elements
 def compare(
     first: xr.Dataset,
     second: Any,
@@ -110,7 +111,7 @@ def compare(
     title = f"{first.attrs['title']}, beside {second.attrs['title']}"
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
-        return exhibit("comparison", title, digests, variables, {})
+        return exhibit("comparison", title, digests, variables, {}, shapes=shapes_of(first))
     table = bitwise(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
     events = {str(name): entry for name, entry in _events(first, second)}
@@ -120,7 +121,7 @@ def compare(
         "parted": _parted(variables, first, names, _between(first, second, at)),
     }
     attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    return exhibit("comparison", title, digests, variables | events, attributes)
+    return exhibit("comparison", title, digests, variables | events, attributes, shapes=shapes_of(first))
 
 
 def _check(run: Any) -> None:

@@ -142,6 +142,7 @@ def residuals(
         [archive.digest_of_run(run)],
         variables,
         {"data": data.name, "data_left_out": ", ".join(data.left_out)},
+        shapes=model.shapes,
     )
 
 

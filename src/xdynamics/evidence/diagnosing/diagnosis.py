@@ -29,7 +29,7 @@ from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, task_of
 from xdynamics.faults import InputError
-from xdynamics.record import check, check_kind
+from xdynamics.record import check, check_kind, of_elements
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
@@ -52,6 +52,7 @@ SAID = {
 UNTOLD, LONGEST = 6, 9  # digits in lines: of numbers without an uncertainty, and at most of those with one
 
 
+@of_elements
 def diagnose(
     run: xr.Dataset,
     *,
@@ -229,7 +230,9 @@ def _dataset(
         attributes["companion"] = tighter.said
     if request.lyapunov is not False:
         variables |= _lyapunov(rows, request)
-    return exhibit("diagnosis", f"diagnosis of {run.attrs['title']}", digests, variables, attributes)
+    return exhibit(
+        "diagnosis", f"diagnosis of {run.attrs['title']}", digests, variables, attributes, shapes=rows.model.shapes
+    )
 
 
 def _lyapunov(rows: Chunks, request: Request) -> dict[str, Any]:

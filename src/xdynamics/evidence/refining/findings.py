@@ -135,6 +135,7 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
             "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale",
             **attributes,
         },
+        shapes=levels.model.shapes,
     )
 
 

@@ -59,7 +59,7 @@ class Subjects:
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
         """The variables of a run by name."""
-        return {column.variable.name: column.variable for column in record.columns(self.march)}
+        return {column.variable.name: column.variable for column in record.element_columns(self.march)}
 
     @cached_property
     def detectors(self) -> tuple[str, ...]:

@@ -196,7 +196,14 @@ def _dataset(
         "limit_units": unit,
         "model_digest": model.digest,
     }
-    return exhibit("limiting case", f"{model.name}: {parameter} to {end!r} {unit}", digests, variables, attributes)
+    return exhibit(
+        "limiting case",
+        f"{model.name}: {parameter} to {end!r} {unit}",
+        digests,
+        variables,
+        attributes,
+        shapes=model.shapes,
+    )
 
 
 def _values(

@@ -1,0 +1,129 @@
+"""Names of variables that are elements of quantities with dimensions, gathered by their quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.schema import ELEMENT_NAME, ELEMENTS
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.naming import DOT, spoken
+
+Array = NDArray[Any]
+
+FORCES = ("force_", "sample_force_")  # of which the elements that are not there are 0: the force does not act there
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A quantity with dimensions among variables that are its elements.
+
+    Attributes
+    ----------
+    name : str
+    dims : tuple of str
+    shape : tuple of int
+    members : dict of int to str
+        By its number, the last dimension fastest, the name of each element that is there.
+    pattern : str
+        How the names of elements are made, like ``event_{}_uncertainty``; empty where labels stand at their end.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    pattern: str = ""
+    members: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """How many elements it has."""
+        return int(np.prod(self.shape))
+
+    @property
+    def missing(self) -> float:
+        """The value of an element that is not there."""
+        return 0.0 if self.name.startswith(FORCES) else np.nan
+
+    @property
+    def more(self) -> dict[str, str]:
+        """Attributes that say how its elements are named, and which it has."""
+        kept = {} if len(self.members) == self.size or not self.missing else {ELEMENTS: listed(self.members.values())}
+        return kept | ({ELEMENT_NAME: self.pattern} if self.pattern else {})
+
+    def stacked(self, parts: Mapping[int, Array]) -> Array:
+        """Return the values of elements as one array, its dimensions last."""
+        first = next(iter(parts.values()))
+        whole = np.empty((self.size, *first.shape), first.dtype)
+        if len(parts) < self.size:
+            whole[:] = self.missing
+        for number, values in parts.items():
+            whole[number] = values
+        return np.moveaxis(whole, 0, -1).reshape((*first.shape, *self.shape))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Write names as words of one text, elements as people write them."""
+    return " ".join(spoken(name).replace(" ", "") for name in names)
+
+
+class Names:
+    """Which names are elements of which quantity."""
+
+    def __init__(self, shapes: Shapes) -> None:
+        self.shapes = shapes
+        self._known: dict[tuple[str, int], tuple[str, ...]] = {}
+        self._labels = {name: frozenset(extent.labels) for name, extent in shapes.extents.items()}
+
+    def wholes(self, names: Iterable[str]) -> dict[str, Whole]:
+        """Gather names that are elements by their quantities."""
+        wholes: dict[str, Whole] = {}
+        for name in names:
+            if DOT in name and (place := self._place(name)):
+                whole, number = place
+                wholes.setdefault(whole.name, whole).members[number] = name
+        return wholes
+
+    def _place(self, name: str) -> tuple[Whole, int] | None:
+        """Return the quantity of an element, and its number there."""
+        stem, *labels = name.split(DOT)
+        dims = self._dims(stem, len(labels))
+        if not dims:
+            return None
+        last, tail = self._cut(labels[-1], dims[-1])
+        if not all(map(self._has, dims, (*labels[:-1], last))):
+            return None
+        numbers = [self._number(dim, label) for dim, label in zip(dims, (*labels[:-1], last), strict=True)]
+        shape = self.shapes.shape(dims)
+        number = 0
+        for size, one in zip(shape, numbers, strict=True):
+            number = number * size + one
+        return Whole(stem + tail, dims, shape, f"{stem}{{}}{tail}" if tail else ""), number
+
+    def _dims(self, stem: str, count: int) -> tuple[str, ...]:
+        """Return the dimensions of a quantity: of the longest name at its end that has some."""
+        if (stem, count) not in self._known:
+            words = stem.split("_")
+            ends = ("_".join(words[first:]) for first in range(len(words)))
+            of_ends = (self.shapes.dims.get(name, ()) for name in ends)
+            self._known[stem, count] = next((dims for dims in of_ends if len(dims) == count), ())
+        return self._known[stem, count]
+
+    def _cut(self, label: str, dim: str) -> tuple[str, str]:
+        """Part the last label from what follows it, as in ``event_height·Jupiter_uncertainty``."""
+        if self._has(dim, label):
+            return label, ""
+        ends = (i for i in range(len(label) - 1, 0, -1) if label[i] == "_" and self._has(dim, label[:i]))
+        end = next(ends, len(label))
+        return label[:end], label[end:]
+
+    def _has(self, dim: str, label: str) -> bool:
+        known = self._labels.get(dim)
+        return label in known if known else label.isdigit() and int(label) < self.shapes.extent(dim).size
+
+    def _number(self, dim: str, label: str) -> int:
+        return self.shapes.extent(dim).number(label if self._labels.get(dim) else int(label))

@@ -1,0 +1,177 @@
+"""Columns of elements as columns of quantities with dimensions: what a record holds is stacked as it leaves the log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.march import Block
+from xdynamics.model import Model
+from xdynamics.record.column import Column, LineOf
+from xdynamics.record.element_attributes import attributes_of_whole
+from xdynamics.record.element_names import Names, Whole
+from xdynamics.record.folding import about_dimensions
+from xdynamics.schema import (
+    DETECTOR_DIMENSIONS,
+    EVENTS,
+    NOWHERE,
+    Variable,
+    at_event,
+    flags,
+)
+from xdynamics.shapes import Extent, Shapes
+from xdynamics.units import NUMBERS
+
+Array = NDArray[Any]
+
+DETECTOR = "event_detector"
+
+
+def folded(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
+    """Make one column of the elements of each quantity."""
+    if not shapes.dims:
+        return [*columns]
+    by_name = {column.variable.name: column for column in columns}
+    wholes = Names(shapes).wholes(by_name)
+    of_name = {name: whole for whole in wholes.values() for name in whole.members.values()}
+    collected: dict[str, Column] = {}
+    for name, column in by_name.items():
+        whole = of_name.get(name)
+        if whole is not None and whole.name not in collected:
+            members = {number: by_name[one] for number, one in whole.members.items()}
+            variables = {number: one.variable for number, one in members.items()}
+            collected[whole.name] = Column(_variable(whole, variables), _take(whole, members))
+        elif name == DETECTOR:
+            collected |= {one.variable.name: one for one in _detector(column, shapes)}
+        elif whole is None:
+            collected[name] = column
+    return [*collected.values()]
+
+
+def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:
+    """Make one parameter of its elements."""
+    listed = [*entries]
+    if not shapes.dims:
+        return listed
+    by_name = {variable.name: (variable, value) for variable, value in listed}
+    wholes = Names(shapes).wholes(by_name)
+    of_name = {name: whole for whole in wholes.values() for name in whole.members.values()}
+    collected: dict[str, tuple[Variable, Any]] = {}
+    for name, entry in by_name.items():
+        whole = of_name.get(name)
+        if whole is None:
+            collected[name] = entry
+        elif whole.name not in collected:
+            members = {number: by_name[one] for number, one in whole.members.items()}
+            variable = _variable(whole, {number: own for number, (own, _) in members.items()})
+            values = {number: np.asarray(value) for number, (_, value) in members.items()}
+            collected[whole.name] = variable, whole.stacked(values)
+    return [*collected.values()]
+
+
+def dimensions(model: Model) -> list[tuple[Variable, Any]]:
+    """Return the labels of a model's dimensions and the ends of its relations."""
+    shapes, dims = model.shapes, {*model.shapes.relations, *model.shapes.extents}
+    types = {"U": "U", "i": "i4"}
+    return [
+        (
+            Variable(
+                name, own, types[values.dtype.kind], NUMBERS.text, about["long_name"], about["role"], _more(about)
+            ),
+            values,
+        )
+        for name, (own, values, about) in about_dimensions(shapes, dims).items()
+    ]
+
+
+def _more(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in attributes.items() if key not in ("units", "long_name", "role")}
+
+
+def _variable(whole: Whole, elements: Mapping[int, Variable]) -> Variable:
+    """Return the variable of a quantity from those of its elements."""
+    first = next(iter(elements.values()))
+    named = {number: (whole.members[number], one.attributes) for number, one in elements.items()}
+    attributes = attributes_of_whole(named, whole.size)
+    return Variable(
+        whole.name,
+        (*first.dims, *whole.dims),
+        first.dtype,
+        attributes["units"],
+        attributes["long_name"],
+        attributes["role"],
+        _more(attributes) | whole.more,
+    )
+
+
+def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[Block], Array]:
+    """Take all elements: a view of the log, where they are there one after the other in the record's unit."""
+    lines = [members[number].take for number in range(whole.size)] if len(members) == whole.size else []
+    first = lines[0] if lines else None
+    if isinstance(first, LineOf) and all(
+        line == replace(first, index=first.index + number) for number, line in enumerate(lines)
+    ):
+        count = whole.size
+
+        def view(block: Block) -> Array:
+            table = first.taken(block, slice(first.index, first.index + count))
+            return table.T.reshape(-1, *whole.shape)
+
+        return view
+    return lambda block: whole.stacked({number: one.take(block) for number, one in members.items()})
+
+
+def _detector(column: Column, shapes: Shapes) -> list[Column]:
+    """Return which detector an event is of, and along each dimension of which element."""
+    words = str(column.variable.more["flag_meanings"]).split()
+    wholes = Names(shapes).wholes(words)
+    places = {name: (whole, number) for whole in wholes.values() for number, name in whole.members.items()}
+    if not places:
+        return [column]
+    kinds = [*dict.fromkeys(places[word][0].name if word in places else word for word in words)]
+    dims = shapes.ordered({dim for whole in wholes.values() for dim in whole.dims})
+    kind_of = np.array([kinds.index(places[word][0].name if word in places else word) for word in words], np.int8)
+    number_of = {dim: np.full(len(words), NOWHERE, np.int32) for dim in dims}
+    for i, word in enumerate(words):
+        if word in places:
+            whole, number = places[word]
+            for dim, place in zip(whole.dims, np.unravel_index(number, whole.shape), strict=True):
+                number_of[dim][i] = place
+    along = "; ".join(f"{whole.name}: {' '.join(whole.dims)}" for whole in wholes.values())
+    more = dict(column.variable.more) | flags(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: along}
+    collected = [_looked_up(column, replace(column.variable, dtype="i1", more=more), kind_of)]
+    for dim in dims:
+        collected.append(_looked_up(column, _place_variable(dim, shapes.extent(dim)), number_of[dim]))
+        if dim in shapes.relations:
+            collected += _ends(
+                column, shapes, dim, number_of[dim], single=sum(one in shapes.relations for one in dims) == 1
+            )
+    return collected
+
+
+def _ends(column: Column, shapes: Shapes, dim: str, links: Array, *, single: bool) -> list[Column]:
+    """Return the elements at both ends of the link of an event; named by the relation where there are several."""
+    relation, collected = shapes.relations[dim], []
+    for end, of, numbers in (("first", relation.source, relation.first), ("second", relation.target, relation.second)):
+        places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
+        name = end if single else f"{dim}_{end}"
+        collected.append(_looked_up(column, _place_variable(name, shapes.extent(of)), places.astype(np.int32)))
+    return collected
+
+
+def _place_variable(name: str, extent: Extent) -> Variable:
+    """Return the variable for an element at which an event was, as a flag where elements have labels."""
+    long_name = f"{name} at which the event was, counted from 0; {NOWHERE} where its detector has none"
+    if not extent.labels:
+        return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "event")
+    words = {NOWHERE: "none"} | dict(enumerate(extent.labels))
+    return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "flag", flags(words, "i4"))
+
+
+def _looked_up(column: Column, variable: Variable, table: Array) -> Column:
+    """Return a column of what stands in a table for the numbers of another one."""
+    return Column(variable, lambda block: table[column.take(block)])

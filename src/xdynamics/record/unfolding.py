@@ -1,0 +1,211 @@
+"""Variables of single elements, which every verb computes with, from the quantities with dimensions of a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import wraps
+from itertools import product
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import numpy as np
+
+from xdynamics.record.element_attributes import attributes_of_element
+from xdynamics.record.folding import FOLDED, fold, labelled, model_dimensions, unlabelled
+from xdynamics.schema import (
+    DETECTOR_DIMENSIONS,
+    ELEMENT_NAME,
+    ELEMENTS,
+    LINK_OF,
+    MODEL_DIMENSIONS,
+    NOWHERE,
+    at_event,
+    end_of,
+    flags,
+    label_of,
+)
+from xdynamics.shapes import NO_SHAPES, Extent, Relation, Shapes
+from xdynamics.shapes.naming import element, spoken, written
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+DETECTOR = "event_detector"
+
+
+def unfold(dataset: xr.Dataset) -> xr.Dataset:
+    """Make variables of the elements of each quantity: views, which are read when they are used.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        In memory or opened, lazy or not; one without dimensions of a model is returned as it is.
+    """
+    dims = model_dimensions(dataset)
+    if not dims:
+        return dataset
+    import xarray as xr
+
+    labels = {dim: _labels(dataset, dim) for dim in dims if dim in dataset.dims}
+    about = {name for dim in dims for name in (dim, label_of(dim), end_of(dim, "first"), end_of(dim, "second"))}
+    variables: dict[Any, Any] = {}
+    coordinates = []
+    for name, variable in dataset.variables.items():
+        inner = tuple(str(dim) for dim in variable.dims if dim in labels)
+        if name in about:
+            continue
+        parts = dict(_elements(str(name), variable, inner, labels)) if inner else {name: variable}
+        variables |= parts
+        coordinates += [*parts] if name in dataset.coords else []
+    if DETECTOR in variables:
+        variables |= _detectors(variables, [*dims], labels)
+    indexes = {name: index for name, index in dataset.xindexes.items() if name in variables}
+    unfolded = xr.Dataset._construct_direct(  # noqa: SLF001 - the constructor takes each variable apart several times
+        variables,
+        set(coordinates),
+        attrs=dict(dataset.attrs),
+        indexes=indexes,
+        close=dataset._close,  # noqa: SLF001
+    )
+    unfolded.attrs.pop(MODEL_DIMENSIONS)
+    unfolded.encoding = dict(dataset.encoding) | {FOLDED: dataset}
+    return unfolded
+
+
+def whole_of(dataset: xr.Dataset) -> xr.Dataset:
+    """Return what a Dataset was before it was unfolded."""
+    whole: xr.Dataset = getattr(dataset, "encoding", {}).get(FOLDED, dataset)
+    return whole
+
+
+def as_recorded(dataset: xr.Dataset) -> xr.Dataset:
+    """Return what a Dataset was before it was unfolded, as a file has it."""
+    return unlabelled(whole_of(dataset))
+
+
+def _labels(dataset: xr.Dataset, dim: str) -> Sequence[str]:
+    for name in (dim, label_of(dim)):
+        if name in dataset.variables and dataset.variables[name].dims == (dim,):
+            return [str(label) for label in np.asarray(dataset.variables[name]).tolist()]
+    return [str(number) for number in range(dataset.sizes[dim])]
+
+
+def _elements(
+    name: str, variable: xr.Variable, inner: tuple[str, ...], labels: Mapping[str, Sequence[str]]
+) -> Iterator[tuple[str, xr.Variable]]:
+    """Yield the elements of a variable."""
+    import xarray as xr
+
+    own = tuple(dim for dim in variable.dims if dim not in inner)
+    take = _taker(variable.transpose(*own, *inner) if variable.dims != (*own, *inner) else variable, len(own))
+    kept = str(variable.attrs.get(ELEMENTS, "")).split()
+    stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, f"{name}{{}}")).partition("{}")
+    places = product(*(range(len(labels[dim])) for dim in inner))
+    size = int(np.prod([len(labels[dim]) for dim in inner]))
+    wanted = {written(one) for one in kept}
+    for number, place in enumerate(places):
+        one = element(stem, (labels[dim][i] for dim, i in zip(inner, place, strict=True))) + tail
+        if not wanted or one in wanted:
+            attributes = attributes_of_element(variable.attrs, number, size)
+            yield one, xr.Variable(own, take(place), attributes, fastpath=True)
+
+
+def _taker(variable: xr.Variable, own: int) -> Callable[[tuple[int, ...]], Any]:
+    """Return what gives the values of an element: a view of an array, or what is read when it is used."""
+    if isinstance(variable._data, np.ndarray) or variable.chunks is not None:  # noqa: SLF001 - `.data` would read what is lazy
+        data, rows = variable.data, (slice(None),) * own
+        return lambda place: data[(*rows, *place)]
+    from xdynamics.record.element_reading import Shared
+
+    return Shared(variable, own).element
+
+
+def _detectors(
+    variables: Mapping[Any, Any], dims: Sequence[str], labels: Mapping[str, Sequence[str]]
+) -> dict[str, Any]:
+    """Return which detector of which element each event is of, as one flag."""
+    import xarray as xr
+
+    detector = variables[DETECTOR]
+    along = _dims_of_detectors(detector.attrs)
+    words = str(detector.attrs["flag_meanings"]).split()
+    names: list[str] = []
+    first = {}
+    for number, word in zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True):
+        first[number] = len(names)
+        own = along.get(word, ())
+        names += [element(word, place) for place in product(*(labels[dim] for dim in own))] if own else [word]
+    numbers = np.asarray(detector.values)
+    combined = np.array([first[number] for number in numbers.tolist()], np.int32)
+    inside = np.zeros(len(combined), np.int32)
+    for dim in dims:
+        if (name := at_event(dim)) in variables:
+            place = np.asarray(variables[name].values)
+            inside = np.where(place == NOWHERE, inside, inside * len(labels.get(dim, ())) + place)
+    attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
+    attributes |= flags(dict(enumerate(names)), "i4")
+    return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes)}
+
+
+def _dims_of_detectors(attributes: Mapping[Any, Any]) -> dict[str, tuple[str, ...]]:
+    entries = [entry.partition(": ") for entry in str(attributes.get(DETECTOR_DIMENSIONS, "")).split("; ")]
+    return {kind: tuple(of.split()) for kind, _, of in entries if kind}
+
+
+def shapes_of(dataset: Any) -> Shapes:
+    """Return the dimensions of a record, folded or unfolded, and of its variables."""
+    dataset = whole_of(dataset)
+    sizes = model_dimensions(dataset)
+    if not sizes:
+        return NO_SHAPES
+    relations = {dim: _relation(dataset, dim) for dim in sizes if end_of(dim, "first") in dataset.variables}
+    extents = {
+        dim: Extent(dim, size, tuple(_labels(dataset, dim)) if _has_labels(dataset, dim) else ())
+        for dim, size in sizes.items()
+        if dim not in relations
+    }
+    dims = {
+        str(name): tuple(str(dim) for dim in variable.dims if dim in sizes)
+        for name, variable in dataset.variables.items()
+    }
+    if DETECTOR in dataset.variables:
+        dims |= _dims_of_detectors(dataset.variables[DETECTOR].attrs)
+    return Shapes(extents, relations, {name: own for name, own in dims.items() if own})
+
+
+def _has_labels(dataset: xr.Dataset, dim: str) -> bool:
+    return any(name in dataset.variables and dataset.variables[name].dims == (dim,) for name in (dim, label_of(dim)))
+
+
+def _relation(dataset: xr.Dataset, name: str) -> Relation:
+    first, second = (dataset.variables[end_of(name, end)] for end in ("first", "second"))
+    return Relation(
+        name, first.attrs[LINK_OF], second.attrs[LINK_OF], np.asarray(first.values), np.asarray(second.values)
+    )
+
+
+def of_elements(verb: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Let a verb that computes with elements take records of quantities with dimensions, and give one where it was given one."""
+
+    @wraps(verb)
+    def called(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
+        records = [one for one in (*arguments, *keywords.values()) if model_dimensions(one)]
+        if not records:
+            return verb(*arguments, **keywords)
+        result: Any = verb(
+            *map(_unfolded, arguments),
+            **{key: _unfolded(value) for key, value in keywords.items()},
+        )
+        if isinstance(result, list):  # lines for people
+            return [spoken(line) if isinstance(line, str) else line for line in result]  # type: ignore[return-value]
+        if not hasattr(result, "data_vars"):
+            return result  # type: ignore[no-any-return]
+        return labelled(fold(result, shapes_of(records[0])))  # type: ignore[return-value]
+
+    return called
+
+
+def _unfolded(given: Any) -> Any:
+    return unfold(given) if model_dimensions(given) else given

@@ -1,0 +1,206 @@
+"""Records of models with dimensions: what verbs return has them, what files hold too, and what verbs take."""
+
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.record.unfolding import unfold
+
+THREE = """
+name = "three bodies"
+[dimensions]
+body = ["Sun", "Jupiter", "Saturn"]
+axis = ["x", "y"]
+[coordinates]
+r = { unit = "astronomical_unit", dims = ["body", "axis"] }
+[parameters]
+G = "6.6743e-11 m3 kg-1 s-2"
+m = { dims = ["body"], values = { Sun = "1.98847e30 kg", Jupiter = "1.8982e27 kg", Saturn = "5.6834e26 kg" } }
+[mass]
+r = "m"
+[relations.pair]
+of = "body"
+[forces.gravity]
+over = "pair"
+potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
+[initial]
+r = { value = [[0, 0], [5.2, 0], [0, 9.58]], unit = "astronomical_unit" }
+v_r = { value = [[0, 0], [0, 13.06], [-9.6, 0]], unit = "km s-1" }
+[observables]
+distance = "norm(second(r, pair) - first(r, pair), axis)"
+[events.across]
+function = "r[Jupiter, x]"
+[events.low]
+function = "norm(r, axis) - 10*r[Saturn, x]"
+[run]
+method = "dop853"
+rtol = 1e-8
+until = "2e8 s"
+"""
+BALLS = """
+name = "balls"
+[dimensions]
+ball = 3
+[coordinates]
+y = { unit = "m", dims = ["ball"] }
+[parameters]
+m = "1 kg"
+g = "9.81 m s-2"
+[mass]
+y = "m"
+[forces.gravity]
+potential = "m*g*y"
+[initial]
+y = "(1 + 0.5*index(ball))*metre"
+[contacts.floor]
+gap = "y"
+restitution = 0.8
+[run]
+method = "dop853"
+rtol = 1e-8
+until = "1.2 s"
+"""
+
+
+@cache
+def model(text=THREE):
+    """A model with dimensions."""
+    return xd.Model.from_text(text)
+
+
+@cache
+def run(text=THREE):
+    """Its run."""
+    return xd.simulate(model(text))
+
+
+def test_a_record_has_one_variable_for_a_quantity():
+    """Assert the dimensions of what a record holds, and that no element has a variable of its own."""
+    dims = {name: run()[name].dims for name in ("r", "a_r", "error_r", "force_gravity_r", "sample_r", "m", "distance")}
+    assert dims == {
+        "r": ("step", "body", "axis"), "a_r": ("step", "body", "axis"), "error_r": ("step", "body", "axis"),
+        "force_gravity_r": ("step", "body", "axis"), "sample_r": ("sample", "body", "axis"), "m": ("body",),
+        "distance": ("step", "pair"),
+    }  # fmt: skip
+    assert not [name for name in run().variables if "·" in str(name)]
+    assert run().attrs["model_dimensions"] == "pair(3) body(3) axis(2)"
+
+
+def test_elements_are_selected_by_label():
+    """Assert that labels select, and select what the element is."""
+    chosen = run().r.sel(body="Jupiter", axis="x")
+    assert float(chosen[0]) == pytest.approx(5.2)
+    assert np.array_equal(chosen, unfold(run())["r·Jupiter·x"])
+
+
+@pytest.mark.parametrize("text", [THREE, BALLS])
+def test_an_archive_holds_the_dimensions(tmp_path, text):
+    """Assert that a run saved, streamed and made again has one digest, labels as in memory, and every value."""
+    xd.save(run(text), tmp_path / "saved.nc")
+    opened = xd.open_run(tmp_path / "saved.nc")
+    streamed = xd.simulate(model(text), path=tmp_path / "streamed.nc")
+    assert xd.verify(tmp_path / "saved.nc") == xd.content_digest(run(text)) == xd.content_digest(streamed)
+    assert {*opened.indexes} == {*run(text).indexes}
+    for name, variable in run(text).variables.items():
+        assert opened[name].dims == variable.dims
+        assert np.array_equal(opened[name].values, variable.values, equal_nan=variable.dtype.kind == "f")
+    assert xd.reproduce(tmp_path / "saved.nc").attrs["identical"] == 1
+
+
+def test_the_backend_opens_with_labels(tmp_path):
+    """Assert that xarray's own way of opening gives labels as an index."""
+    xd.save(run(), tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc", engine="xdynamics") as opened:
+        assert opened.r.sel(body="Saturn", axis="y")[0] == 9.58
+
+
+def test_archives_pass_the_strict_check(tmp_path):
+    """Assert that archives with dimensions, labels, links and elements of events are clean under the strict CF check."""
+    checker = Path(sys.executable).with_name("compliance-checker")
+    if not checker.exists():
+        pytest.skip("there is no compliance-checker here")
+    for k, text in enumerate((THREE, BALLS)):
+        xd.save(run(text), tmp_path / f"{k}.nc")
+    command = [checker, "-t", "cf:1.11", "-c", "strict", *sorted(tmp_path.iterdir())]
+    report = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    assert report.count("All tests passed!") == 2, report
+
+
+def test_an_event_names_its_element():
+    """Assert that an impact tells which ball it is of, and a detector without dimensions that it has none."""
+    assert run(BALLS).event_detector.attrs["flag_meanings"] == "floor"
+    assert run(BALLS).event_ball.values.tolist() == [0, 1, 2, 0]
+    first = run().event_detector.values.tolist().index(0)
+    assert run().event_body.values[first] == -1
+    assert run().event_body.attrs["flag_meanings"] == "none Sun Jupiter Saturn"
+
+
+def test_contacts_of_elements():
+    """Assert that what a contact does is recorded along its elements."""
+    assert run(BALLS).contact_force_floor.dims == ("step", "ball")
+    assert run(BALLS).event_impulse_y.dims == ("event", "ball")
+    assert run(BALLS).contact_gap_floor.attrs["long_name"] == "gap of contact floor"
+
+
+def test_verbs_carry_dimensions_along():
+    """Assert that what is made of a run has its dimensions, opened or in memory."""
+    assert xd.sample(run(), [1e7, 2e7]).error_v_r.dims == ("at", "body", "axis")
+    assert xd.diagnose(run()).maximum_r.dims == ("body", "axis")
+    assert xd.modes(model()).shape_r.dims == ("mode", "body", "axis")
+    assert xd.compare(run(), run()).difference_r.dims == ("at", "body", "axis")
+
+
+def test_lazy_rows_stay_lazy(tmp_path):
+    """Assert that chunks of an opened run give the states of the run in memory."""
+    xd.save(run(), tmp_path / "run.nc")
+    lazy = xd.sample(xd.open_run(tmp_path / "run.nc").chunk(step=5), [1e7, 2e7])
+    assert lazy.r.chunks is not None
+    assert np.array_equal(lazy.r.compute(), xd.sample(run(), [1e7, 2e7]).r)
+
+
+def test_a_longer_run_is_one_run():
+    """Assert that a run that is extended has the bits of one march."""
+    longer = xd.extend(run(), until=2.5e8)
+    assert xd.content_digest(longer) == xd.content_digest(xd.simulate(model(), until=2.5e8, nodes=[2e8]))
+
+
+@pytest.mark.parametrize("log", ["states", ["r", "v_r[Jupiter, x]"]])
+def test_a_log_of_some_is_completed(log):
+    """Assert that a log of states, or of elements, becomes the whole one; what it left out is nan."""
+    some = xd.simulate(model(), log=log)
+    assert xd.content_digest(xd.complete(some)) == xd.content_digest(run())
+    if log != "states":
+        assert some.attrs["solver_log_variables"] == "r v_r[Jupiter,x]"
+        assert np.isnan(some.v_r.sel(body="Sun")).all()
+        assert np.array_equal(some.v_r.sel(body="Jupiter", axis="x"), run().v_r.sel(body="Jupiter", axis="x"))
+
+
+def test_tolerances_of_quantities_and_elements():
+    """Assert that a tolerance is taken by a quantity and by an element, kept for each, and given again."""
+    given = {"r": "1 km", "v_r[Sun, x]": "1 mm s-1"}
+    judged = xd.simulate(model(), rtol=1e-6, atol=given)
+    assert judged.r.attrs["atol_si"] == 1e3
+    assert judged.v_r.attrs["atol_si"][0] == 1e-3
+    assert judged.v_r.attrs["atol_follows"].tolist() == [0, 1, 1, 1, 1, 1]
+    again = xd.extend(judged, until=2.1e8)
+    assert again.v_r.attrs["atol_si"][0] == 1e-3
+
+
+def test_a_part_of_a_run_is_a_selection(tmp_path):
+    """Assert that rows of a run with dimensions are saved as what they are."""
+    xd.save(run().isel(step=slice(0, 5)), tmp_path / "part.nc")
+    assert "5 of" in xd.open_run(tmp_path / "part.nc").attrs["selection"]
+
+
+def test_messages_name_elements_as_people_do():
+    """Assert that a message has brackets, and a list of columns the quantities."""
+    with pytest.raises(xd.InputError, match=r"log names 'rr'.*there are time, step_size, row_kind, regime, r, v_r,"):
+        xd.simulate(model(), log=["rr"])
+    with pytest.raises(xd.InputError, match=r"r\[Sun, x\]"):
+        xd.simulate(model(), atol={"q": 1.0})
