@@ -10,14 +10,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number, chain, free_names
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, free_names
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.expressions.tree import children
+from xdynamics.expressions.tree import children, every
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
+SWITCHING = ("abs", "sign", "min", "max", "where")
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
@@ -296,6 +297,8 @@ def _extremum_on_sides(node: Call, inner: tuple[Node, ...], sides: Mapping[Node,
 
 
 def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
+    if model.shapes.dims and not _may_switch(model):
+        return
     for term, components in model.force_components.items():
         if model.forces[term].smooth == smooth:
             yield (
@@ -305,6 +308,16 @@ def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
     for name, state in model.states.items():
         if state.smooth == smooth:
             yield name, [model.expanded(state.rate)]
+
+
+def _may_switch(model: Model) -> bool:
+    """Whether a model with dimensions has anything that switches; if not, no trees of its elements are asked for."""
+    whole = model.shaped
+    trees = [*whole.definitions.values(), *(state.rate for state in whole.states.values())]
+    parts = [part for force in whole.forces.values() for part in (force.potential, *force.components.values())]
+    trees += [part for part in parts if part is not None and not isinstance(part, Function)]
+    calls = (one for tree in trees for one in every(tree) if isinstance(one, Call | Along | Element))
+    return bool(whole.drives) or any(isinstance(one, Element) or one.function in SWITCHING for one in calls)
 
 
 Kink = tuple[str, Node, bool, int, Path, int]

@@ -16,7 +16,7 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
-from xdynamics.units import NONE, TIME, Scales, Unit, spell
+from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
 
 Array = NDArray[Any]
 
@@ -85,12 +85,14 @@ class Units:
         observable = self.about.model.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
-        dimensions = self.about.model.dimensions
-        accelerations = {
-            schema.acceleration(coordinate): dimensions[coordinate] / self.about.model.time_unit.dimension**2
-            for coordinate in layout.coordinates
-        }
-        return spell(dimension_of(self.about.model.observables[name], dimensions | accelerations))
+        return spell(dimension_of(self.about.model.observables[name], self._dimensions))
+
+    @cached_property
+    def _dimensions(self) -> dict[str, Dimension]:
+        """The dimension of every name that an observable may read."""
+        dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
+        coordinates = self.about.layout.coordinates
+        return dimensions | {schema.acceleration(name): dimensions[name] / square for name in coordinates}
 
 
 @dataclass(frozen=True)
