@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import threading
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import dask
 import dask.array
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
@@ -174,6 +176,22 @@ def test_a_memory_forgets_what_was_not_used_for_longest(monkeypatch: pytest.Monk
     memory.result("c", lambda: np.zeros(100))
     assert list(memory.names()) == ["a", "c"]
     assert memory.result("large", lambda: np.ones(1000)).size == 1000
+    assert list(memory.names()) == []
+
+
+def test_a_memory_counts_what_a_dataclass_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that an object that holds a run is as large as the run."""
+
+    @dataclass(frozen=True)
+    class Holder:
+        run: xr.Dataset
+        label: str
+
+    monkeypatch.setenv(LIMIT, "0.002")
+    memory = Memory()
+    memory.result("small", lambda: Holder(xr.Dataset({"a": ("n", np.zeros(100))}), "a"))
+    assert list(memory.names()) == ["small"]
+    memory.result("large", lambda: Holder(xr.Dataset({"a": ("n", np.zeros(1000))}), "a"))
     assert list(memory.names()) == []
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from xdynamics.runtime.environment import megabytes
@@ -57,9 +58,11 @@ REMEMBERED = Memory()  # of this process
 
 
 def _size(result: Any) -> int:
-    """Return the bytes of a result, about."""
+    """Return the bytes of a result, about; of a dataclass those of its fields, which may be whole runs."""
     from dask.sizeof import sizeof
 
+    if is_dataclass(result) and not isinstance(result, type):
+        return sum(_size(getattr(result, entry.name)) for entry in fields(result))
     return int(getattr(result, "nbytes", 0)) or int(sizeof(result))
 
 

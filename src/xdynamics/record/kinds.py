@@ -100,7 +100,8 @@ def kind_description(attributes: Mapping[Any, Any]) -> str:
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
         runs = len(str(attributes.get(RUNS, "")).split())
-        return f"evidence, no run: {f'a {attributes[EVIDENCE]} from {runs} runs' if runs else attributes[EVIDENCE]}"
+        counted = "1 run" if runs == 1 else f"{runs} runs"
+        return f"evidence, no run: {f'a {attributes[EVIDENCE]} from {counted}' if runs else attributes[EVIDENCE]}"
     if is_selection(attributes):
         return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
     return ""
