@@ -44,10 +44,22 @@ def chain(n: int) -> xd.Model:
     )  # fmt: skip
 
 
+def two_tables() -> xd.Model:
+    """A mass that is driven by a table of time and one of its place, which have their pieces one after the other."""
+    tables = {
+        "pull": {"table": "p.csv", "csv": "t [s],pull [N]\n0,0\n0.003,3\n2,1\n9,0\n"},
+        "wall": {"table": "w.csv", "csv": "x [m],wall [N]\n-1,2\n0.999,1\n1.0004,0\n3,5\n", "argument": "x"},
+    }
+    return xd.Model(
+        name="two tables", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"},
+        forces={"both": {"x": "pull - wall"}}, drives=tables, initial={"x": "1 m", "v_x": "0.1 m s-1"},
+    )  # fmt: skip
+
+
 @lru_cache
 def model_named(name: str) -> xd.Model:
     """A model of data/models, or one made here."""
-    made = {"chain": lambda: chain(12), "springs": lambda: coupled_springs().model}
+    made = {"chain": lambda: chain(12), "springs": lambda: coupled_springs().model, "two_tables": two_tables}
     return made[name]() if name in made else xd.Model.from_toml(MODELS / f"{name}.toml")
 
 
@@ -66,7 +78,7 @@ def starts(one: Law, lanes: int) -> tuple[NDArray[np.float64], NDArray[np.float6
     return states, random.uniform(1e-3, 1e-2, lanes)
 
 
-@pytest.mark.parametrize("name", ["kepler", "ball_drag", "cart_spring", "chain", "springs", "rocket_c6"])
+@pytest.mark.parametrize("name", ["kepler", "ball_drag", "cart_spring", "chain", "springs", "two_tables", "rocket_c6"])
 @pytest.mark.parametrize("method", EXPLICIT, ids=lambda one: one.name)
 def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
     """Assert that 2, 4, 8 and 16 lanes compute in each lane what one computes alone, in every program of a law."""
@@ -93,7 +105,7 @@ def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
         assert np.any(bench.z)
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.toml")))
+@pytest.mark.parametrize("name", ["two_tables", *sorted(path.stem for path in MODELS.glob("*.toml"))])
 @pytest.mark.parametrize("method", ["midpoint", "velocity_verlet", "dop853", "dprkn6"])
 def test_printed_python_has_the_bits_of_machine_code(name: str, method: str) -> None:
     """Assert that what a record quotes, run as it stands, computes every number that the compiled law does."""
