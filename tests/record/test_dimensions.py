@@ -204,3 +204,15 @@ def test_messages_name_elements_as_people_do():
         xd.simulate(model(), log=["rr"])
     with pytest.raises(xd.InputError, match=r"r\[Sun, x\]"):
         xd.simulate(model(), atol={"q": 1.0})
+
+
+def test_numbers_of_elements_are_refined_and_budgeted():
+    """Assert that a refinement of a quantity has its dimensions, and a budget is of an element as people write it."""
+    steps = ["2e6 s", "1e6 s", "5e5 s"]
+    refined = xd.refine(model(), method="rk4", steps=steps, at=[1e8], observables=["r", "v_r[Sun, x]"])
+    assert refined.difference_r.dims == ("level", "at", "body", "axis")
+    assert refined.v_r.attrs["elements"] == "v_r[Sun,x]"
+    budget = xd.error_budget(model(), quantity="r[Jupiter, x]", at=1e8)
+    states = xd.sample(run(), 1e8).r.sel(body="Jupiter", axis="x")
+    assert float(budget.value) == pytest.approx(float(states[0]), rel=1e-6)
+    assert "r[Jupiter, x]" in budget.attrs["title"]

@@ -52,7 +52,7 @@ def exhibit(
     dataset = xr.Dataset({name: xr.Variable(*variable) for name, variable in variables.items()}).set_coords(coordinates)
     header = {
         "Conventions": CONVENTIONS,
-        "title": title,
+        "title": spoken(title),
         "source": f"{kind} by xdynamics",
         "schema_version": SCHEMA_VERSION,
         EVIDENCE: kind,

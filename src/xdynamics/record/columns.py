@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -23,7 +23,7 @@ from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
-from xdynamics.record.element_names import Names
+from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.folded_columns import dimensions, folded, folded_constants
 from xdynamics.record.switches import passed, side_columns
@@ -63,7 +63,7 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
         column.variable.name: column.variable for column in available if column.variable.dims[0] in (STEPS, SAMPLES)
     }
     if not isinstance(log, str):
-        log, quantities = _elements(log, by_rows, shapes), of_wholes(by_rows)
+        log, quantities = expanded(log, by_rows, shapes), of_wholes(by_rows)
         for name in log:
             if name not in by_rows:
                 raise InputError(
@@ -80,16 +80,10 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
     ]
 
 
-def _elements(log: tuple[str, ...], names: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
-    """Return the names of a log with the elements of each quantity in its place."""
-    wholes = Names(shapes).wholes(names) if shapes.dims else {}
-    return tuple(one for name in log for one in (wholes[name].members.values() if name in wholes else (name,)))
-
-
 def _logged_elements(march: March) -> tuple[str, ...]:
     """Return the names of a chosen log's variables of states, by their elements."""
     used = march.layout.used
-    return _elements(tuple(march.settings.log), used, march.model.shapes)
+    return expanded(march.settings.log, used, march.model.shapes)
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.schema import ELEMENT_NAME, ELEMENTS
+from xdynamics.schema import ELEMENT_NAME, ELEMENTS, NOWHERE
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, spoken
 
@@ -60,7 +60,7 @@ class Whole:
         first = next(iter(parts.values()))
         whole = np.empty((self.size, *first.shape), first.dtype)
         if len(parts) < self.size:
-            whole[:] = self.missing
+            whole[:] = self.missing if first.dtype.kind == "f" else NOWHERE
         for number, values in parts.items():
             whole[number] = values
         return np.moveaxis(whole, 0, -1).reshape((*first.shape, *self.shape))
@@ -69,6 +69,12 @@ class Whole:
 def listed(names: Iterable[str]) -> str:
     """Write names as words of one text, elements as people write them."""
     return " ".join(spoken(name).replace(" ", "") for name in names)
+
+
+def expanded(names: Iterable[str], known: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
+    """Return names with the elements of a quantity, as far as they are known, in its place."""
+    wholes = Names(shapes).wholes(known) if shapes.dims else {}
+    return tuple(one for name in names for one in (wholes[name].members.values() if name in wholes else (name,)))
 
 
 class Names:

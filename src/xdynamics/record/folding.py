@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.record.element_attributes import attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
-from xdynamics.schema import LABEL, LINK, LINK_OF, MODEL_DIMENSIONS, end_of, flags, label_of
+from xdynamics.schema import LABEL, LINK, LINK_OF, MODEL_DIMENSIONS, NOWHERE, end_of, flags, label_of
 from xdynamics.shapes import Shapes
 
 if TYPE_CHECKING:
@@ -77,6 +77,9 @@ def _whole_variable(whole: Whole, dataset: xr.Dataset) -> xr.Variable:
         data = da.stack(rows, axis=-1).rechunk({len(own): -1}).reshape((*rows[0].shape, *whole.shape))
     else:
         data = whole.stacked({number: np.asarray(part.values) for number, part in parts.items()})
+    if len(parts) < whole.size and "flag_values" in attributes:  # elements that were not asked for have a word too
+        words = zip(np.atleast_1d(attributes["flag_values"]).tolist(), attributes["flag_meanings"].split(), strict=True)
+        attributes |= flags({NOWHERE: "none"} | dict(words))
     return xr.Variable((*own, *whole.dims), data, attributes | whole.more)
 
 

@@ -21,9 +21,11 @@ from xdynamics.evidence.stages import counted_number
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.size import memory_asked
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
+from xdynamics.shapes.naming import written
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import digits
 
@@ -186,10 +188,11 @@ def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     extra = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
     extra += [kind + name for name in model.coordinates for kind in (PERIOD, PHASE)]
     available = (*observables_of(model), *extra)
+    names = expanded(map(written, names), available, model.shapes)
     for name in names:
         if name not in available:
             raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(available)}")
-    return tuple(names)
+    return names
 
 
 def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, float]:
