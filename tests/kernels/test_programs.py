@@ -19,7 +19,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.law_cache import key_of
 from xdynamics.kernels.llvm_program import UNROLLED
-from xdynamics.kernels.program import Compute, Load, Place, Program, Store
+from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, Store
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import COMPENSATED, updates
@@ -119,6 +119,21 @@ def test_printed_python_has_the_bits_of_machine_code(name: str, method: str) -> 
         printed.call_plainly(int(key))
     for mine, other in zip(compiled.arrays(), printed.arrays(), strict=True):
         assert mine.tobytes() == other.tobytes()
+
+
+def test_printed_python_tells_what_is_unsound() -> None:
+    """Assert, of a state that is no number, that the same programs say so in machine code and as printed."""
+    one = law("kepler", xd.METHODS["rk4"])
+    states, steps = starts(one, 1)
+    states[0] = np.nan
+    compiled, printed = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
+    said = []
+    for address, key in zip(one.addresses_inside[len(CONTROL) :], one.plain[len(CONTROL) :], strict=True):
+        compiled.call(int(address))
+        printed.call_plainly(int(key))
+        said.append([bool(bench.at[UNSOUND, 0] != 0.0) for bench in (compiled, printed)])
+    assert any(mine for mine, _ in said)
+    assert all(mine == other for mine, other in said)
 
 
 def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
