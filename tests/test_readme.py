@@ -84,3 +84,15 @@ def test_methods_table_is_the_registry() -> None:
         for one in xd.METHODS.values()
     ]
     assert len(README.splitlines()) < 300
+
+
+def test_the_model_with_dimensions_is_one() -> None:
+    """Assert that the README's second model marches, and is selected from by its labels."""
+    text = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)[1]
+    run = xd.simulate(xd.Model.from_text(text))
+    assert run.attrs["run_outcome"] == "completed"
+    assert run.r.dims == ("step", "body", "axis")
+    far = run.r.sel(body="Jupiter") - run.r.sel(body="Sun")
+    assert 5.0 < float((far**2).sum("axis").min()) ** 0.5 < 5.3
+    energy = run.total_energy.values
+    assert abs(energy[-1] / energy[0] - 1) < 1e-11
