@@ -33,7 +33,7 @@ class Bench:
             np.zeros((len(layout.record) + len(layout.row) + 500, lanes)),
             np.zeros((len(layout.used), lanes)),
         )
-        self.samples = np.zeros((2000, lanes))
+        self.samples = np.zeros((20 * max(100, layout.sample_width), lanes))
         self.w = np.zeros((max(1, one.steps.memory + 3 * len(layout.smooth)), lanes))
         assert len(TABLE) == len(self.arrays()) + 1
         assert WORDS == 3
