@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -199,3 +200,32 @@ def chain(masses: int, *, fixed: bool) -> xd.Model:
         forces={f"spring{i}": {"potential": one} for i, one in enumerate(springs)},
         initial=dict.fromkeys(names, "0 m") | {f"v_{name}": "0 m s-1" for name in names},
     )
+
+
+ROW = """
+name = "row"
+[dimensions]
+site = {}
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[mass]
+u = "kilogram*(1 + index(site))"
+[forces.springs]
+potential = "0.5*newton/metre*(u - shift(u, site, 1, 0*u))**2"
+[initial]
+u = {{ unit = "m", value = 0.1 }}
+"""
+
+
+def test_the_limit_of_a_model_with_dimensions_is_found_by_differences() -> None:
+    """Assert that it is that of exact derivatives, and that a record tells where it was not looked for."""
+    small, large = (xd.Model.from_text(ROW.format(n)) for n in (20, 121))
+    exact = stable_step(small, xd.METHODS["velocity_verlet"], initial_state(small))
+    for step, warned in ((0.999 * exact, False), (1.001 * exact, True)):
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            record = xd.simulate(small, method="velocity_verlet", step=step, until="10 s")
+        assert bool(seen) == warned
+        assert "solver_stability_rule" not in record.attrs
+    record = xd.simulate(large, method="velocity_verlet", step="10 ms", until="1 s")
+    assert record.attrs["solver_stability_rule"] == "not looked at: the state has more than 240 numbers"

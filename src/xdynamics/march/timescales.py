@@ -10,9 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.kernels.model_programs import has_loops
 from xdynamics.march.engine import engine
 from xdynamics.march.run import CHANGING, PLAN
 from xdynamics.march.runner import March
+from xdynamics.march.settings import Settings
+from xdynamics.model import Model
 from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
@@ -20,6 +23,7 @@ Floats = NDArray[np.float64]
 FEWEST, MOST = 3, 16  # rows that are examined besides the start
 SHARE = 200  # evaluations of a march for each such row, which takes seven
 FEW = 12  # numbers of a state up to which all eigenvalues are computed
+MOST_NUMBERS = 240  # of a state up to which a fixed step is compared with what is stable: eigenvalues take 0.1 s
 SLOW = 1e-5  # of the fastest rate, below which differences resolve none
 DIGITS = 3  # of eigenvalues, so that the last bits of a library enter no digest
 _STEP_SIZE = (PLAN.names or ()).index("step_size")
@@ -92,6 +96,32 @@ def jacobian_at(march: March, row: int) -> Floats:
     with put_aside(march):
         engine().fastest_rates(march.run, states_of(march.witnesses, [row]), derivatives)
     return derivatives[1:]
+
+
+def beyond_eigenvalues(model: Model) -> bool:
+    """Whether the state of a model whose law is printed in loops has too many numbers to look for eigenvalues."""
+    return has_loops(model) and 2 * len(model.coordinates) + len(model.states) > MOST_NUMBERS
+
+
+def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
+    """Return the derivatives of (v, a, r) by (q, v, x) at the start, by differences; None where there are none.
+
+    Variables are over their sizes, velocities over those of coordinates in a second: q' = v, as in the Jacobian.
+    """
+    march = March(model, settings)
+    run, n, used = march.run, march.layout.coordinates.size, march.layout.used.size
+    found = np.zeros((1 + used, used))
+    engine().fastest_rates(run, np.array([[run.now[0]["t"], *run.y[:used]]]).T, found)
+    derivatives, sizes = found[1:] / settings.scales.of(TIME), np.ones(used)
+    sizes[n : 2 * n] = derivatives[:n, n : 2 * n].diagonal()
+    if not (np.isfinite(derivatives).all() and sizes.all()):
+        return None
+    derivatives *= sizes[:, None] / sizes
+    derivatives[:n] = np.eye(n, used, n)
+    stiffness = derivatives[n : 2 * n, :n]
+    if np.abs(stiffness - stiffness.T).max(initial=0.0) <= SLOW * np.abs(stiffness).max(initial=0.0):
+        stiffness[:] = (stiffness + stiffness.T) / 2.0  # but for rounding errors it is symmetric
+    return derivatives
 
 
 def states_of(witnesses: Floats, chosen: list[int]) -> Floats:

@@ -18,7 +18,7 @@ from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.settings import ROOT_METHODS, Settings
-from xdynamics.march.timescales import FEW, RULE, time_scales
+from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.lines import printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
@@ -72,6 +72,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **_errors(march),
         "solver_summation": settings.summation,
         **_switches(march),
+        **_stability(march),
         **_located(march),
         **_assumed(march.model),
         **_dimensions(march.model),
@@ -173,6 +174,13 @@ def _switches(march: March) -> dict[str, str]:
         return {"solver_switches": choice}
     where = EVERYWHERE if choice == LOCATED_EVERYWHERE else "where the side of the where around them holds"
     return {"solver_switches": LOCATED, "solver_switches_watched": where}
+
+
+def _stability(march: March) -> dict[str, str]:
+    """Report where a fixed step was not compared with the stability limit at the start."""
+    if march.settings.adaptive or not beyond_eigenvalues(march.model):
+        return {}
+    return {"solver_stability_rule": f"not looked at: the state has more than {MOST_NUMBERS} numbers"}
 
 
 def _time_scales(march: March) -> dict[str, Any]:

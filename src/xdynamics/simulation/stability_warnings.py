@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from xdynamics.faults import InputError, StabilityWarning, warn
+from xdynamics.kernels.model_programs import has_loops
 from xdynamics.march import Settings
+from xdynamics.march.timescales import SLOW, beyond_eigenvalues, jacobian_at_start
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
@@ -22,9 +25,10 @@ SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every metho
 def warn_of_instability(model: Model, settings: Settings) -> None:
     """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
     step, method = settings.step, settings.method
-    if not isinstance(step, float | int) or settings.adaptive or model.python_forces:
+    if not isinstance(step, float | int) or settings.adaptive or model.python_forces or beyond_eigenvalues(model):
         return
-    jacobian, span = _jacobian(model), settings.until - model.initial["t"].si
+    start = _Start(model, method, settings)
+    jacobian, span = _jacobian(start), settings.until - model.initial["t"].si
     if jacobian is None:
         return
     if method.order > 1:
@@ -33,7 +37,8 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
             return
         if surely_stable(jacobian, method, len(model.coordinates), step):
             return
-    limit, unit = _longest_stable_step(model, method), unit_suffix(model.time_unit)
+    unresolved = SLOW * fastest_rate(jacobian) if has_loops(model) else 0.0  # growth that differences may show
+    limit, unit = _longest_stable_step(start, growth=unresolved), unit_suffix(model.time_unit)
     if limit > 0.0 and step > limit:
         warn(
             f"step {step:.6g}{unit} is beyond the stability limit {limit:.6g}{unit} of '{method.name}'"
@@ -41,7 +46,7 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
             " xdynamics.modes(model) for the steps that other methods allow",
             StabilityWarning,
         )
-    elif limit == 0.0 and step > (longest := _longest_stable_step(model, method, growth=1.0 / span)):
+    elif limit == 0.0 and step > (longest := _longest_stable_step(start, growth=1.0 / span)):
         warn(
             f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
             f" 0{unit}): errors grow from step to step, with {step:.6g}{unit} more than e times within"
@@ -51,8 +56,23 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
         )
 
 
+@dataclass(frozen=True)
+class _Start:
+    """The start of a run; its Jacobian and steps that are stable there depend on model and method alone."""
+
+    model: Model
+    method: Method
+    settings: Settings = field(compare=False)
+
+
 @lru_cache(maxsize=64)
-def _jacobian(model: Model) -> Floats | None:
+def _jacobian(start: _Start) -> Floats | None:
+    """Return the Jacobian, of a law in loops by differences: trees of its elements would take longer than the run."""
+    return jacobian_at_start(start.model, start.settings) if has_loops(start.model) else _linearised(start.model)
+
+
+@lru_cache(maxsize=64)
+def _linearised(model: Model) -> Floats | None:
     """Linearise a model at its start; None where that is not possible."""
     try:
         return linearise(model, initial_state(model)).jacobian
@@ -61,8 +81,8 @@ def _jacobian(model: Model) -> Floats | None:
 
 
 @lru_cache(maxsize=256)
-def _longest_stable_step(model: Model, method: Method, *, growth: float = 0.0) -> float:
+def _longest_stable_step(start: _Start, *, growth: float = 0.0) -> float:
     """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
-    jacobian = _jacobian(model)
+    jacobian = _jacobian(start)
     assert jacobian is not None  # noqa: S101 - who asks has seen it
-    return stable_step_of(jacobian, method, model, growth=growth)
+    return stable_step_of(jacobian, start.method, start.model, growth=growth)
