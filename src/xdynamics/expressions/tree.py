@@ -276,7 +276,7 @@ def _limited(node: Node) -> bool:
     if isinstance(node, Binary) and node.operator == "**":
         exponent = exponent_of(node.right)
         return exponent is None or exponent.denominator != 1
-    return isinstance(node, Call) and node.function in ("sqrt", "log", "asin", "acos")
+    return isinstance(node, Call | Along) and node.function in ("sqrt", "log", "asin", "acos", "norm")
 
 
 def _text_along(node: Along) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
@@ -13,6 +14,7 @@ from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Model, derivatives
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
+from xdynamics.model.lazy_trees import Lazy
 from xdynamics.model.motion import in_regimes
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.switches import Switch, smooth_switches
@@ -120,10 +122,10 @@ class Layout:
         return self.used + self.evaluation + self.carried
 
     @cached_property
-    def derived(self) -> dict[str, Node]:
+    def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
         observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
-        return self._energies() | observables | self.gaps
+        return Lazy(self._energies() | observables | self.gaps)
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
@@ -227,10 +229,12 @@ class Layout:
         """The dimension of kinetic energy, if the terms of all coordinates share one."""
         from xdynamics.expressions import dimension_of
 
-        known = self.model.dimensions
+        known, names = self.model.dimensions, [*self.coordinates]
+        firsts = {self.model.shapes.first(name) for name in self.model.shaped.coordinates}  # others are like them
         dimensions = {
             dimension_of(self.model.mass[i][i], known) * known[schema.velocity(name)] ** 2
-            for i, name in enumerate(self.coordinates)
+            for i, name in enumerate(names)
+            if name in firsts
         }
         return dimensions.pop() if len(dimensions) == 1 else None
 
@@ -243,12 +247,13 @@ class Layout:
         dims = model.shapes.dims
         return {name: (dims.get(name, ()), tree) for name, tree in (energies | observables).items()}
 
-    def _energies(self) -> dict[str, Node]:
-        """Return kinetic energy and, where a potential is known, potential and total energy."""
+    def _energies(self) -> dict[str, Any]:
+        """Return kinetic energy and, where a potential is known, potential and total energy, or what makes them."""
         if self.energy_dimension is None:
             return {}
         if has_wholes(self.model):
-            return {name: at(tree, {}, self.model.shapes) for name, tree in energies_of_wholes(self.model).items()}
+            wholes = energies_of_wholes(self.model)
+            return {name: partial(at, tree, {}, self.model.shapes) for name, tree in wholes.items()}
         half_square = [
             Binary(
                 "*",

@@ -46,13 +46,13 @@ def _in_loops(layout: Layout) -> Nests | None:
     """Write the motion of a model with dimensions in loops; None of one whose elements are written out."""
     if not has_loops(layout.model):
         return None
-    names, record = _Names(layout, layout.used), layout.record
-    written = {name: Place("z", record.place(_first(layout, name))) for name in layout.model.shaped.drives}
+    names, record, shapes = _Names(layout, layout.used), layout.record, shapes_of(layout.model)
+    written = {name: Place("z", record.place(shapes.first(name))) for name in layout.model.shaped.drives}
     results = []
     for name, dims, tree in motion_of_wholes(layout.model):
-        written[name] = Place("z", record.place(_first(layout, name)))
+        written[name] = Place("z", record.place(shapes.first(name)))
         results.append((name, dims, tree, written[name]))
-    nests = Nests(shapes_of(layout.model), names, lambda name: written.get(name) or names.first(name))
+    nests = Nests(shapes, names, lambda name: written.get(name) or names.first(name))
     for name in layout.drives:
         nests.outermost.store(Place("z", record.place(name)), nests.outermost.named(name))
     try:
@@ -60,12 +60,6 @@ def _in_loops(layout: Layout) -> Nests | None:
     except UnprintedError:
         return None
     return nests
-
-
-def _first(layout: Layout, name: str) -> str:
-    """Return the name of the first element of a quantity."""
-    shapes = shapes_of(layout.model)
-    return shapes.element(name, dict.fromkeys(shapes.dims.get(name, ()), 0))
 
 
 def _of_states(layout: Layout) -> Nests:
@@ -251,7 +245,7 @@ class _Names:
 
     def first(self, name: str) -> Place:
         """Return where the numbers of a quantity with dimensions begin."""
-        place = self.place(_first(self._layout, name))
+        place = self.place(shapes_of(self._layout.model).first(name))
         assert place is not None  # noqa: S101 - what expressions name was checked
         return place
 

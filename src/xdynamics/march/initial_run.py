@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import LEAST, LEAST_OF_0_2
-from xdynamics.expressions import limits_domain
+from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
@@ -48,6 +48,7 @@ from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
 from xdynamics.model.switches import borders, switch_inputs
+from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME, Scales
 
@@ -357,8 +358,23 @@ def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDAr
 @lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables with a limited domain."""
-    parts: Iterable[object] = (part for terms in model.force_components.values() for part in terms.values())
-    trees = [part for part in parts if not isinstance(part, Function)]
-    trees += [*model.statement.mass_entries.values(), *(part.rate for part in model.states.values())]
-    limited = any(limits_domain(model.expanded(tree)) for tree in trees)  # type: ignore[arg-type]
+    limited = any(map(limits_domain, _wholes(model) if has_wholes(model) else _elements(model)))
     return limited or any(drive.outside == "error" for drive in model.drives.values())
+
+
+def _wholes(model: Model) -> Iterator[Node]:
+    """Yield what moves a model with dimensions, without functions in Python."""
+    parts = [part for terms in acting(model).values() for part in terms.values()]
+    masses = [model.shaped.mass[i][i] for i in range(len(model.shaped.coordinates))]
+    for part in (*parts, *masses, *(state.rate for state in model.shaped.states.values())):
+        if not isinstance(part, Function):
+            yield written_out(model, part)
+
+
+def _elements(model: Model) -> Iterator[Node]:
+    """Yield what moves a model, without functions in Python."""
+    parts = [part for terms in model.force_components.values() for part in terms.values()]
+    rates = [part.rate for part in model.states.values()]
+    for part in (*parts, *model.statement.mass_entries.values(), *rates):
+        if not isinstance(part, Function):
+            yield model.expanded(part)

@@ -50,6 +50,11 @@ class Values:
         """Return the spread of an element."""
         return self.spreads[i if len(self.spreads) > 1 else 0] if self.spreads else None
 
+    @property
+    def form(self) -> Values:
+        """The values without their numbers."""
+        return Values(self.dims, unit_of(self), (0.0,) if self.dims == () else (), tree=None)
+
 
 def is_of_elements(entry: Any) -> bool:
     """Whether an entry has values for elements, or is an expression."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential, Lazy
 from xdynamics.model.links import related
 from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter, Validation
 from xdynamics.model.statement import Statement
@@ -235,28 +237,38 @@ class Elements:
         trees = [at(values.tree, place, self.shapes) for place in self.shapes.places(values.dims)]
         return tuple(evaluate(tree, known) for tree in trees), unit_of(values)
 
-    def _mass(self) -> tuple[tuple[Node, ...], ...]:
+    def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
         if not old.mass:
             return ()
-        places = [(i, place) for i, name in enumerate(names) for _, place in self._placed(name)]
+        places = [(i, one, place) for i, name in enumerate(names) for one, place in self._placed(name)]
+        if not old.mass_is_full:
+            entries = {one: partial(at, old.mass[i][i], place, self.shapes) for i, one, place in places}
+            return Diagonal([*entries], Lazy[Node](entries))
         return tuple(
-            tuple(at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, other in places)
-            for i, place in places
+            tuple(
+                at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, _, other in places
+            )
+            for i, _, place in places
         )
 
     def _force(self, force: Force) -> Force:
         """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""
-        potential = None
-        if force.potential is not None:
-            dims = dims_of(force.potential, self.shapes)
-            potential = total([at(force.potential, place, self.shapes) for place in self.shapes.places(dims)])
-        components: dict[str, Node | Function] = {
-            one: tree if isinstance(tree, Function) else at(tree, place, self.shapes)
-            for name, tree in self.acting(force).items()
-            for one, place in self._placed(name)
-        }
-        return replace(force, potential=potential, components=components, over="")
+        components = Lazy[Node | Function](
+            {
+                one: tree if isinstance(tree, Function) else partial(at, tree, place, self.shapes)
+                for name, tree in self.acting(force).items()
+                for one, place in self._placed(name)
+            }
+        )
+        if force.potential is None:
+            return replace(force, components=components, over="")
+        return ForceOfPotential(force, partial(self._summed, force.potential), components)
+
+    def _summed(self, tree: Node) -> Node:
+        """Return the sum of an expression over its dimensions."""
+        dims = dims_of(tree, self.shapes)
+        return total([at(tree, place, self.shapes) for place in self.shapes.places(dims)])
 
     def acting(self, force: Force) -> dict[str, Node | Function]:
         """Return what a force term is for every coordinate, with dimensions; of a potential, its negative gradient."""
@@ -335,13 +347,8 @@ class Elements:
         energies = self.statement.lagrangian
         if energies is None:
             return None
-        trees = []
-        for tree in (energies.kinetic, energies.potential):
-            dims = () if tree is None else dims_of(tree, self.shapes)
-            terms = [] if tree is None else [at(tree, place, self.shapes) for place in self.shapes.places(dims)]
-            trees.append(total(terms) if terms else None)
-        assert trees[0] is not None  # noqa: S101 - it is needed
-        return Lagrangian(trees[0], trees[1])
+        potential = None if energies.potential is None else self._summed(energies.potential)
+        return Lagrangian(self._summed(energies.kinetic), potential)
 
     def _run(self) -> dict[str, Any]:
         """Return the settings; tolerances of a whole are those of its elements."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,7 @@ class Model:
     description: str
     coordinates: dict[str, Coordinate]
     parameters: dict[str, Parameter]
-    mass: tuple[tuple[Node, ...], ...]
+    mass: Sequence[tuple[Node, ...]]
     definitions: dict[str, Node]
     forces: dict[str, Force]
     drives: dict[str, Drive]
@@ -238,6 +238,11 @@ class Model:
         """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
         return self.statement if self._declared is None else gathered(self._declared, self.statement, self.shapes)
 
+    @property
+    def _written(self) -> Statement:
+        """The statement as it was written, perhaps with other numbers."""
+        return self.statement if self._declared is None else self._declared
+
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return a model with some entries of some sections replaced.
 
@@ -293,12 +298,12 @@ class Model:
     @property
     def python_functions(self) -> list[Function]:
         """Everything written in Python: force components and event functions."""
-        return list({function.name: function for function in self.statement.functions}.values())
+        return list({function.name: function for function in self._written.functions}.values())
 
     @property
     def python_forces(self) -> list[Function]:
         """Every force component written in Python."""
-        components = [component for force in self.forces.values() for component in force.components.values()]
+        components = [component for force in self._written.forces.values() for component in force.components.values()]
         return list({component.name: component for component in components if isinstance(component, Function)}.values())
 
     @cached_property
@@ -321,21 +326,26 @@ class Model:
     @cached_property
     def form(self) -> str:
         """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
+        written = self._written
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
-            for name, entry in self.parameters.items()
+            for name, entry in written.parameters.items()
         }
-        initial = {name: Quantity(0.0, entry.unit) for name, entry in self.initial.items()}
-        drives = {name: replace(drive, table=drive.table.form, description="") for name, drive in self.drives.items()}
+        initial = {name: Quantity(0.0, entry.unit) for name, entry in written.initial.items()}
+        drives = {
+            name: replace(drive, table=drive.table.form, description="") for name, drive in written.drives.items()
+        }
         stripped = replace(
-            self.statement,
+            written,
             name="",
             description="",
             parameters=parameters,
             drives=drives,
+            arrays={name: values.form for name, values in written.arrays.items()},
             initial=initial,
+            starting={},
             starts={},
-            observed={name: Observable(tree) for name, tree in self.observables.items()},
+            observed={name: Observable(tree) for name, tree in written.observables.items()},
             run={},
             validation={},
             correlations={},
@@ -354,7 +364,7 @@ class Model:
         return coordinate_units | velocity_units | {name: part.unit for name, part in self.states.items()}
 
     @cached_property
-    def force_components(self) -> dict[str, dict[str, Node | Function]]:
+    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
         """The components of every force term; those of a potential are derived: -dV/dq."""
         return {term: self._components(force) for term, force in self.forces.items()}
 
@@ -448,9 +458,9 @@ class Model:
         self.statement, self.shapes, self._declared = statement, shapes, declared
         self.__dict__.update(vars(statement), dimensions=dimensions)
 
-    def _components(self, force: Force) -> dict[str, Node | Function]:
-        if force.potential is None or force.components:
-            return dict(force.components)
+    def _components(self, force: Force) -> Mapping[str, Node | Function]:
+        if force.components or force.potential is None:
+            return force.components
         rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
         gradient = derivatives(self.expanded(force.potential), rates)
         return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +10,7 @@ from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model.arrays import Values
 from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links
 from xdynamics.model.parts import (
     Contact,
@@ -40,7 +42,7 @@ class Statement:
     description: str
     coordinates: dict[str, Coordinate]
     parameters: dict[str, Parameter]
-    mass: tuple[tuple[Node, ...], ...]
+    mass: Sequence[tuple[Node, ...]]
     definitions: dict[str, Node]
     forces: dict[str, Force]
     drives: dict[str, Drive]
@@ -71,6 +73,8 @@ class Statement:
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:
         """Every entry of the mass matrix that is not a literal zero, by row and column."""
+        if isinstance(self.mass, Diagonal):
+            return self.mass.entries
         return {
             (i, j): entry
             for i, row in enumerate(self.mass)
@@ -88,4 +92,4 @@ class Statement:
     @cached_property
     def mass_is_full(self) -> bool:
         """Whether an entry off the diagonal is not a literal zero."""
-        return any(i != j for i, j in self.mass_entries)
+        return not isinstance(self.mass, Diagonal) and any(i != j for i, j in self.mass_entries)

@@ -202,7 +202,7 @@ class RegimeModel(Model):
         return f"{self.plain.form}\n# switches: {self.located}\n"
 
     @cached_property
-    def force_components(self) -> dict[str, dict[str, Node | Function]]:
+    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
         """The components of every force term, with the sides of switches in place of signs and comparisons."""
         terms = self.plain.force_components
         return {

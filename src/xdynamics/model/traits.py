@@ -6,7 +6,10 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from xdynamics.expressions import Node, free_names
+from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, reactions
+from xdynamics.model.whole import acting, written_out
 from xdynamics.schema import velocity
 
 if TYPE_CHECKING:
@@ -53,10 +56,16 @@ def traits_of(model: Model) -> dict[Trait, str]:
 
 
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
-    """Return every force component, mass entry and reaction, with the names that it reads."""
+    """Return every force component, mass entry and reaction, with the names that it reads.
+
+    Of a model with dimensions, terms that read positions and numbers alone are left out before their elements are made.
+    """
+    wholes = acting(model) if model.shapes.dims else {}
+    apart = {term for term, parts in wholes.items() if all(_is_plain(model, one) for one in parts.values())}
     forces = [
         (f"force '{term}' of '{coordinate}'", model.reads(expression))
         for term, components in model.force_components.items()
+        if term not in apart
         for coordinate, expression in components.items()
     ]
     masses = [("the mass", model.reads(entry)) for entry in model.statement.mass_entries.values()]
@@ -69,6 +78,14 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.most)]
     ]
     return forces + masses + pressed
+
+
+def _is_plain(model: Model, whole: Node | Function) -> bool:
+    """Whether a force with dimensions reads no velocity, state or drive."""
+    if isinstance(whole, Function):
+        return False
+    velocities = set(map(velocity, model.shaped.coordinates))
+    return not free_names(written_out(model, whole)) & {*velocities, *model.shaped.states, *model.shaped.drives}
 
 
 def _listed(names: set[str]) -> str:

@@ -149,6 +149,10 @@ class Shapes:
         own = self.dims.get(name, ()) if dims is None else dims
         return element(name, (self.extent(dim).label(place[dim]) for dim in own))
 
+    def first(self, name: str) -> str:
+        """Return the name of the first element of a quantity."""
+        return self.element(name, dict.fromkeys(self.dims.get(name, ()), 0))
+
     def elements(self, name: str, dims: tuple[str, ...] | None = None) -> list[str]:
         """Return the names of all elements of a quantity, the last dimension fastest."""
         own = self.dims.get(name, ()) if dims is None else dims
