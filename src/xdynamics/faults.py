@@ -18,6 +18,7 @@ UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 
 DOT = "·"  # in names of elements of quantities with dimensions
+_SPOKEN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
 _ELEMENT = re.compile(rf"([A-Za-z0-9_.]+){DOT}([A-Za-z0-9_]+(?:{DOT}[A-Za-z0-9_]+)*)")
 
 
@@ -30,6 +31,19 @@ def spoken(text: str) -> str:
     "initial value of 'v_r[Jupiter, x]' is missing"
     """
     return _ELEMENT.sub(lambda match: f"{match[1]}[{', '.join(match[2].split(DOT))}]", text) if DOT in text else text
+
+
+def written(text: str) -> str:
+    """Return a text with elements as they are named inside; the inverse of `spoken`.
+
+    Examples
+    --------
+    >>> written("r[Jupiter, x]"), written("u[0]"), written("g")
+    ('r·Jupiter·x', 'u·0', 'g')
+    """
+    return (
+        _SPOKEN.sub(lambda match: DOT.join([match[1], *re.split(r"\s*,\s*", match[2])]), text) if "[" in text else text
+    )
 
 
 def escaped(text: str, *, lines: bool = False) -> str:

@@ -10,12 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, written
 
 if TYPE_CHECKING:
-    from xdynamics.shapes.naming import written
-from xdynamics.shapes.naming import written
-from xdynamics.units import Unit
+    from xdynamics.units import Unit
 
 # what belongs together, in the order of the help
 MARCH, CONTROL, EVENTS, ARITHMETIC, RECORD = "March", "Step control", "Events", "Arithmetic", "Record"

@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS, particle
+from xdynamics.record import unfold
 from xdynamics.record.flag_words import words_of
 
 BALL = MODELS / "ball_drag.toml"
@@ -539,9 +540,9 @@ def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureReques
     found = xd.sweep(
         model, {parameter: [0.97 * value, value]}, keep=keep, times=np.linspace(0.0, until, 5), check=1.0, **asked
     ).compute()
-    run = xd.simulate(model, **asked)
+    run = xd.simulate(model, keep_every=1, **asked)
     times = found.at_time.values[found.at_time.values <= float(run.time[-1])]
-    sampled, told = xd.sample(run, times), xd.diagnose(run, companion=False)
+    found, sampled, told = map(unfold, (found, xd.sample(run, times), xd.diagnose(run, companion=False)))
     for one in used:
         assert found[one].values[1, : times.size].tobytes() == sampled[one].values.tobytes(), one
         if f"maximum_{one}" in told:

@@ -14,6 +14,7 @@ from xdynamics.budgeting.residuals import Tested, tested
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.record import unfold
 from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import Quantity, Unit, unit_suffix
@@ -95,14 +96,15 @@ class Asked:
             for i, name in enumerate(self.names)
         }
         times, inverse = np.unique(self.data.times, return_inverse=True)
-        marched = sweep(
+        members = sweep(
             self.model,
             {"fitted": columns},
             keep=list(self.quantities),
             times=times,
             members_per_task=len(values),
             **self.settings,
-        ).compute()
+        )
+        marched = unfold(members.compute())
         rows = np.concatenate([marched[name].values[:, inverse] for name in self.quantities], axis=1)
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])

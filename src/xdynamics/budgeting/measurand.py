@@ -17,6 +17,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
+from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
@@ -244,7 +245,8 @@ class Measurand:
             places = {"times": [target.at]}
         elif target.event:
             places = {"occurrences": (target.occurrence - 1, target.occurrence)}
-        numbers = sweep(self.model, axes, keep=[target.kept], **places, **(self.settings | settings))[target.kept]
+        swept = sweep(self.model, axes, keep=[target.kept], **places, **(self.settings | settings))
+        numbers = unfold(swept)[target.kept]
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
         return numbers[..., 0] if target.at is not None else numbers
 

@@ -16,7 +16,7 @@ from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.sweeping.collection import AXES, AXIS, settings_said
+from xdynamics.sweeping.collection import AXIS, axes_said, settings_said
 from xdynamics.sweeping.ensemble_analysis import numbers
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 
@@ -60,7 +60,7 @@ def foot_of(sweep: xr.Dataset) -> str:
 
 def _axes(sweep: xr.Dataset) -> list[str]:
     """Name the axes of numbers, those that are drawn or vary together last."""
-    axes = [dim for dim in str(sweep.attrs[AXES]).split() if dim in sweep.dims]
+    axes = [dim for dim in axes_said(sweep) if dim in sweep.dims]
     of_words = [dim for dim in axes if dim in sweep.coords and sweep[dim].dtype.kind not in "fi"]
     wide = [dim for dim in axes if dim not in of_words and sweep.sizes[dim] > 1]
     return sorted(wide, key=lambda dim: (dim not in sweep.coords, axes.index(dim)))

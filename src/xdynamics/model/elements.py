@@ -471,6 +471,23 @@ def following(declared: Statement, elements: Statement, old: Statement, shapes: 
     return replace(elements, initial=elements.initial | same)
 
 
+def in_units_of(statement: Statement, old: Statement) -> Statement:
+    """Return a statement of elements in the units of another one: all elements of a quantity have one unit."""
+    parameters = {
+        name: replace(part, quantity=part.quantity.into(unit))
+        for name, part in statement.parameters.items()
+        if name in old.parameters and (unit := old.parameters[name].quantity.unit) != part.quantity.unit
+    }
+    initial = {
+        name: quantity.into(unit)
+        for name, quantity in statement.initial.items()
+        if name in old.initial and (unit := old.initial[name].unit) != quantity.unit
+    }
+    if not (parameters or initial):
+        return statement
+    return replace(statement, parameters=statement.parameters | parameters, initial=statement.initial | initial)
+
+
 def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
     """Return a statement with dimensions and the numbers of its elements."""
     start = Elements(declared, shapes).started(elements.parameters)

@@ -22,6 +22,7 @@ from xdynamics.model.elements import (
     dimensions_of,
     following,
     gathered,
+    in_units_of,
     of_elements,
 )
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
@@ -255,6 +256,13 @@ class Model:
         """
         model = object.__new__(Model)
         model.file = self.file
+        if (
+            self._declared is not None
+            and of_elements(sections)
+            and (others := sections.keys() - {"parameters", "initial"})
+        ):
+            numbers = {title: entries for title, entries in sections.items() if title not in others}
+            return self.replace(**numbers).replace(**{title: sections[title] for title in others})
         if self._declared is None or of_elements(sections):
             named = {title: _named_inside(entries) for title, entries in sections.items()}
             return self.with_statement(replaced(self.statement, named, self.functions))
@@ -265,11 +273,15 @@ class Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""
         model = object.__new__(Model)
         model.file = self.file
+        if self._declared is not None:
+            statement = in_units_of(statement, self.statement)
         if changes_numbers_alone(self.statement, statement):  # trees are those of this model
             if self._declared is not None:
                 statement = following(self._declared, statement, self.statement, self.shapes)
             model._hold(statement, self.dimensions, self.shapes, self._declared)
             model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
+        elif self._declared is not None:
+            model._state(gathered(self._declared, statement, self.shapes))
         else:
             statement = derived(statement)
             model._hold(statement, check(statement), Shapes(), None)

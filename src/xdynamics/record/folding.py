@@ -35,10 +35,14 @@ def fold(dataset: xr.Dataset, shapes: Shapes) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        With labels as they are in a file, ``body_label(body)``; see `labelled`. One without elements is returned as it is.
+        With labels as they are in a file, ``body_label(body)``; see `labelled`. One without elements, none of whose
+        dimensions are the model's, is returned as it is.
     """
     wholes = Names(shapes).wholes(map(str, dataset.variables))
-    if not wholes:
+    dims = {dim for whole in wholes.values() for dim in whole.dims} | {*shapes.relations, *shapes.extents} & {
+        *dataset.dims
+    }
+    if not dims:
         return dataset
     import xarray as xr
 
@@ -51,7 +55,6 @@ def fold(dataset: xr.Dataset, shapes: Shapes) -> xr.Dataset:
         elif whole.name not in variables:
             variables[whole.name] = _whole_variable(whole, dataset)
     coordinates = {of_name[name].name if name in of_name else name for name in map(str, dataset.coords)}
-    dims = {dim for whole in wholes.values() for dim in whole.dims}
     for name, (own, values, attributes) in about_dimensions(shapes, dims).items():
         variables[name] = xr.Variable(own, values, attributes)
         coordinates.add(name)
@@ -118,12 +121,14 @@ def model_dimensions(dataset: Any) -> dict[str, int]:
 
 def labelled(dataset: xr.Dataset) -> xr.Dataset:
     """Return a record with labels of dimensions as their indexes, as people select by them."""
+    close = dataset._close  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     for dim in model_dimensions(dataset):
         if (name := label_of(dim)) in dataset.variables and name not in dataset.dims:
             labels = dataset.variables[name]
             dataset = dataset.drop_vars(name).assign_coords(
                 {dim: (labels.dims, np.asarray(labels).astype(str), labels.attrs)}
             )
+    dataset.set_close(close)
     return dataset
 
 

@@ -6,14 +6,11 @@ Words before a name stay before it: the velocity of ``r·Jupiter·x`` is ``v_r·
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 
-from xdynamics.faults import DOT, spoken
+from xdynamics.faults import DOT, spoken, written
 
 __all__ = ["DOT", "element", "parted", "spoken", "written"]
-
-_SPOKEN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
 
 
 def element(name: str, labels: Iterable[str]) -> str:
@@ -37,14 +34,3 @@ def parted(name: str) -> tuple[str, tuple[str, ...]]:
     """
     whole, *labels = name.split(DOT)
     return whole, tuple(labels)
-
-
-def written(text: str) -> str:
-    """Return a text with elements as they are named inside; the inverse of `spoken`.
-
-    Examples
-    --------
-    >>> written("r[Jupiter, x]"), written("u[0]"), written("g")
-    ('r·Jupiter·x', 'u·0', 'g')
-    """
-    return _SPOKEN.sub(lambda match: element(match[1], re.split(r"\s*,\s*", match[2])), text) if "[" in text else text

@@ -170,12 +170,17 @@ def _values(column: Column) -> list[Any]:
 def _shared(grid: Grid, column: Column) -> Any:
     """Return the value that all members of a sweep share; None where it is the model's own setting."""
     if column.kind == PARAMETER:
-        return grid.model.parameters[column.name].quantity.si
+        return _common({grid.model.parameters[name].quantity.si for name in column.names})
     if column.kind == INITIAL:
-        return grid.model.initial[column.name].si
+        return _common({grid.model.initial[name].si for name in column.names})
     if column.name not in grid.asked or column.tables:
         return None
     return _values(column_of(grid.model, column.name, [grid.asked[column.name]]))[0]
+
+
+def _common(values: set[float]) -> float | None:
+    """Return the value that all elements of a quantity have; None if they have several."""
+    return values.pop() if len(values) == 1 else None
 
 
 def _alike(new: Sequence[Column], old: Sequence[Column], i: int) -> bool:

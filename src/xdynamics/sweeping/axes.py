@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,10 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
 from xdynamics.model.uncertainty import deviations, matrix_of
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
+from xdynamics.shapes.naming import DOT, spoken, written
 from xdynamics.sweeping.designs import DECLARED, Draws
 from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
 from xdynamics.units import NONE, Quantity, Range, Unit, is_range, parse_quantity, parse_unit
@@ -71,6 +72,8 @@ class Column:
         Its name in the Dataset.
     tables : tuple of str
         CSV text of each value of a drive.
+    elements : tuple of str
+        Of a quantity with dimensions, all of which have the value.
     """
 
     name: str
@@ -79,6 +82,12 @@ class Column:
     unit: Unit
     label: str
     tables: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What has the value in a model: one quantity, or all elements of one with dimensions."""
+        return self.elements or (self.name,)
 
     @cached_property
     def si(self) -> Values:
@@ -128,7 +137,7 @@ def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     ledger, axes = Ledger(f"the axes of a sweep of '{model.name}'"), []
     for name, values in entries.items():
         with ledger.entry(f"axis {name!r}"):
-            axes.append(_axis(model, str(name), values))
+            axes.append(_axis(model, _said(str(name)), values))
     ledger.raise_faults()
     _check_once(axes)
     if len(axes) > MOST_AXES:
@@ -136,7 +145,14 @@ def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     return tuple(axes)
 
 
+def _said(name: str) -> str:
+    """Return a name as people write it: ``m[Sun]``."""
+    return spoken(written(name))
+
+
 def _axis(model: Model, dim: str, entries: Any) -> Axis:
+    if dim in (*model.shapes.extents, *model.shapes.relations):
+        raise InputError(f"is a dimension of the model; call what varies in another way, like '{dim}_together'")
     if isinstance(entries, Draws):
         return Axis(dim, _drawn(model, entries), entries)
     if not isinstance(entries, Mapping):
@@ -223,10 +239,15 @@ def column_of(model: Model, name: str, values: Any) -> Column:
     """
     if name in model.parameters:
         return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, name)
-    initial = name.removeprefix(FOR_INITIAL)
+    if (whole := _whole(model, name, values)) is not None:
+        return whole
+    element = written(name)
+    if element in model.parameters:
+        return _quantities(element, PARAMETER, values, model.parameters[element].quantity.unit, _said(name))
+    initial = element.removeprefix(FOR_INITIAL)
     if initial in model.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, values, model.initial[initial].unit, name)
+        return _quantities(initial, kind, values, model.initial[initial].unit, _said(name))
     if name in model.drives:
         return _tables(name, values)
     if name == STEP:
@@ -235,13 +256,26 @@ def column_of(model: Model, name: str, values: Any) -> Column:
         return _positive(_quantities(name, RTOL, values, parse_unit("1"), name))
     if name in SETTINGS:
         return _settings(model, name, values)
-    available = [*model.parameters, *model.initial, *model.drives, STEP, RTOL, *SETTINGS]
-    raise InputError(f"'{name}' is nothing that can vary; there are {', '.join(available)}")
+    quantities = of_wholes((*model.parameters, *model.initial))
+    available = [*quantities, *model.drives, STEP, RTOL, *SETTINGS]
+    raise InputError(f"'{_said(name)}' is nothing that can vary; there are {', '.join(available)}")
+
+
+def _whole(model: Model, name: str, values: Any) -> Column | None:
+    """Read values of a quantity with dimensions, each of which all its elements have; None if it is no such quantity."""
+    quantity = name.removeprefix(FOR_INITIAL)
+    elements = tuple(model.shapes.elements(quantity)) if quantity in model.shapes.dims else ()
+    for kind, known in ((PARAMETER, model.parameters), (INITIAL, model.initial)):
+        if elements and elements[0] in known and (kind == INITIAL or name == quantity):
+            return replace(column_of(model, elements[0], values), name=quantity, label=name, elements=elements)
+    return None
 
 
 def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) -> Column:
     """Read numbers with a unit; those without one have the declared unit."""
     values, unit = numbers_of(entries, declared)
+    if DOT in name and unit != declared:  # the elements of a quantity have one unit
+        values, unit = np.array([Quantity(value, unit).into(declared).value for value in values.tolist()]), declared
     return Column(name, kind, values, unit, label)
 
 
@@ -278,7 +312,7 @@ def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
     for quantity in quantities:
         _check_unit(quantity.value, quantity.unit, declared)
     unit = quantities[0].unit
-    return np.array([_in(quantity, unit) for quantity in quantities]), unit
+    return np.array([quantity.into(unit).value for quantity in quantities]), unit
 
 
 def _plain(values: Values, unit: Unit, declared: Unit) -> Values:
@@ -301,12 +335,6 @@ def _with_unit(quantities: list[Quantity], unit: Unit) -> list[Quantity]:
     """Give a unit to the quantities that have none."""
     bare = parse_unit("1")
     return [Quantity(quantity.value, unit) if quantity.unit == bare else quantity for quantity in quantities]
-
-
-def _in(quantity: Quantity, unit: Unit) -> float:
-    if quantity.unit.factor == unit.factor:
-        return float(quantity.value)
-    return float(Fraction(repr(quantity.value)) * quantity.unit.factor / unit.factor)
 
 
 def _quantity(value: Any, declared: Unit) -> Quantity:
@@ -384,9 +412,9 @@ def _check_once(axes: Sequence[Axis]) -> None:
     seen: dict[tuple[str, str], str] = {}
     for axis in axes:
         for column in axis.columns:
-            if (column.kind, column.name) in seen:
-                raise InputError(
-                    f"'{column.name}' varies along both '{seen[column.kind, column.name]}' and '{axis.dim}'; give it"
-                    " one axis"
-                )
-            seen[column.kind, column.name] = axis.dim
+            for name in column.names:
+                if (column.kind, name) in seen:
+                    raise InputError(
+                        f"'{name}' varies along both '{seen[column.kind, name]}' and '{axis.dim}'; give it one axis"
+                    )
+                seen[column.kind, name] = axis.dim

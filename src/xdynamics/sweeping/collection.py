@@ -14,7 +14,9 @@ from xdynamics.faults import InputError
 from xdynamics.march.settings import EARLIEST_FIRST, ROOT_METHODS
 from xdynamics.model import Model
 from xdynamics.record.arguments import root_method_of
+from xdynamics.record.element_names import listed
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
+from xdynamics.shapes.naming import spoken, written
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
 from xdynamics.sweeping.grid import Grid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
@@ -68,7 +70,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     if clashes := sorted({*kept} & {*coordinates, *grid.dims}):
         name = clashes[0]
         raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
-    varying = {variable.label for _, variable in grid.columns}
+    varying = {name for _, variable in grid.columns for name in (variable.label, *variable.names)}
     shared = {
         name: (
             (),
@@ -98,6 +100,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
         coordinates | kept | extra | shared | toml,
         _attributes(plan),
         unchanged,
+        shapes=grid.model.shapes,
     )
     return sweep.set_coords([*coordinates])
 
@@ -108,7 +111,7 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
         for column in axis.columns:
             attributes = about(column.unit.text, _meaning(grid.model, column), "axis") | {
                 VARIES: column.kind,
-                WHAT: column.name,
+                WHAT: spoken(column.name),
                 AXIS: axis.dim,
             }
             if axis.design is not None:
@@ -138,7 +141,7 @@ def _meaning(model: Model, column: Column) -> str:
     }
     description = getattr(sections.get(column.kind, {}).get(column.name), "description", "")
     meaning = _SAID[column.kind].format(column.name)
-    return f"{meaning}: {description}" if description else meaning
+    return spoken(f"{meaning}: {description}" if description else meaning)
 
 
 def _attributes(plan: Plan) -> dict[str, Any]:
@@ -146,10 +149,10 @@ def _attributes(plan: Plan) -> dict[str, Any]:
     return {
         "summary": plan.grid.model.description or f"Runs of {plan.grid.model.name}",
         "sweep_members": plan.grid.size,
-        AXES: " ".join(plan.grid.dims),
+        AXES: listed(plan.grid.dims),
         ASKED: json.dumps(plan.grid.asked, sort_keys=True),
         **_shared_settings(plan.grid),
-        KEEP: " ".join(keeping.words),
+        KEEP: listed(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
@@ -180,6 +183,11 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
         name for name, variable in sweep.variables.items() if AXIS in variable.attrs and name not in sweep.coords
     ]
     return sweep.set_coords([*axis_names, *(f"{name}_table" for name in axis_names if f"{name}_table" in sweep)])
+
+
+def axes_said(sweep: xr.Dataset) -> list[str]:
+    """Name the axes of a sweep, in order."""
+    return [spoken(written(dim)) for dim in str(sweep.attrs[AXES]).split()]
 
 
 def settings_said(sweep: xr.Dataset) -> str:
@@ -234,10 +242,10 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         asked["math_functions"] = kept
     if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
         asked["event_root_method"] = located
-    return Plan(Grid(model, tuple(_axis(sweep, dim) for dim in str(sweep.attrs[AXES]).split()), asked), keeping)
+    return Plan(Grid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
 
 
-def _axis(sweep: xr.Dataset, dim: str) -> Axis:
+def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
     """Reconstruct an axis; in a part of a sweep without that dimension it has the one remaining value."""
     columns = []
     for name in sweep.variables:
@@ -252,9 +260,9 @@ def _axis(sweep: xr.Dataset, dim: str) -> Axis:
         values, kind = np.atleast_1d(variable.values), str(variable.attrs[VARIES])
         tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
-        columns.append(
-            Column(str(variable.attrs[WHAT]), kind, converted, parse_unit(variable.attrs["units"]), str(name), tables)
-        )
+        what, unit = written(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
+        elements = tuple(model.shapes.elements(what)) if what in model.shapes.dims else ()
+        columns.append(Column(what, kind, converted, unit, str(name), tables, elements))
     if not columns:
         raise InputError(f"the sweep has no values of its axis '{dim}'; take them along")
     return Axis(dim, tuple(columns))

@@ -15,7 +15,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.schema import flags
 from xdynamics.sweeping.axes import RTOL, STEP
-from xdynamics.sweeping.collection import AXES, AXIS, VARIES, check_sweep, plan_of
+from xdynamics.sweeping.collection import AXIS, VARIES, axes_said, check_sweep, plan_of
 from xdynamics.sweeping.labels import place_on
 from xdynamics.sweeping.members import OUTCOME, STOPPED_BY
 from xdynamics.units import quotient
@@ -286,7 +286,7 @@ def numbers(sweep: xr.Dataset) -> list[str]:
 
 def axes_of(sweep: xr.Dataset) -> list[str]:
     """Name the axes of a sweep."""
-    return str(sweep.attrs[AXES]).split()
+    return axes_said(sweep)
 
 
 def _check_axis(sweep: Any, dim: str) -> None:

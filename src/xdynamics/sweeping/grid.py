@@ -132,7 +132,8 @@ class Grid:
         sections: dict[str, dict[str, Any]] = {}
         for k, column in self.columns:
             if column.kind in OF_MODEL:
-                sections.setdefault(OF_MODEL[column.kind], {})[column.name] = column.quantity(at[k])
+                values = dict.fromkeys(column.names, column.quantity(at[k]))
+                sections.setdefault(OF_MODEL[column.kind], {}).update(values)
         model = self._common(at)
         return model.replace(**sections) if sections else model
 
@@ -193,7 +194,8 @@ class Grid:
         arrays: Arrays = {}
         for k, column in self.columns:
             if column.kind in (PARAMETER, INITIAL):
-                arrays.setdefault(OF_MODEL[column.kind], {})[column.name] = column.si[at[:, k]]
+                values = dict.fromkeys(column.names, column.si[at[:, k]])
+                arrays.setdefault(OF_MODEL[column.kind], {}).update(values)
             elif column.kind in NUMBERS:
                 arrays[{STEP: "steps", RTOL: "rtols"}[column.kind]] = column.si[at[:, k]]
         if not arrays:  # only words vary

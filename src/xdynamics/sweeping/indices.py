@@ -15,6 +15,8 @@ from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
+from xdynamics.record import unfold
+from xdynamics.shapes.naming import written
 from xdynamics.sweeping.axes import Column, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
@@ -85,6 +87,7 @@ def sobol_indices(
         spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
     else:
         spans = {str(name): _declared(model, str(name), ranges) for name in ranges}
+    quantity = written(quantity)
     sweep = _swept(model, spans, quantity, draws, seed, settings)
     request = Request(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
     if compute:
@@ -198,7 +201,7 @@ def _swept(
     mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
     spread = np.concatenate([a, b, *mixed])
     values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
-    sweep = swept(model, {"draw": values}, keep=[quantity], **settings)
+    sweep = unfold(swept(model, {"draw": values}, keep=[quantity], **settings))
     if quantity not in sweep or sweep[quantity].dims != ("draw",):
         raise InputError(
             f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,11 @@ from xdynamics.evidence.observables import comparable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.columns import columns_of
+from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
+from xdynamics.record.element_names import Names, Whole, expanded
 from xdynamics.schema import AT, OCCURRENCE, flags
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.naming import DOT, written
 from xdynamics.sweeping.ensemble_records import Harvest
 from xdynamics.sweeping.extrema import NO_RULE, extremes
 from xdynamics.units import SECONDS, Unit, time_in
@@ -99,13 +103,44 @@ class Keeping:
         reader = _Reader(self, model, settings)
         variables: dict[str, Kept] = {}
         unknown = []
-        for word in (*self.words, *reader.sampled()):
+        for word in (*reader.words, *reader.sampled()):
             kept = list(reader.read(word))
             unknown += [] if kept or word == LOG else [word]
             variables |= {variable.name: variable for variable in kept}
         if unknown:
-            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(reader.known())}")
-        return tuple(variables.values())
+            known = of_wholes(reader.known())
+            raise InputError(f"keep has {', '.join(map(repr, unknown))}; there are {', '.join(known)}")
+        return folded(variables, model.shapes)
+
+
+def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
+    """Make one variable of the elements of each quantity with dimensions."""
+    wholes = Names(shapes).wholes(variables)
+    whole_of = {name: whole for whole in wholes.values() for name in whole.members.values()}
+    collected: dict[str, Kept] = {}
+    for name, variable in variables.items():
+        whole = whole_of.get(name)
+        if whole is None:
+            collected[name] = variable
+        elif whole.name not in collected:
+            collected[whole.name] = _whole(whole, {i: variables[one] for i, one in whole.members.items()})
+    return tuple(collected.values())
+
+
+def _whole(whole: Whole, elements: Mapping[int, Kept]) -> Kept:
+    """Return a quantity with dimensions, which come last."""
+    first = next(iter(elements.values()))
+    shared = attributes_of_whole({i: (one.name, one.attributes) for i, one in elements.items()}, whole.size)
+    return replace(
+        first,
+        name=whole.name,
+        dims=(*first.dims, *whole.dims),
+        sizes=(*first.sizes, *whole.shape),
+        long_name=shared["long_name"],
+        take=lambda runs: whole.stacked({i: one.take(runs) for i, one in elements.items()}),
+        reads=tuple(dict.fromkeys(name for one in elements.values() for name in one.reads)),
+        more=dict(first.more) | whole.more,
+    )
 
 
 class _Reader:
@@ -125,18 +160,24 @@ class _Reader:
             *self.layout.reactions,
         )  # what states inside steps are computed from
         self.loads = (*self.layout.forces, *self.layout.reactions)  # they have extremes too
+        self.words = expanded(map(written, keeping.words), self.known(), model.shapes)
 
     def known(self) -> list[str]:
         """List the words that can be kept."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in self.quantities]
-        beside = [f"{word}{name}_…" for name in self.detectors for word in (AFTER, BEFORE)]
+        beside = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
         loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
         return [END, LOG, *events, *beside, *quantities, *loads]
 
+    @property
+    def single_detectors(self) -> list[str]:
+        """Detectors without dimensions: what stands beside those of elements would be of two elements."""
+        return [name for name in self.detectors if DOT not in name]
+
     def sampled(self) -> list[str]:
         """Return what is kept at times by default: every state, if times are given and no quantity is named."""
-        named = {*self.keeping.words} & {*self.quantities}
+        named = {*self.words} & {*self.quantities}
         return [] if named or not self.keeping.times.size else list(self.layout.used)
 
     def read(self, word: str) -> list[Kept]:
@@ -155,7 +196,7 @@ class _Reader:
             if name in self.quantities and word.startswith(head):
                 return [self._end(name)] if head == "end_" else self._extreme(word, name)
         for head in (AFTER, BEFORE):
-            for detector in self.detectors:
+            for detector in self.single_detectors:
                 name = word.removeprefix(f"{head}{detector}_")
                 if name != word and name in self.columns:
                     return [self._beside(word, head, detector, name)]

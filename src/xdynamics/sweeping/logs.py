@@ -14,8 +14,12 @@ from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.record import unfold
+from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_names import expanded
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME
+from xdynamics.shapes.naming import written
 from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
@@ -80,13 +84,13 @@ def open_logs(
     if folder is None:
         raise InputError("it is not known where the runs of the sweep are: open it by open_sweep")
     model = plan.grid.model
-    if unknown := [name for name in names or () if name not in model.units]:
-        raise InputError(f"names have {unknown[0]!r}; there are {', '.join(model.units)}")
+    chosen = expanded(map(written, names or model.units), model.units, model.shapes)
+    if unknown := [name for name in chosen if name not in model.units]:
+        raise InputError(f"names have '{unknown[0]}'; there are {', '.join(of_wholes(model.units))}")
     if times is None and not plan.keeping.times.size:
         raise InputError("the sweep has no times of its own; give times, like '0:10:101 s'")
     wanted = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
-    chosen = list(names or model.units)
-    arrays = _arrays(catalogue, folder, wanted, chosen, functions)
+    arrays = _arrays(catalogue, folder, wanted, list(chosen), functions)
     dims = catalogue[FILE].dims
     variables: dict[str, Any] = {
         name: ((*dims, AT), arrays[name], about(model.units[name].text, f"{name} of the run at a time", "coordinate"))
@@ -100,6 +104,7 @@ def open_logs(
         [],
         variables | {str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in axes.items()},
         {DIGEST_OF_SWEEP: catalogue.attrs[DIGEST_OF_SWEEP], "model_digest": model.digest},
+        shapes=model.shapes,
     )
     return logs.set_coords([*axes])
 
@@ -147,6 +152,6 @@ def _states(file: Place, digest: str, times: Floats, names: list[str], functions
         ends = run["time"][[0, -1]].values
         inside = (times >= ends[0]) & (times <= ends[1])
         if inside.any():
-            sampled = sample(run, times[inside], functions=functions)
+            sampled = unfold(sample(run, times[inside], functions=functions))
             states[:, inside] = [sampled[name].values for name in names]
     return states

@@ -55,16 +55,17 @@ def member(
     >>> float(run.y[-1]) == float(found.end_y.sel(v_y=20))
     True
     """
-    plan = plan_of(sweep, functions)
-    grid = plan.grid
+    grid = plan_of(sweep, functions).grid
+    folder, sweep = folder_of(sweep), record.unfold(sweep)
     at = places_of(grid, labels)
     place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
     ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
     catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
-    if FILE in catalogued and str(catalogued[FILE].values) and (folder := folder_of(sweep)):
+    if FILE in catalogued and str(catalogued[FILE].values) and folder:
         return opened(folder / str(catalogued[FILE].values), str(catalogued[DIGEST].values))
     is_archived = FILE in catalogued
-    run = _recorded(grid, at) if is_archived and grid.recording else march(grid.model_of(at), **grid.asked_of(at))
+    recorded = is_archived and grid.recording
+    run = record.unfold(_recorded(grid, at)) if recorded else march(grid.model_of(at), **grid.asked_of(at))
     digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, list(grid.model.units))
     results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
         entry: str(run[entry.removeprefix("end_")].values[-1]) for entry in ends if entry.removeprefix("end_") in run
@@ -78,7 +79,7 @@ def member(
         raise ArchiveError(
             f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
         )
-    return run
+    return record.whole_of(run)
 
 
 def _recorded(grid: Grid, at: At) -> xr.Dataset:

@@ -20,8 +20,10 @@ from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.march.uncontrolled_errors import uncontrolled
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.circumstances import xdynamics_version
+from xdynamics.record.element_names import listed
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
+from xdynamics.shapes.naming import spoken
 from xdynamics.sweeping.ensemble_records import Harvest, parts_of
 from xdynamics.sweeping.grid import At, Grid, Group
 from xdynamics.sweeping.kept_quantities import COUNT, DIAGNOSTIC, Keeping, Kept
@@ -120,7 +122,7 @@ class Plan:
             judged.append(_judging(PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed, "i8"))
         judged.append(_judging(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}"))
         if stops:
-            longest = max(map(len, stops))
+            longest = max(map(len, map(spoken, stops)))
             judged.append(
                 _judging(STOPPED_BY, "event that ended the run, where one did", "outcome", _stopped_by, f"U{longest}")
             )
@@ -198,14 +200,15 @@ def _passed(runs: Harvest) -> Values:
 def _stopped_by(runs: Harvest) -> Values:
     """Name the last event of every run that was stopped by an event."""
     names = str(runs.columns["event_detector"].variable.more["flag_meanings"]).split()
+    words = np.array([listed([name]) for name in names])
     stops = [
         i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
     ]
     places = np.flatnonzero(np.isin(runs["event_detector"], stops))
     stopped = runs.runs.status == STOPPED
     last = places[np.searchsorted(places, runs.runs.first_event[1:][stopped]) - 1]
-    events = np.full(runs.size, "", dtype=f"U{max(map(len, names))}")
-    events[stopped] = np.array(names)[runs["event_detector"][last]]
+    events = np.full(runs.size, "", dtype=words.dtype)
+    events[stopped] = words[runs["event_detector"][last]]
     return events
 
 

@@ -94,7 +94,8 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
     attributes = {
         key: sweep.attrs[key] for key in ("sweep_digest", "sweep_settings", "model_digest") if key in sweep.attrs
     }
-    return exhibit("ragged sweep", title, [], variables, {"featureType": "timeSeries"} | attributes)
+    attributes = {"featureType": "timeSeries"} | attributes
+    return exhibit("ragged sweep", title, [], variables, attributes, shapes=grid.model.shapes)
 
 
 def _names(harvest: Harvest) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
-from xdynamics.sweeping.collection import AXES, AXIS, KEEP, settings_said
+from xdynamics.sweeping.collection import AXIS, KEEP, axes_said, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _FIRST = ("run_", "end_time")  # what every sweep has
 
 def lines_of(sweep: xr.Dataset) -> list[str]:
     """Summarise what was varied, how the members ended, and the ranges of what was kept."""
-    lines = [line for dim in str(sweep.attrs[AXES]).split() for line in _axis(sweep, dim)]
+    lines = [line for dim in axes_said(sweep) for line in _axis(sweep, dim)]
     lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
     outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
     text = ", ".join(

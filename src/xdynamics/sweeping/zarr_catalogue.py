@@ -22,6 +22,8 @@ from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import made_folder, store_of, taking_name
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import WORDS
+from xdynamics.record.element_names import listed
+from xdynamics.record.folding import labelled, unlabelled
 from xdynamics.schema import EVIDENCE, ORIGIN, ROOT_DIGEST, SWEEP
 from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
@@ -91,7 +93,7 @@ def _lay_out(plan: Plan, chunks: Chunks, folder: Place) -> None:
     import dask.array
 
     da: Any = dask.array  # its functions are not typed
-    sweep = collected(plan, {})
+    sweep = unlabelled(collected(plan, {}))
     names = [variable.name for variable in plan.variables]
     for variable in plan.variables:
         dims, sizes, dtype, attributes = _form(variable, plan)
@@ -126,7 +128,7 @@ def _form(variable: Kept, plan: Plan) -> tuple[tuple[str, ...], tuple[int, ...],
 
 def _words(name: str, plan: Plan) -> list[str]:
     """Return the words of a variable, in the order of their flags."""
-    return sorted(WORDS) if name == OUTCOME else sorted(plan.grid.model.events)
+    return sorted(WORDS) if name == OUTCOME else sorted(listed([event]) for event in plan.grid.model.events)
 
 
 def _numbers(variable: Kept, values: Values, plan: Plan) -> Values:
@@ -243,7 +245,7 @@ def opened(folder: Place) -> xr.Dataset:
     sweep.attrs[ROOT_DIGEST] = _content_digest(facts)
     if sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{folder}' is no sweep")
-    return with_axes(sweep)
+    return with_axes(labelled(sweep))
 
 
 def _as_texts(numbers: xr.DataArray) -> xr.Variable:

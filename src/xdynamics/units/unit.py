@@ -63,6 +63,12 @@ class Quantity:
         """The value in SI units, correctly rounded."""
         return self.unit.to_si(self.value)
 
+    def into(self, unit: Unit) -> Quantity:
+        """Return the same quantity in another unit of its dimension, correctly rounded."""
+        if self.unit.factor == unit.factor:
+            return Quantity(float(self.value), unit)
+        return Quantity(float(Fraction(repr(self.value)) * self.unit.factor / unit.factor), unit)
+
     def __str__(self) -> str:
         return f"{self.value!r} {self.unit.text}"
 

@@ -1,0 +1,145 @@
+"""Sweeps of models with dimensions: what is kept of elements is one variable, labelled; axes vary elements or wholes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.faults import DOT
+
+SUN = {"mu[Sun]": "2.9e-4:3e-4:3 astronomical_unit3 d-2"}
+COARSE = {"method": "dop853", "rtol": 1e-6, "until": "2000 day"}
+ESCAPE = """
+name = "Escapes"
+[dimensions]
+body = ["a", "b"]
+[coordinates]
+x = { unit = "m", dims = ["body"] }
+[parameters]
+m = { dims = ["body"], value = [1.0, 2.0], unit = "kg" }
+f = "1 N"
+edge = "1 m"
+[mass]
+x = "m"
+[forces.push]
+x = "f"
+[events.escape]
+function = "x - edge"
+direction = "rising"
+action = "stop"
+[initial]
+x = { unit = "m", value = [0.0, 0.9] }
+v_x = { unit = "m s-1", value = [0.0, 0.0] }
+[run]
+method = "dop853"
+rtol = 1e-9
+until = "10 s"
+"""
+
+
+@pytest.fixture(scope="module")
+def planets() -> xd.Model:
+    return xd.Model.from_toml(MODELS / "outer_solar_system.toml")
+
+
+@pytest.fixture(scope="module")
+def escapes() -> xd.Model:
+    return xd.Model.from_text(ESCAPE)
+
+
+def test_elements_are_one_variable(planets: xd.Model) -> None:
+    """Assert dims and labels of ends, times and extremes; nothing is named by the dot, and nothing is marched for it."""
+    keep = ["end", "maximum_r[Jupiter,x]", "momentum", "r"]
+    found = xd.sweep(planets, SUN, keep=keep, times=["0 day", "1000 day"], **COARSE)
+    assert found.end_r.dims == ("mu[Sun]", "body", "axis")
+    assert found.r.dims == ("mu[Sun]", "at", "body", "axis")
+    assert found.momentum.dims == ("mu[Sun]", "at", "axis")
+    assert not [name for name in found.variables if DOT in str(name)]
+    assert all(found[name].chunks for name in ("end_r", "maximum_r", "r", "run_digest"))
+    largest = found.maximum_r.compute()
+    assert np.isfinite(largest.sel(body="Jupiter", axis="x")).all()
+    assert int(largest.notnull().sum()) == 3
+
+
+def test_member_is_the_folded_run(planets: xd.Model) -> None:
+    """Assert a member's last row, marched again, against its end; its value may be given in another unit."""
+    found = xd.sweep(planets, {"mu[Sun]": ["1.32e20 m3 s-2", "1.33e20 m3 s-2"]}, **COARSE).compute()
+    run = xd.member(found, **{"mu[Sun]": "1.33e20 m3 s-2"})
+    assert np.array_equal(run.r[-1], found.end_r[1])
+    assert found["mu[Sun]"].attrs["units"] == "astronomical_unit3 d-2"
+
+
+def test_a_whole_and_an_element_at_the_start(planets: xd.Model) -> None:
+    """Assert that all elements have the value of an axis named as their quantity, against models with it."""
+    axes = {"initial_v_r": ["0 m/s", "10 m/s"], "mu[Jupiter]": ["3e-7 astronomical_unit3 d-2"]}
+    found = xd.sweep(planets, axes, **COARSE).compute()
+    assert "mu[Jupiter]" not in found.mu.attrs["elements"]
+    run = xd.member(found, initial_v_r="10 m/s")
+    assert len(set(run.v_r[0].values.ravel().tolist())) == 1
+    assert np.array_equal(run.r[-1], found.end_r[1, 0])
+
+
+def test_events_of_elements(escapes: xd.Model) -> None:
+    """Assert the time of every element's event, and the name of the one that ended each run."""
+    found = xd.sweep(escapes, {"m[b]": [0.1, 100.0]}, keep=["event_time_escape", "event_count_escape"]).compute()
+    assert found.event_time_escape.dims == ("m[b]", "body")
+    assert found.run_stopped_by.values.tolist() == ["escape[b]", "escape[a]"]
+    assert found.event_time_escape.sel(body="a").isnull().values.tolist() == [True, False]
+    assert found.event_count_escape.values.tolist() == [[0, 1], [1, 0]]
+
+
+@pytest.mark.parametrize("name", ["grid", "grid.zarr"])
+def test_catalogues_hold_wholes(escapes: xd.Model, tmp_path: Path, name: str) -> None:
+    """Assert what is opened against what was marched in memory, labels and all."""
+    asked = {"axes": {"m[b]": [0.1, 100.0]}, "keep": ["end", "x", "event_time_escape"], "times": [0.1, 0.2]}
+    if name.endswith("zarr"):
+        pytest.importorskip("zarr")
+    xd.sweep(escapes, **asked, path=tmp_path / name)
+    with xd.open_sweep(tmp_path / name) as found:
+        there = xd.sweep(escapes, **asked).compute()
+        for word in ("end_x", "x", "event_time_escape", "run_stopped_by", "run_digest", "body", "m[b]"):
+            assert found[word].dims == there[word].dims, word
+            np.testing.assert_array_equal(found[word].values, there[word].values)
+        assert float(xd.member(found, **{"m[b]": 0.1}).x[-1, 1]) == float(found.end_x[0, 1])
+
+
+def test_members_are_added(escapes: xd.Model, tmp_path: Path) -> None:
+    """Assert that a longer axis of an element keeps what was marched."""
+    xd.sweep(escapes, {"m[b]": [1.0, 2.0]}, path=tmp_path).close()
+    longer = xd.sweep(escapes, {"m[b]": [1.0, 2.0, 3.0]}, path=tmp_path)
+    assert np.array_equal(longer.end_x, xd.sweep(escapes, {"m[b]": [1.0, 2.0, 3.0]}).end_x)
+
+
+def test_whole_runs(escapes: xd.Model, tmp_path: Path) -> None:
+    """Assert rows of all members, and archived runs at common times, with their dimensions."""
+    found = xd.sweep(escapes, {"m[b]": [1.0, 2.0]}, keep=["log"], path=tmp_path)
+    rows, logs = xd.ragged(found), xd.open_logs(found, [0.1, 0.2], names=["x", "v_x[a]"])
+    assert rows.x.dims == ("row", "body")
+    assert logs.x.dims == ("m[b]", "at", "body")
+    assert float(logs.v_x.sel(body="a")[0, 1]) == pytest.approx(0.2)
+    assert logs.v_x.sel(body="b").isnull().all()
+    run = xd.member(found, **{"m[b]": 2.0})
+    assert np.array_equal(run.x.sel(body="a"), rows.x.sel(body="a")[-run.sizes["step"] :])
+    run.close()
+
+
+@pytest.mark.parametrize(
+    ("axes", "keep", "said"),
+    [
+        ({"m[c]": [1.0]}, "end", r"'m\[c\]' is nothing that can vary; there are f, edge, m, t, x, v_x, step"),
+        ({"m[a]": ["1 s"]}, "end", "has 1.0 s, needs the unit 'kg'"),
+        ({"body": {"m[a]": [1.0], "m[b]": [2.0]}}, "end", "is a dimension of the model"),
+        ({"m": [1.0], "m[a]": [2.0]}, "end", r"'m\[a\]' varies along both 'm' and 'm\[a\]'"),
+        ({"m[a]": [1.0]}, "end_x[c]", r"keep has 'end_x\[c\]'; there are end, log, event_time_escape, .* end_x,"),
+        ({"m[a]": [1.0]}, "after_escape_x", "keep has 'after_escape_x'; there are"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(escapes: xd.Model, axes: dict[str, object], keep: str, said: str) -> None:
+    """Assert that names and values are refused in a line, elements named as people write them."""
+    with pytest.raises(xd.InputError, match=said) as caught:
+        xd.sweep(escapes, axes, keep=[keep])
+    assert DOT not in str(caught.value)
