@@ -82,6 +82,7 @@ def test_each_mode_of_the_rod_decays_by_its_exponential() -> None:
     ledger = xd.validate(model=model("heat"), methods=["radau_iia"])
     assert {*ledger.verdict.values.tolist()} == {0}
     assert ledger.sizes["case"] >= 50
+    assert "T[0]" in str(ledger.case_name.values[0])
 
 
 def test_the_front_travels_at_its_speed() -> None:

@@ -411,6 +411,17 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
 }
 
 
+def _of_dimensions(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the names of parameters with dimensions, of labels, of ends of links, and of elements at events."""
+    for name in parts["arrays"]:
+        yield name, f"parameter '{name}'"
+    for section, called in (("extents", "dimension"), ("relations", "relation")):
+        for name in parts[section]:
+            made = (label_of(name),) if section == "extents" else (end_of(name, "first"), end_of(name, "second"))
+            for variable_name in (*made, f"event_{name}"):
+                yield variable_name, f"{called} '{name}'"
+
+
 def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, each with what claims it."""
     for variable in (*FIXED, *EVENT_UNCERTAINTIES):
@@ -421,6 +432,7 @@ def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for name in parts[section]:
             for variable_name in claimed(name):
                 yield variable_name, f"{section.removesuffix('s')} '{name}'"
+    yield from _of_dimensions(parts)
     for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
         for name in parts[section]:
             yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"

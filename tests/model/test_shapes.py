@@ -167,6 +167,11 @@ def test_dimensions_have_names_of_their_own() -> None:
     """Assert that a dimension is not called like a coordinate, or like a dimension of the record."""
     with pytest.raises(xd.ModelError, match="dimension 'step': 'step' is a dimension of the record"):
         xd.Model.from_text(CHAIN.replace("site", "step"))
+    for name, owner in (("site_label", "dimension 'site'"), ("spring_first", "relation 'spring'")):
+        with pytest.raises(xd.ModelError, match=f"{owner} and parameter '{name}' both claim the name '{name}'"):
+            xd.Model.from_text(CHAIN.replace("A =", f'{name} = "1 m"\nA ='))
+    with pytest.raises(xd.ModelError, match="parameter 'v_u' and coordinate 'u' both claim the name 'v_u'"):
+        xd.Model.from_text(CHAIN.replace("m = {", 'v_u = { dims = ["site"], value = 1 }\nm = {'))
     with pytest.raises(xd.ModelError, match="relation 'u' and coordinate 'u' have one name; rename one"):
         xd.Model.from_text(CHAIN.replace("spring]", "u]").replace("spring)", "u)").replace('"spring"', '"u"'))
 

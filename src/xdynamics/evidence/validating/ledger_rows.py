@@ -13,6 +13,7 @@ from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, flags
+from xdynamics.shapes import spoken
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,7 +69,7 @@ def ledger_dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
         "case_run": ("run", "content digest of the run"),
     }
     variables: dict[str, Any] = {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE))
+        name: ((CASE,), np.array([spoken(getattr(row, key)) for row in rows]), about("1", long_name, ROLE))
         for name, (key, long_name) in words.items()
     }
     numbers = about("1", "", ROLE) | {"comment": "in the unit that case_units names"}
