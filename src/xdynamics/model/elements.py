@@ -18,7 +18,6 @@ from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential, Lazy
-from xdynamics.model.links import related
 from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter, Validation
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
@@ -33,7 +32,7 @@ Place = Mapping[str, int]
 
 def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
     """Return the dimensions of everything that a statement declares; what cannot be is noted."""
-    shapes = related(statement.extents, statement.relations, ledger)
+    shapes = statement.bare_shapes
     dims: dict[str, tuple[str, ...]] = {}
     for name, part in statement.coordinates.items():
         dims |= dict.fromkeys((name, velocity(name), acceleration(name)), part.dims)

@@ -8,10 +8,11 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
+from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.arrays import Values
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
-from xdynamics.model.links import Links
+from xdynamics.model.links import Links, related
 from xdynamics.model.parts import (
     Contact,
     Coordinate,
@@ -30,7 +31,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes import Extent
+from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import SECONDS, Quantity, Unit
 
 
@@ -69,6 +70,14 @@ class Statement:
     relations: dict[str, Links] = field(default_factory=dict)
     arrays: dict[str, Values] = field(default_factory=dict)  # parameters with dimensions
     starting: dict[str, Values] = field(default_factory=dict)  # values at the start with dimensions, or by expressions
+
+    @cached_property
+    def bare_shapes(self) -> Shapes:
+        """Dimensions and relations with their links, without what has them; a `ModelError` if one cannot be."""
+        ledger = Ledger(f"model '{self.name}'", ModelError)
+        shapes = related(self.extents, self.relations, ledger)
+        ledger.raise_faults()
+        return shapes
 
     @cached_property
     def mass_entries(self) -> dict[tuple[int, int], Node]:

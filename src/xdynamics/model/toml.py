@@ -9,12 +9,10 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.arrays import Values, written_values
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.lagrangian import TERMS
-from xdynamics.model.links import related
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
@@ -72,8 +70,7 @@ def _initial(statement: Statement) -> dict[str, Any]:
 
 
 def _values_of(statement: Statement, values: Values, *, declared: bool) -> Any:
-    shapes = related(statement.extents, statement.relations, Ledger("", ModelError))
-    return written_values(values, shapes, declared=declared)
+    return written_values(values, statement.bare_shapes, declared=declared)
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
