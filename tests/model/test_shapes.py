@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.expressions import text_of
+from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model import Function
+from xdynamics.shapes import Extent, Shapes, at
 
 PLANETS = """
 name = "three bodies"
@@ -87,6 +90,14 @@ def test_elements_have_values_by_label_and_in_one_unit() -> None:
     )
 
 
+def test_a_cross_product_is_right_handed() -> None:
+    """Assert that x times y is z, cyclically."""
+    axis = Extent("axis", 3, ("x", "y", "z"))
+    shapes = Shapes({"axis": axis}, {}, {"a": ("axis",), "b": ("axis",)})
+    texts = [text_of(at(parse("cross(a, b, axis)"), {"axis": i}, shapes)) for i in range(3)]
+    assert texts == ["a·y*b·z - a·z*b·y", "a·z*b·x - a·x*b·z", "a·x*b·y - a·y*b·x"]
+
+
 def test_the_force_of_a_link_has_its_opposite() -> None:
     """Assert that components over a relation act on both ends, added in the order of links, like those of a potential."""
     model = xd.Model.from_text(CHAIN)
@@ -112,6 +123,13 @@ def test_values_at_the_start_follow_the_parameters_they_read() -> None:
     assert xd.Model.from_text(twice.to_toml()) == twice
     moved = model.replace(initial={"u[2]": "0.5 m"})
     assert moved.initial["u·2"].value == 0.5
+    louder = {"A": twice.parameters["A"]}
+    for other in (
+        moved.replace(parameters={"A": "0.2 m"}),
+        moved.with_statement(replace(moved.statement, parameters=moved.parameters | louder)),
+    ):
+        assert other.initial == moved.initial  # what was written down as numbers follows nothing any more
+        assert xd.Model.from_text(other.to_toml()).initial == other.initial
     assert xd.Model.from_text(moved.to_toml()).initial == moved.initial
 
 
@@ -138,6 +156,7 @@ def test_elements_and_wholes_are_replaced() -> None:
         ('"body", "axis"]', '"body", "body"]', "coordinate 'r': dims has one of body, body twice"),
         ('of = "body"', 'of = "bodies"', "relation 'pair': 'bodies' is no dimension; there are: body, axis"),
         ('of = "body"', 'of = "body"\nneighbours = 2\nring = true', "neighbours is 2 in a ring of 3 elements"),
+        ('["x", "y"]\n[relations.pair]', '4\n[relations.loop]\nof = "axis"\nneighbours = 2\nring = true\n[relations.pair]', "neighbours is 2 in a ring of 4 elements"),
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Sun\\n"', "line 2: links 'Sun' with itself"),
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Jupiter\\nJupiter,Sun\\n"', "line 3: the link of line 2 is there again"),
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Mars\\n"', "line 2: dimension 'body' has no element Mars"),

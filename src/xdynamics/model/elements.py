@@ -465,7 +465,7 @@ def following(declared: Statement, elements: Statement, old: Statement, shapes: 
     """
     if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
         return elements
-    start = Elements(declared, shapes).started(elements.parameters)
+    start = Elements(gathered(declared, old, shapes), shapes).started(elements.parameters)
     same = {one: quantity for one, quantity in start.items() if elements.initial[one] == old.initial[one]}
     return replace(elements, initial=elements.initial | same)
 
