@@ -161,6 +161,7 @@ def test_elements_and_wholes_are_replaced() -> None:
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Jupiter\\nJupiter,Sun\\n"', "line 3: the link of line 2 is there again"),
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Mars\\n"', "line 2: dimension 'body' has no element Mars"),
         ('"500 g"', '"500 s"', "parameter 'm': has '500 s' beside values in 'kg'"),
+        ('values = { Sun = "10 kg", Jupiter = "1 kg", Saturn = "500 g" }', 'csv = "body,m [kg]\\nSun,1\\nSun,2\\nSaturn,1\\n"', "line 3: 'Sun' is there twice"),
         (', Saturn = "500 g"', "", "parameter 'm': values lacks Saturn"),
         ("Saturn =", "Mars =", "parameter 'm': values has 'Mars', no element of 'body'"),
         ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0]]", "initial value 'r': value has 2 along 'body', needs 3 elements"),
