@@ -11,7 +11,8 @@ from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.blocks import Blocks
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.nests import Nests, UnprintedError
+from xdynamics.kernels.nest_indices import UnprintedError
+from xdynamics.kernels.nests import Nests
 from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, Store, element
 from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes

@@ -1,0 +1,62 @@
+"""Indices of loops over elements, and what is raised where loops cannot be written as they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class UnprintedError(Exception):
+    """An expression that has no loops; its elements are written out."""
+
+
+class SplitError(Exception):
+    """An index whose values are not all treated alike: those before a number, and those from there on."""
+
+    def __init__(self, index: str, at: int) -> None:
+        self.index, self.at = index, at
+
+
+class Index(NamedTuple):
+    """The number of an element: that of a loop's index and a shift, or a known one.
+
+    Attributes
+    ----------
+    name : str
+        Of the index; empty where the number is known.
+    shift : int
+        What is added to it; the known number.
+    first, last : int
+        The numbers that it may have, from `first` to before `last`.
+    level : int
+        How many loops are around it.
+    gathered : bool
+        Whether the index is read from a table.
+    """
+
+    name: str
+    shift: int
+    first: int
+    last: int
+    level: int = 0
+    gathered: bool = False
+
+
+class Link(NamedTuple):
+    """A link of a relation of every two, by its ends."""
+
+    first: Index
+    second: Index
+
+    @property
+    def level(self) -> int:
+        """How many loops are around it."""
+        return max(self.first.level, self.second.level)
+
+
+Env = Mapping[str, Index | Link]
+
+
+def known_number(number: int) -> Index:
+    """Return the index of a known element."""
+    return Index("", number, number, number + 1)

@@ -1,0 +1,240 @@
+"""What stands at the ends of links, and sums over the links that meet an element, in loops."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from xdynamics.expressions import Along, Negative, Node
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.kernels.link_patterns import PIECES, Pattern, of_every_two, patterns, stretches
+from xdynamics.kernels.nest_indices import Env, Index, Link, SplitError, UnprintedError, known_number
+from xdynamics.kernels.nest_reductions import Reductions
+from xdynamics.kernels.program import Gather, Loop, Operand, Place, Reduction
+from xdynamics.shapes import Relation
+from xdynamics.shapes.trees import end_of
+
+LARGEST_TABLE = 200_000
+
+
+class LinkSums(Reductions):
+    """Writes values at the ends of links, and what links give to the elements there."""
+
+    def _end(self, relation: Relation, function: str, link: Index | Link) -> Index:
+        """Return the element at an end of a link."""
+        if isinstance(link, Link):
+            return link.first if function == "first" else link.second
+        numbers = relation.first if function == "first" else relation.second
+        if not link.name:
+            return known_number(int(numbers[link.shift]))
+        starts = stretches(numbers)
+        if len(starts) <= PIECES and not link.gathered:
+            later = [start for start in starts if start > link.first]
+            if later and later[0] < link.last:
+                raise SplitError(link.name, later[0])
+            far = int(numbers[link.first]) - link.first
+            return link._replace(shift=link.shift + far, first=link.first + far, last=link.last + far)
+        table = f"{relation.name}_{function}"
+        key, memo = (table, link), self._memos[link.level]
+        if key not in memo:
+            memo[key] = f"_i{next(self._serial)}"
+            place = Place(self._table(table, numbers.tolist()), link.shift, ((link.name, 1),))
+            self._scopes[link.level].lines.append(Gather(str(memo[key]), place))
+        dim = relation.source if function == "first" else relation.target
+        return Index(str(memo[key]), 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
+
+    def _table(self, name: str, numbers: list[int]) -> str:
+        if len(numbers) > LARGEST_TABLE:
+            raise UnprintedError
+        self.tables.setdefault(name, tuple(numbers))
+        return name
+
+    def _onto(self, number: int, node: Along, env: Env) -> Operand:
+        """Write the sum of what links give to an element."""
+        relation, dim = self.shapes.relations[node.dims[0]], end_of(node, self.shapes)
+        index = env[dim]
+        if isinstance(index, Link):
+            raise UnprintedError
+        if number not in self._arrays and not of_every_two(relation) and not index.gathered:
+            first, second = (one != ZERO for one in node.arguments)
+            runs = patterns(relation, (first, second), self.shapes.extent(dim).size)
+            if len(runs) <= PIECES:
+                return self._sum_of_links(number, runs, index, env)
+        if number not in self._arrays:
+            if of_every_two(relation):
+                self._stage_pairs(relation)
+            else:
+                self._stage_links(number, node, relation)
+        return self._load_staged(number, env)
+
+    def _sum_of_links(self, number: int, runs: Mapping[int, Pattern], index: Index, env: Env) -> Operand:
+        """Write what an element's links give, whose numbers follow from the element's."""
+        later = [start for start in runs if start > index.first]
+        if later and later[0] < index.last:
+            raise SplitError(index.name, later[0])
+        stride, links = runs[max(start for start in runs if start <= index.first)]
+        node = self._parts.nodes[number]
+        assert isinstance(node, Along)  # noqa: S101 - it is what links give
+        terms = []
+        for end, far in links:
+            if index.name:
+                first, last = (stride * n + far for n in (index.first, index.last - 1))
+                link = Index(index.name, index.shift, first, last + 1, index.level)
+            else:
+                link = known_number(index.shift * stride + far)
+            terms.append(self._of_link(self._parts.operands[number][end], node.dims[0], link, (stride, far), env))
+        return self._chained("add", terms) if terms else 0.0
+
+    def _of_link(self, number: int, dim: str, link: Index, by: tuple[int, int], env: Env) -> Operand:
+        """Read what a link gives, after that was computed for all links."""
+        if isinstance(self._parts.nodes[number], Negative):
+            return self.compute("negative", self._of_link(self._parts.operands[number][0], dim, link, by, env))
+        if dim not in self._parts.dims[number]:
+            return self.value(number, env)
+        dims, (stride, far) = self.shapes.ordered(set(self._parts.dims[number])), by
+        place = self._staged(number)
+        if not link.name:
+            return self._load(self._at(place, dims, {**env, dim: link}), dims, {**env, dim: link})
+        apart = math.prod(self.shapes.shape(dims[dims.index(dim) + 1 :]))
+        at = self._at(place, dims, {**env, dim: known_number(link.shift * stride + far)})
+        at = Place(at.array, at.offset, (*at.strides, (link.name, stride * apart)))
+        return self._load(at, dims, {**env, dim: link})
+
+    def _stage_pairs(self, relation: Relation) -> None:
+        """Write for every element the sum over all others: those before it, then those after it."""
+        parts, dim = self._parts, relation.source
+        inner = self._nested_sums()
+        numbers = [
+            number
+            for number, node in enumerate(parts.nodes)
+            if _is_onto(node, relation.name) and number not in self._arrays and number not in inner
+        ]
+        sums: list[tuple[int, Env]] = []  # an onto and the place of each of its elements along small dimensions
+        for number in numbers:
+            others = tuple(one for one in self._dims(number) if one != dim)
+            if not self._written_out(others):
+                raise UnprintedError
+            self._arrays[number] = self._new_array(number)
+            sums += [(number, env) for env in self._all(others)]
+        size = self.shapes.extent(dim).size
+
+        def write(env: Env) -> None:
+            i = env[dim]
+            assert isinstance(i, Index)  # noqa: S101 - elements, no links
+            if not i.name or (i.first, i.last) != (0, size):
+                raise UnprintedError
+            totals: list[Operand] = [-0.0] * len(sums)
+            for end in (1, 0):
+                totals = self._over_others(relation, end, i, sums, totals)
+            for (number, inner), total in zip(sums, totals, strict=True):
+                self._store(self._at(self._arrays[number], self._dims(number), {**env, **inner}), total)
+
+        if size <= 1:
+            raise UnprintedError
+        with self._outside():
+            self._nest((dim,), write, whole=True)
+
+    def _over_others(
+        self, relation: Relation, end: int, i: Index, sums: Sequence[tuple[int, Env]], totals: list[Operand]
+    ) -> list[Operand]:
+        """Write the sums over all elements before one, to whose links it is second, or over all after it."""
+        size = i.last
+        acting = [k for k, (number, _) in enumerate(sums) if self._gives(number, end)]
+        if not acting:
+            return totals
+        with self._scope() as level:
+            j = Index(f"_i{next(self._serial)}", 0, 0, size, level)
+            link = Link(j, i) if end else Link(i, j)
+            now, new = [self._total(level) for _ in acting], []
+            with self._whole(i, j):
+                for name, k in zip(now, acting, strict=True):
+                    number, env = sums[k]
+                    term = self.value(self._parts.operands[number][end], {**env, relation.name: link})
+                    new.append(self.compute("add", name, term))
+            body = tuple(self._scopes[-1].lines)
+        start = tuple(totals[k] for k in acting)
+        bounds = {"below" if end else "above": i.name}
+        line = Reduction(j.name, size, body, tuple(map(str, new)), tuple(now), "newest", start, **bounds)
+        joined = dict(zip(acting, self._joined(line), strict=True))
+        return [joined.get(k, total) for k, total in enumerate(totals)]
+
+    def _gives(self, number: int, end: int) -> bool:
+        """Whether links give something to the elements at one of their ends."""
+        node = self._parts.nodes[number]
+        return isinstance(node, Along) and node.arguments[end] != ZERO
+
+    def _stage_links(self, number: int, node: Along, relation: Relation) -> None:
+        """Write what links give, and then add it to the elements at their ends, link by link."""
+        array, dims, dim = self._new_array(number), self._dims(number), end_of(node, self.shapes)
+        acting = [end for end in (0, 1) if node.arguments[end] != ZERO]
+        others = tuple(one for one in dims if one != dim)
+        ends = (relation.first, relation.second)
+        touched = np.unique(np.concatenate([ends[end] for end in acting]))
+        lonely = np.setdiff1d(np.arange(self.shapes.extent(dim).size), touched).tolist()
+        with self._outside():
+            values = [self._parts.operands[number][end] for end in acting]
+            for value in values:
+                if relation.name in self._parts.dims[value]:
+                    self._staged(value)
+            self._nest(dims, lambda env: self._store(self._at(array, dims, env), -0.0))
+            self._nest((relation.name,), lambda env: self._add_links(number, array, others, env), whole=True)
+            if lonely:
+                self._nest_lonely(self._table(f"{relation.name}_lonely_{number}", lonely), dim, array, dims)
+        self._arrays[number] = array
+
+    def _add_links(self, number: int, array: Place, others: tuple[str, ...], env: Env) -> None:
+        node, dims = self._parts.nodes[number], self._dims(number)
+        assert isinstance(node, Along)  # noqa: S101 - it is what links give
+        relation = self.shapes.relations[node.dims[0]]
+        link, size = env[relation.name], relation.size
+        if not isinstance(link, Index) or (link.first, link.last) != (0, size):
+            raise UnprintedError
+        if not self._written_out(others):
+            raise UnprintedError
+        dim = end_of(node, self.shapes)
+        for end, function in enumerate(("first", "second")):
+            if node.arguments[end] == ZERO:
+                continue
+            at = self._gathered(relation, function, link)
+            for inner in self._all(others):
+                here = {**env, **inner, dim: at}
+                place = self._at(array, dims, here)
+                part = self._parts.operands[number][end]
+                term = self._load_staged(part, here) if part in self._arrays else self.value(part, here)
+                self._store(place, self.compute("add", self._load(place, dims, here), term))
+
+    def _gathered(self, relation: Relation, function: str, link: Index) -> Index:
+        """Return the element at an end, read from a table."""
+        numbers = relation.first if function == "first" else relation.second
+        name = f"_i{next(self._serial)}"
+        table = self._table(f"{relation.name}_{function}", numbers.tolist())
+        self._scopes[link.level].lines.append(Gather(name, Place(table, link.shift, ((link.name, 1),))))
+        dim = relation.source if function == "first" else relation.target
+        return Index(name, 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
+
+    def _nest_lonely(self, table: str, dim: str, array: Place, dims: tuple[str, ...]) -> None:
+        """Set elements without links to 0."""
+        others = tuple(one for one in dims if one != dim)
+        size = len(self.tables[table])
+        with self._scope() as level:
+            index, at = f"_i{next(self._serial)}", f"_i{next(self._serial)}"
+            self._scopes[-1].lines.append(Gather(at, Place(table, 0, ((index, 1),))))
+            here = Index(at, 0, 0, size, level, gathered=True)
+            for inner in self._all(others):
+                self._store(self._at(array, dims, {**inner, dim: here}), 0.0)
+            body = tuple(self._scopes[-1].lines)
+        self._scopes[-1].lines.append(Loop(index, size, body))
+
+    def _nested_sums(self) -> set[int]:
+        """Return the parts that depend on what links give."""
+        found: set[int] = set()
+        for number, operands in enumerate(self._parts.operands):
+            if any(one in found or _is_onto(self._parts.nodes[one]) for one in operands):
+                found.add(number)
+        return found
+
+
+def _is_onto(node: Node, relation: str = "") -> bool:
+    return isinstance(node, Along) and node.function == "onto" and relation in ("", node.dims[0])
