@@ -25,6 +25,10 @@ SAID = {
     "hypot": "sqrt(x**2 + y**2)",
     "sqrt": "of any unit with even powers",
     "log": "natural",
+    "floor": "whole number below, of pure numbers; floor, ceil, round and mod switch like sign and stay free as names",
+    "ceil": "whole number above",
+    "round": "nearest whole number; of two equally near ones the even one, as Python's",
+    "mod": "mod(a, b): a - b*floor(a/b) in the unit of both, with the sign of b, as Python's a % b",
 }
 BY_NAME = (  # variables of the record that are named after the model's own names
     ("x, v_x, a_x", "step", "every coordinate, its velocity and acceleration, in their own units"),

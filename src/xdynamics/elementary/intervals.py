@@ -13,7 +13,7 @@ from functools import partial
 from math import inf, pi
 from typing import Any, NamedTuple
 
-from xdynamics.elementary.numbers import Number, Truth, Whole, absolute, choose, floor, quotient, sqrt
+from xdynamics.elementary.numbers import Number, Truth, Whole, absolute, ceiling, choose, floor, nearest, quotient, sqrt
 from xdynamics.elementary.rounding_margins import (
     ARCHED,
     BENT,
@@ -98,6 +98,18 @@ def _quotient(of: Intervals, a: Interval, b: Interval) -> Interval:
 def _signs(_: Intervals, a: Interval) -> Interval:
     low, high = _sign(a.low), _sign(a.high)
     return _settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
+
+
+def _stepped(rule: Callable[[Number], Number], _: Intervals, a: Interval) -> Interval:
+    """Enclose a function that rises by jumps."""
+    low, high = rule(a.low), rule(a.high)
+    return _settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
+
+
+def _remainder(of: Intervals, a: Interval, b: Interval) -> Interval:
+    turns = _stepped(floor, of, _quotient(of, a, b))
+    taken = _product(of, b, turns.low, turns.high, _worst(b, turns))
+    return of.outward(a.low - taken.high, a.high - taken.low, _worst(a, taken))
 
 
 def _root(of: Intervals, a: Interval) -> Interval:
@@ -341,6 +353,10 @@ _RULES: Mapping[str, Callable[..., Any]] = {
     "abs": lambda _, a: _settled(*_sizes(a), a.flaw),
     "sign": _signs,
     "sqrt": _root,
+    "floor": partial(_stepped, floor),
+    "ceil": partial(_stepped, ceiling),
+    "round": partial(_stepped, nearest),
+    "mod": _remainder,
     "least": lambda _, a, b: _settled(least(a.low, b.low), least(a.high, b.high), _worst(a, b)),
     "greatest": lambda _, a, b: _settled(greatest(a.low, b.low), greatest(a.high, b.high), _worst(a, b)),
     "positive": lambda _, a: a._replace(flaw=choose(a.low > 0.0, a.flaw, UNBOUNDED)),

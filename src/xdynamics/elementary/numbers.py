@@ -28,6 +28,7 @@ UPPER_HALF = -(1 << 27)  # the bits of sign, exponent and 25 of the 52 others
 MAGIC = 1.5 * 2.0**52  # numbers of this size are whole: a number added to it is rounded to a whole one
 MAGIC_BITS = 0x4338000000000000
 INF, NAN = math.inf, math.nan
+LARGEST_FRACTION, LARGEST_TURNS = 2.0**51, 2.0**53  # from the first on all numbers count as whole here
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52  # bits of the fraction, of 1.0
 
 
@@ -109,7 +110,30 @@ def sqrt(x: Number) -> Number:
 
 def floor(x: Number) -> Number:
     """Return the greatest whole number that is at most x."""
-    return x.floor() if isinstance(x, Written) else float(np.floor(x))
+    if isinstance(x, Written):
+        return x.floor()
+    return np.floor(x) if isinstance(x, np.ndarray) else float(np.floor(x))
+
+
+def ceiling(x: Number) -> Number:
+    """Return the least whole number that is at least x."""
+    return -floor(-x)
+
+
+def nearest(x: Number) -> Number:
+    """Return the whole number nearest to x; of two equally near ones the even one, as Python's `round`."""
+    return choose(absolute(x) < LARGEST_FRACTION, signed((absolute(x) + MAGIC) - MAGIC, x), x)
+
+
+def modulo(x: Number, y: Number) -> Number:
+    """Return x - y*floor(x/y), exactly rounded, with the sign of y, as Python's %; nan from 2**53 turns on."""
+    turns = floor(quotient(x, y))
+    product, lost = exact_product(turns, y)
+    rest = choose(turns == 0.0, x, (x - product) - lost)
+    beyond = ((rest < 0.0) & (y > 0.0)) | ((rest > 0.0) & (y < 0.0))  # a quotient that was rounded up
+    rest = choose(beyond, rest + y, rest)
+    rest = choose(rest == 0.0, choose(y < 0.0, -0.0, 0.0), rest)
+    return choose(absolute(turns) < LARGEST_TURNS, rest, NAN)
 
 
 def quotient(x: Number, y: Number) -> Number:

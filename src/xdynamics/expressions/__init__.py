@@ -9,6 +9,7 @@ from xdynamics.expressions.latex import latex
 from xdynamics.expressions.parser import parse
 from xdynamics.expressions.tree import (
     ALONG,
+    CALLED_ALONE,
     FUNCTIONS,
     Along,
     Binary,
@@ -31,6 +32,7 @@ from xdynamics.expressions.tree import (
 
 __all__ = [
     "ALONG",
+    "CALLED_ALONE",
     "FUNCTIONS",
     "Along",
     "Binary",

@@ -63,8 +63,8 @@ def derivative(node: Node, rates: Rates) -> Node:
 
     Notes
     -----
-    At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is that of the branch taken; that of ``sign``
-    is zero everywhere.
+    At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is that of the branch taken; that of ``sign``,
+    ``floor``, ``ceil`` and ``round`` is zero everywhere, and ``mod`` is differentiated between its jumps.
     """
     return derivatives(node, {name: {"": rate} for name, rate in rates.items()}).get("", ZERO)
 
@@ -265,6 +265,9 @@ def _of_call(node: Call, inner_rates: Sequence[Node]) -> Node:
         y, x = node.arguments
         above = add(multiply(inner_rates[0], x), negative(multiply(y, inner_rates[1])))
         return divide(above, Binary("+", Binary("**", x, TWO), Binary("**", y, TWO)))
+    if node.function == "mod":
+        a, b = node.arguments
+        return add(inner_rates[0], negative(multiply(Call("floor", (Binary("/", a, b),)), inner_rates[1])))
     if node.function == "hypot":
         terms = [multiply(argument, rate) for argument, rate in zip(node.arguments, inner_rates, strict=True)]
         return divide(add(*terms), node)
@@ -288,7 +291,7 @@ def _of_choice(node: Call, inner_rates: Sequence[Node]) -> Node:
 # f(u)' by function, from u, f(u) itself and u'
 _OUTER: dict[str, Callable[[Node, Node, Node], Node]] = {
     "abs": lambda u, _, rate: multiply(Call("sign", (u,)), rate),
-    "sign": lambda _u, _f, _rate: ZERO,
+    **dict.fromkeys(("sign", "floor", "ceil", "round"), lambda _u, _f, _rate: ZERO),
     "sqrt": lambda _, f, rate: divide(rate, Binary("*", TWO, f)),
     "exp": lambda _, f, rate: multiply(f, rate),
     "log": lambda u, _, rate: divide(rate, u),

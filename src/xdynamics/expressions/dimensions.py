@@ -21,7 +21,7 @@ from xdynamics.expressions.tree import (
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, Dimension
 
-_KEEPS = ("abs", "min", "max", "hypot")  # of the same dimension as their arguments
+_KEEPS = ("abs", "min", "max", "hypot", "mod")  # of the same dimension as their arguments
 
 
 def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:

@@ -13,7 +13,7 @@ import numpy as np
 
 from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.arrays import applied
-from xdynamics.elementary.numbers import greatest, least, positive, sign
+from xdynamics.elementary.numbers import ceiling, floor, greatest, least, modulo, nearest, positive, sign
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of
 from xdynamics.faults import InputError
 
@@ -158,6 +158,10 @@ NUMERIC: dict[str, Callable[..., float]] = {
     "sign": sign,
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan,
     "positive": positive,
+    "floor": _of_floats(floor),
+    "ceil": _of_floats(ceiling),
+    "round": _of_floats(nearest),
+    "mod": _of_floats(modulo),
     **{name: _of_floats(function) for name, function in FUNCTIONS.items()},
 }
 FLOATS = Arithmetic(
@@ -179,6 +183,10 @@ def _of_arrays(math_functions: str) -> Arithmetic:
             "sign": lambda x: np.where(x > 0.0, 1.0, np.where(x < 0.0, -1.0, x)),
             "sqrt": np.sqrt,
             "positive": lambda x: np.where(x > 0.0, x, np.nan),
+            "floor": np.floor,
+            "ceil": np.ceil,
+            "round": np.rint,
+            "mod": lambda *values: modulo(*(np.asarray(value, float)[()] for value in values)),
             **{name: partial(applied, name, math_functions=math_functions) for name in FUNCTIONS},
         },
         lambda truth, yes, no: np.where(truth, yes(), no()),

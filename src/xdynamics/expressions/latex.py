@@ -100,6 +100,8 @@ def _call(node: Call) -> str:
         return rf"\left|{arguments[0]}\right|"
     if node.function == "sqrt":
         return rf"\sqrt{{{arguments[0]}}}"
+    if node.function in ("floor", "ceil"):
+        return rf"\left\l{node.function}{{}}{arguments[0]}\right\r{node.function}"
     name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
     return rf"{name}\left({', '.join(arguments)}\right)"
 

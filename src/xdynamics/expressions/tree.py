@@ -34,7 +34,12 @@ FUNCTIONS = {
     "min": 2,
     "max": 2,
     "where": 3,
+    "floor": 1,
+    "ceil": 1,
+    "round": 1,
+    "mod": 2,
 }
+CALLED_ALONE = ("floor", "ceil", "round", "mod")  # functions before a parenthesis only: as names they stay free
 
 
 @dataclass(frozen=True)

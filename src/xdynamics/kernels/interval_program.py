@@ -27,8 +27,8 @@ from xdynamics.schema import acceleration, rate, velocity
 # operations of `elementary.intervals` by their number of operands
 COMPARED = ("less", "at_most", "more", "at_least", "equal", "unequal")
 ARITHMETIC = {
-    **dict.fromkeys(("add", "subtract", "multiply", "divide", "least", "greatest", *COMPARED), 2),
-    **dict.fromkeys(("square", "negative", "sqrt", "abs", "sign", "positive"), 1),
+    **dict.fromkeys(("add", "subtract", "multiply", "divide", "least", "greatest", "mod", *COMPARED), 2),
+    **dict.fromkeys(("square", "negative", "sqrt", "abs", "sign", "positive", "floor", "ceil", "round"), 1),
     "choose": 3,
 }
 CALLED = {name: 2 if name in ("hypot", "atan2", "power") else 1 for name in FUNCTIONS}

@@ -16,7 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
-from xdynamics.elementary.numbers import absolute, choose, greatest, least, positive, sign, sqrt
+from xdynamics.elementary.numbers import (
+    absolute,
+    ceiling,
+    choose,
+    floor,
+    greatest,
+    least,
+    modulo,
+    nearest,
+    positive,
+    sign,
+    sqrt,
+)
+from xdynamics.expressions import CALLED_ALONE
 from xdynamics.expressions.evaluation import NUMERIC
 
 # operation: sign in Python and how strongly it binds
@@ -48,6 +61,10 @@ RULES: Mapping[str, Callable[..., Any]] = {
     "least": least,
     "greatest": greatest,
     "positive": positive,
+    "floor": floor,
+    "ceil": ceiling,
+    "round": nearest,
+    "mod": modulo,
     "newest": lambda _, new: new,
 }
 
@@ -68,10 +85,9 @@ def _kept(function: Callable[..., float]) -> Callable[..., float]:
 
 
 # by their names in printed Python, where a model's own names cannot collide with those that have an underscore
+_PRIVATE = ("positive", "power", *CALLED_ALONE)
 PYTHON: dict[str, Any] = {
-    **{name: _kept(function) for name, function in NUMERIC.items() if name not in ("positive", "power")},
-    "_positive": _kept(NUMERIC["positive"]),
-    "_power": _kept(NUMERIC["power"]),
+    **{f"_{name}" if name in _PRIVATE else name: _kept(function) for name, function in NUMERIC.items()},
     "_least": _kept(least),
     "_greatest": _kept(greatest),
     "_ordinal": np.float64,

@@ -8,7 +8,17 @@ from collections.abc import Iterable, Mapping
 from itertools import count, islice
 from typing import Any
 
-from xdynamics.expressions import FUNCTIONS, Node, Number, dimension_of, expand, free_names, shown, text_of
+from xdynamics.expressions import (
+    CALLED_ALONE,
+    FUNCTIONS,
+    Node,
+    Number,
+    dimension_of,
+    expand,
+    free_names,
+    shown,
+    text_of,
+)
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import unit_of
@@ -28,7 +38,7 @@ OF_RECORD = {
     "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
     "residual", "first", "second",
 }  # fmt: skip
-RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS}
+RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
 
 
 def check(statement: Statement) -> dict[str, Dimension]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from xdynamics.expressions import Call, Node, derivative, dimension_of, expand, free_names, text_of
+from xdynamics.expressions import CALLED_ALONE, Call, Node, derivative, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
@@ -18,7 +18,7 @@ from xdynamics.units import CONSTANTS, NONE, Dimension, constant
 MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
 
 ROUNDING = 64 * 2.0**-52  # of the terms of a gap
-KINKS = {"abs", "sign", "min", "max", "where"}
+KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
 
 Dimensions = Mapping[str, Dimension]
 

@@ -1,7 +1,7 @@
 """Switches hidden in forces: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
 
-On either side a force is smooth, across the switch it is not: no method keeps its order over a step that passes one.
-The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
+`floor`, `ceil`, `round` and `mod` switch where they jump. On either side a force is smooth, across the switch it is not:
+no method keeps its order over a step that passes one. The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
 """
 
 from __future__ import annotations
@@ -10,15 +10,28 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, free_names
-from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions import (
+    CALLED_ALONE,
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    free_names,
+)
+from xdynamics.expressions.calculus import ONE, TWO, ZERO
 from xdynamics.expressions.tree import children, every
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
-SWITCHING = ("abs", "sign", "min", "max", "where")
+SWITCHING = ("abs", "sign", "min", "max", "where", *CALLED_ALONE)
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
@@ -29,6 +42,8 @@ BENT = (
     "linear",
 )  # interpolations that jump or have a kink at every point; the others are smooth enough to step over
 
+
+_ROUNDING = Number(1e-15)
 
 # The conditions for a switch to have an effect: comparisons of the `where`s around it, each with its required truth.
 Path = tuple[tuple[Compare, bool], ...]
@@ -272,12 +287,45 @@ def _on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
         return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
     if node.function in ("min", "max"):
         return _extremum_on_sides(node, inner, sides)
+    if node.function in CALLED_ALONE and (name := sides.get(_turning(node))) is not None:
+        return _whole_on_side(node.function, inner, Name(name))
     if node.function == "where" and isinstance(node.arguments[0], Compare):
         condition = node.arguments[0]
         known_side = sides.get(Binary("-", condition.left, condition.right))
         if known_side is not None:
             return Call("where", (Compare(condition.operator[0], Name(known_side), ZERO), *inner[1:]), node.column)
     return Call(node.function, inner, node.column)
+
+
+def _turning(node: Call) -> Node:
+    """Return the function that passes through zero where `floor`, `ceil`, `round` or `mod` jumps.
+
+    It is positive where the whole number is even. The small terms put a whole number, where sines and cosines of
+    multiples of pi are off by rounding, on its own side; they move a jump by less than 1e-15 of the argument.
+    """
+    u = _counted(node.function, node.arguments)
+    far = Call("hypot", (ONE, u))
+    if node.function == "round":
+        return Binary("+", Call("cos", (Binary("*", Name("pi"), u),)), Binary("*", _ROUNDING, far))
+    return Call("sin", (Binary("+", Binary("*", Name("pi"), u), Binary("*", _ROUNDING, Binary("-", far, ONE))),))
+
+
+def _counted(function: str, arguments: tuple[Node, ...]) -> Node:
+    """Return what is rounded down, or to the nearest whole number."""
+    if function == "mod":
+        return Binary("/", arguments[0], arguments[1])
+    return Negative(arguments[0]) if function == "ceil" else arguments[0]
+
+
+def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
+    """Write `floor`, `ceil`, `round` and `mod` for a known side: the even, or odd, whole number that is near."""
+    moved = Binary("+", ONE, side_name) if function == "round" else side_name
+    halves = Binary("+", Binary("/", _counted(function, inner), TWO), Binary("/", moved, Number(4.0)))
+    odd = Binary("/", Binary("-", ONE, side_name), TWO)
+    whole = Binary("+", Binary("*", TWO, Call("floor", (halves,))), odd)
+    if function == "mod":
+        return Binary("-", inner[0], Binary("*", inner[1], whole))
+    return Negative(whole) if function == "ceil" else whole
 
 
 def _extremum_on_sides(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
@@ -389,6 +437,8 @@ def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
     """Yield the functions of the switches of a call itself, whether there is a jump, and the side of zero."""
     if node.function in ("abs", "sign"):
         yield node.arguments[0], node.function == "sign", 1
+    elif node.function in CALLED_ALONE:
+        yield _turning(node), True, 1
     elif node.function in ("min", "max"):
         *rest, last = node.arguments
         for i, argument in enumerate(rest):

@@ -26,6 +26,9 @@ FUNCTIONS = {
     "sign": "sign",
     "Min": "min",
     "Max": "max",
+    "floor": "floor",
+    "ceiling": "ceil",
+    "Mod": "mod",
 }
 TERM = "motion"  # the force term that holds the right-hand side
 
