@@ -16,7 +16,7 @@ from xdynamics.faults import InputError
 
 MOST_NODES = 200_000
 LARGEST_EXPONENT = 16
-REMEDY = "write numpy.where(condition, a, b) in the place of a branch, and numpy's functions in that of math's"
+REMEDY = "write numpy.where(condition, a, b) in the place of a branch"
 # numpy's name of a function -> ours
 NAMED = {
     "sin": "sin",
@@ -40,8 +40,17 @@ NAMED = {
     "minimum": "min",
     "fmax": "max",
     "fmin": "min",
+    "floor": "floor",
+    "ceil": "ceil",
+    "rint": "round",
+    "remainder": "mod",
+    "mod": "mod",
 }
 COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
+
+
+class WholeNumberError(InputError):
+    """An unknown number stands where Python needs a whole one: as an index, or in `range`."""
 
 
 class Traced:
@@ -75,6 +84,27 @@ class Traced:
 
     def __rtruediv__(self, other: Any) -> Any:
         return _joined("/", other, self)
+
+    def __mod__(self, other: Any) -> Any:
+        return _remainder(self, other)
+
+    def __rmod__(self, other: Any) -> Any:
+        return _remainder(other, self)
+
+    def __floordiv__(self, other: Any) -> Any:
+        return _whole_quotient(self, other)
+
+    def __rfloordiv__(self, other: Any) -> Any:
+        return _whole_quotient(other, self)
+
+    def __floor__(self) -> Traced:
+        return called("floor", self)
+
+    def __ceil__(self) -> Traced:
+        return called("ceil", self)
+
+    def __round__(self, digits: int = 0) -> Traced:
+        return rounded(self, digits)
 
     def __pow__(self, exponent: Any) -> Any:
         return _power(self, exponent)
@@ -117,23 +147,22 @@ class Traced:
     def __float__(self) -> float:
         raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}")
 
-    __int__ = __index__ = __float__
+    __int__ = __float__
+
+    def __index__(self) -> int:
+        raise WholeNumberError(f"the function takes a whole number of a value that is not known yet; {REMEDY}")
+
+    def conjugate(self) -> Traced:
+        """Return the number itself: it is real."""
+        return self
+
+    conj = conjugate
 
     def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **_: Any) -> Any:
         """Apply a function of numpy element by element."""
         if how != "__call__":
             return NotImplemented
-        arrays = np.broadcast_arrays(*map(_boxed, given))
-        results = np.empty(arrays[0].shape, object)
-        for place in np.ndindex(results.shape):
-            results[place] = _applied(ufunc.__name__, [array[place] for array in arrays])
-        return results if results.shape else results[()]
-
-    def __array_function__(self, function: Any, _types: Any, arguments: Any, _more: Any) -> Any:
-        """Trace `numpy.where` of one condition."""
-        if function is np.where and len(arguments) == 3:
-            return _where(*arguments)
-        raise InputError(f"the function calls numpy.{function.__name__}, which the language of expressions has not")
+        return each(ufunc.__name__, given)
 
 
 def traced(function: Callable[..., Any], *given: Any) -> Any:
@@ -220,6 +249,31 @@ def _power(base: Any, exponent: Any) -> Any:
     return Traced(Binary("**", traced_base.node, _as(exponent).node), traced_base.nodes + 2)
 
 
+def _remainder(left: Any, right: Any) -> Any:
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return NotImplemented
+    return called("mod", left, right)
+
+
+def _whole_quotient(left: Any, right: Any) -> Any:
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return NotImplemented
+    return called("floor", _joined("/", left, right))
+
+
+def rounded(value: Any, digits: int = 0) -> Traced:
+    """Round to a number of decimals."""
+    scale = 10.0**digits
+    return called("round", value) if digits == 0 else _joined("/", called("round", _joined("*", value, scale)), scale)
+
+
+def heaviside(x: Any, at_zero: Any) -> Traced:
+    """Trace a step."""
+    if not isinstance(at_zero, Traced) and float(at_zero) in (0.0, 1.0):
+        return choice(_compared(">=" if at_zero else ">", x, 0.0), 1.0, 0.0)
+    return choice(_compared(">", x, 0.0), 1.0, choice(_compared("<", x, 0.0), 0.0, at_zero))
+
+
 def _compared(operator: str, left: Any, right: Any) -> Any:
     if isinstance(right, np.ndarray):
         return NotImplemented
@@ -227,10 +281,20 @@ def _compared(operator: str, left: Any, right: Any) -> Any:
     return Traced(Compare(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
-def _where(condition: Any, yes: Any, no: Any) -> Traced:
+def choice(condition: Any, yes: Any, no: Any) -> Traced:
+    """Trace a choice by a condition, or make it where the condition is known."""
     if not isinstance(condition, Traced):
         return _as(yes if condition else no)
     return called("where", condition, yes, no)
+
+
+def each(ufunc: str, given: Sequence[Any]) -> Any:
+    """Apply a function of numpy, by its name, to numbers or to the elements of arrays."""
+    arrays = np.broadcast_arrays(*map(_boxed, given))
+    results = np.empty(arrays[0].shape, object)
+    for place in np.ndindex(results.shape):
+        results[place] = _applied(ufunc, [array[place] for array in arrays])
+    return results if results.shape else results[()]
 
 
 def _boxed(value: Any) -> Any:
@@ -240,6 +304,10 @@ def _boxed(value: Any) -> Any:
     box = np.empty((), object)
     box[()] = value
     return box
+
+
+def _towards_zero(x: Any) -> Traced:
+    return choice(_compared(">=", x, 0.0), called("floor", x), called("ceil", x))
 
 
 _OPERATORS: dict[str, Callable[..., Any]] = {
@@ -254,6 +322,16 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "float_power": _power,
     "reciprocal": lambda x: _joined("/", 1.0, x),
     "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
+    "floor_divide": _whole_quotient,
+    "fmod": lambda x, y: _joined("-", x, _joined("*", y, _towards_zero(_joined("/", x, y)))),
+    "trunc": _towards_zero,
+    "heaviside": heaviside,
+    "log10": lambda x: _joined("/", called("log", x), float(np.log(10.0))),
+    "log2": lambda x: _joined("/", called("log", x), float(np.log(2.0))),
+    "exp2": lambda x: called("exp", _joined("*", x, float(np.log(2.0)))),
+    "rad2deg": lambda x: _joined("*", x, 180 / np.pi),
+    "degrees": lambda x: _joined("*", x, 180 / np.pi),
+    "conjugate": lambda x: x,
     "expm1": lambda x: called("exp", x) - 1.0,
     "log1p": lambda x: called("log", _joined("+", 1.0, x)),
     "deg2rad": lambda x: _joined("*", x, np.pi / 180),

@@ -13,6 +13,7 @@ from xdynamics.documenting.summary import summary
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.interchange.solution import Solution, solution
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
@@ -165,6 +166,11 @@ class Dynamics:
         table.index.name = dim
         table.attrs["units"] = units
         return table
+
+    @property
+    def solution(self) -> Solution:
+        """The run as scipy's solve_ivp returns one: t, y, sol, t_events, y_events, status, message."""
+        return solution(self._run)
 
     def quantify(self) -> xr.Dataset:
         """Return the record with units in its arrays, by pint-xarray; every verb takes it so."""

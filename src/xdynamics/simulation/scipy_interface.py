@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Node, text_of
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_repeats
-from xdynamics.expressions.tracing import Traced, name, node_of, traced
+from xdynamics.expressions.substitution import Substitution, values_of
+from xdynamics.expressions.traced_arrays import array_of
+from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.consistency import RESERVED
 from xdynamics.simulation.single_run import simulate
 from xdynamics.units import parse_quantity, parse_time, parse_unit
 
@@ -29,14 +32,9 @@ SAME = {"RK45": "dormand_prince", "RK23": "bogacki_shampine", "DOP853": "dop853"
 NEAR = {"LSODA": "radau_iia", "BDF": "radau_iia"}
 DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
 
-NOT_HERE = {
-    "dense_output": "`sample` gives the states between steps of any record",
-    "vectorized": "the right-hand side is written down once",
-    "jac": "derivatives are those of the expressions",
-    "jac_sparsity": "derivatives are those of the expressions",
-    "lband": "derivatives are those of the expressions",
-    "uband": "derivatives are those of the expressions",
-}
+# scipy's options that change nothing: states between steps are in any record, derivatives are those of the expressions
+WITHOUT_EFFECT = ("dense_output", "vectorized", "jac", "jac_sparsity", "lband", "uband")
+TIMES = ("t", "time", "tau", "_t", "times")  # what functions call it
 RightSide = Callable[..., Any]
 Floats = NDArray[np.float64]
 
@@ -61,8 +59,9 @@ def solve(
     ----------
     fun : callable
         ``fun(t, y, *args)``, which returns as many rates as there are numbers in y, by arithmetic and numpy's elementary
-        functions. It is called with names for numbers, and written down as expressions: these are what is marched,
-        differentiated and archived. A branch is written `numpy.where`. What is random, counts its calls or reads a clock
+        functions, arrays that it fills (`numpy.zeros`), and tables that it reads at t (`numpy.interp`),
+        which become drives. It is called with names for numbers, and written down as expressions: these
+        are what is marched, differentiated and archived. A branch is written `numpy.where`. What is random, counts its calls or reads a clock
         is refused: it is called twice with names, and with numbers at two states.
     t_span : pair of float, s, or str
         First and last time.
@@ -81,12 +80,13 @@ def solve(
     units : str or sequence of str, optional
         Of the numbers in y, in which `fun` has them; ``1`` by default. Time is in s.
     path, **settings
-        Of `simulate`: rtol, atol, step, max_step …
+        Of `simulate`: rtol, atol, step, max_step …; of scipy's, dense_output, vectorized, jac, jac_sparsity, lband and
+        uband change nothing here, as first_step = None and max_step = inf.
 
     Returns
     -------
     xarray.Dataset
-        Of `simulate`.
+        Of `simulate`; ``run.dynamics.solution`` has t, y, sol, t_events, y_events, status and message of scipy's.
 
     Raises
     ------
@@ -102,10 +102,11 @@ def solve(
     >>> run.attrs["run_outcome"], float(run.rho), round(float(run.x[-1]), 4)
     ('completed', 28.0, -9.3786)
     """
-    if foreign := [option for option in NOT_HERE if option in settings]:
-        raise InputError(f"'{foreign[0]}' is scipy's, and not needed here: {NOT_HERE[foreign[0]]}")
-    if "first_step" in settings:
-        settings["step"] = settings.pop("first_step")
+    settings = {option: value for option, value in settings.items() if option not in WITHOUT_EFFECT}
+    if (first := settings.pop("first_step", None)) is not None:
+        settings["step"] = first
+    if settings.get("max_step") == np.inf:
+        del settings["max_step"]
     model = model_of(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
         settings["atol"] = dict(zip(model.states, map(float, settings["atol"]), strict=False))
@@ -125,18 +126,25 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
         raise InputError(f"fun is {repr(fun)[:40]}, needs a function of t and y")
     if len(tuple(t_span)) != 2:
         raise InputError(f"t_span has {len(tuple(t_span))} times, needs two, the first and the last")
+    _check_span(t_span)
     starts, own = _starts(y0, units)
     words = [f"y{i}" for i in range(len(starts))] if names is None else [*names]
     if len(words) != len(starts):
         raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
     scales = {word: f"unit_{word}" for word, unit in zip(words, own, strict=True) if unit != "1"}
     sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, own, strict=True) if word in scales}
-    t, y = name("t") / name("second"), np.empty(len(words), object)
-    y[:] = [name(label) / name(scales[label]) if label in scales else name(label) for label in words]
-    given, parameters = _arguments(fun, args)
-    zeros = _listed(events)
-    written = _written([fun, *zeros], words, t, y, given)
-    _check_numbers(written, words, scales, t_span, _numbers(starts, own), [*parameters], args)
+    t = name("t") / name("second")
+    y = array_of([name(label) / name(scales[label]) if label in scales else name(label) for label in words])
+    functions, tables = [fun, *_listed(events)], Substitution()
+    _check_order(fun)
+    try:
+        given, parameters = _arguments(fun, args, words, float)
+        written = _written(functions, tables, words, t, y, given)
+    except WholeNumberError:  # an argument is how many there are of something, or an index
+        given, parameters = _arguments(fun, args, words, int)
+        written = _written(functions, tables, words, t, y, given)
+    numbers = _numbers(starts, own)
+    _check_numbers(written, words, scales, t_span, numbers, given, args, tables)
     states = {}
     for word, unit, rate in zip(words, own, written[0].values, strict=True):
         scaled_rate = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
@@ -149,7 +157,47 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
         initial={"t": t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"}
         | dict(zip(words, starts, strict=True)),
         events=_events(written[1:]),
+        drives={word: _drive(word, *points) for word, points in tables.tables.items()},
     )
+
+
+def _drive(word: str, times: Any, values: Any) -> dict[str, Any]:
+    """Return a table that a function read by `numpy.interp`."""
+    table = {"t [s]": np.array(times), f"{word} [1]": np.array(values)}
+    return {"table": table, "interpolation": "linear", "outside": "hold"}
+
+
+def _check_order(fun: RightSide) -> None:
+    """Refuse a function of y and t, as odeint takes it.
+
+    Raises
+    ------
+    InputError
+        If its arguments are named so.
+    """
+    named = _argument_names(fun)
+    if len(named) > 1 and named[1] in TIMES and named[0] not in TIMES:
+        label = "fun" if _called(fun) == "right_side" else _called(fun)
+        raise InputError(
+            f"{label} is {label}({', '.join(named)}), y before t, as odeint takes it; here t comes first, as in solve_ivp:"
+            f" write xd.solve(lambda t, y, *args: {label}(y, t, *args), …)"
+        )
+
+
+def _argument_names(fun: RightSide) -> list[str]:
+    try:
+        return [argument.name for argument in inspect.signature(fun).parameters.values()]
+    except (TypeError, ValueError):
+        return []
+
+
+def _check_span(t_span: Any) -> None:
+    begin, end = (parse_time(one, "t_span") for one in t_span)
+    if end < begin:
+        raise InputError(
+            f"t_span goes back, from {begin:g} to {end:g} s, and until has to lie after the start; integrate -f over the"
+            f" mirrored span: xd.solve(lambda t, y: -np.asarray(fun(-t, y)), ({0 - begin:g}, {0 - end:g}), y0)"
+        )
 
 
 def _starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
@@ -172,22 +220,24 @@ def _starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     return quantities, own
 
 
-def _arguments(fun: RightSide, args: Any) -> tuple[list[Any], dict[str, str]]:
-    """Return the arguments of `fun` after t and y: single numbers by name, as parameters."""
+def _arguments(fun: RightSide, args: Any, taken: list[str], left: type) -> tuple[list[Any], dict[str, str]]:
+    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `left` is int."""
     row = [*args] if isinstance(args, list | tuple) else [args]
-    try:
-        words = [argument.name for argument in inspect.signature(fun).parameters.values()][2:]
-    except (TypeError, ValueError):
-        words = []
+    words = _argument_names(fun)[2:]
     words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
+    words = [f"{word}_" if word in (*RESERVED, *taken) else word for word in words]
     arguments: list[Any] = []
     parameters = {}
     for word, argument in zip(words, row, strict=True):
-        number = isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
+        number = _is_number(argument) and not (left is int and isinstance(argument, int | np.integer))
         arguments.append(name(word) if number else argument)
         if number:
             parameters[word] = f"{float(argument)!r} 1"
     return arguments, parameters
+
+
+def _is_number(argument: Any) -> bool:
+    return isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
 
 
 def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
@@ -222,22 +272,24 @@ class Written:
         return [node_of(value) for value in self.values]
 
 
-def _written(functions: list[RightSide], words: list[str], t: Traced, y: Any, arguments: list[Any]) -> list[Written]:
+def _written(
+    functions: list[RightSide], tables: Substitution, words: list[str], t: Traced, y: Any, arguments: list[Any]
+) -> list[Written]:
     """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
-    first, second = ([*_each_written(functions, words, t, y, arguments)] for _ in range(2))
+    first, second = ([*_each_written(functions, tables, words, t, y, arguments)] for _ in range(2))
     for written, again in zip(first, second, strict=True):
         check_repeats(_called(written.function), written.words, written.nodes, again.nodes)
     return first
 
 
 def _each_written(
-    functions: list[RightSide], words: list[str], t: Traced, y: Any, arguments: list[Any]
+    functions: list[RightSide], tables: Substitution, words: list[str], t: Traced, y: Any, arguments: list[Any]
 ) -> Iterator[Written]:
     fun, *events = functions
-    rates = _as_many(fun, traced(fun, t, y.copy(), *arguments), len(words))
+    rates = _as_many(fun, traced(tables.of(fun), t, y.copy(), *arguments), len(words))
     yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
-        yield Written(event, ("its value",), (traced(event, t, y.copy(), *arguments),))
+        yield Written(event, ("its value",), (traced(tables.of(event), t, y.copy(), *arguments),))
 
 
 def _numbers(starts: list[str], own: list[str]) -> Floats:
@@ -253,16 +305,20 @@ def _check_numbers(
     scales: Mapping[str, str],
     t_span: Any,
     y0: Floats,
-    named: list[str],
+    given: list[Any],
     args: Any,
+    tables: Substitution,
 ) -> None:
     """Call functions with numbers, at the start and at a state near it, and compare the results with their expressions."""
     begin, end = (parse_time(one, "t_span") for one in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
-    numbers = [float(one) for one in row if isinstance(one, int | float | np.number) and not isinstance(one, bool)]
-    constants = dict(zip(named, numbers, strict=True)) | {"second": 1.0} | dict.fromkeys(scales.values(), 1.0)
+    constants = {
+        text_of(one.node): float(value) for one, value in zip(given, row, strict=True) if isinstance(one, Traced)
+    }
+    constants |= {"second": 1.0, "pi": np.pi} | dict.fromkeys(scales.values(), 1.0)
     for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
         values = constants | {"t": t} | dict(zip(words, y.tolist(), strict=True))
+        values |= values_of(tables.tables, t)
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
         for i, one in enumerate(written):
             of_rates = abs(end - begin) if i == 0 and end != begin else 1.0

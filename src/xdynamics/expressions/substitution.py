@@ -1,0 +1,180 @@
+"""A Python function whose numpy, math and builtins take traced numbers; the function and its modules stay as they are."""
+
+from __future__ import annotations
+
+import builtins
+import math
+from collections.abc import Callable, Mapping
+from functools import partial, reduce
+from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
+from xdynamics.expressions.tracing import Traced, called, rounded
+
+FOREIGN = ("numpy", "scipy", "math", "builtins", "numba")  # whose functions are not substituted inside
+# math's names that numpy spells otherwise
+_OF_MATH = {
+    "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2, "pow": np.power, "fabs": np.abs,
+    "degrees": np.degrees, "radians": np.radians,
+}  # fmt: skip
+
+
+class Substitution:
+    """Functions with numpy's, math's and Python's own in place of which stand those for traced numbers.
+
+    Attributes
+    ----------
+    tables : dict
+        What `numpy.interp` was asked for, by the names that stand for its values.
+    """
+
+    def __init__(self) -> None:
+        self.tables: dict[str, Points] = {}
+        self._interp = table_reader(self.tables)
+        self._known: dict[int, tuple[Any, Any]] = {}  # with what they are of, which lives as long
+        self._builtins = {**vars(builtins), **self._of_python()}
+
+    def of(self, value: Any) -> Any:
+        """Return a function, or a module, for traced numbers; anything else as it is."""
+        if id(value) in self._known:
+            return self._known[id(value)][1]
+        match value:
+            case FunctionType() if value.__module__.split(".")[0] not in FOREIGN:
+                return self._function(value)
+            case MethodType():
+                return MethodType(self.of(value.__func__), value.__self__)
+            case partial():
+                return partial(self.of(value.func), *value.args, **value.keywords)
+            case ModuleType() if value in (np, np.linalg, math):
+                return _Module(self, value)
+        if hasattr(value, "py_func"):  # compiled by numba
+            return self.of(value.py_func)
+        return self._of_library(value)
+
+    def _function(self, function: FunctionType) -> FunctionType:
+        """Return a function with its globals and closure substituted, and those that it calls too."""
+        scope: dict[str, Any] = {**function.__globals__, "__builtins__": self._builtins}
+        cells = tuple(CellType() for _ in function.__closure__ or ())
+        new = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells or None)
+        new.__kwdefaults__ = function.__kwdefaults__
+        self._known[id(function)] = function, new
+        for word in _names(function.__code__):
+            if word in function.__globals__:
+                scope[word] = self.of(function.__globals__[word])
+        for cell, old in zip(cells, function.__closure__ or (), strict=True):
+            try:
+                cell.cell_contents = self.of(old.cell_contents)
+            except ValueError:  # it is not yet assigned
+                continue
+        return new
+
+    def _of_library(self, value: Any) -> Any:
+        """Return what stands for a function of numpy, math or Python."""
+        if value is np.interp:
+            return self._interp
+        if id(value) in _MAKERS:
+            return _MAKERS[id(value)]
+        if isinstance(value, BuiltinFunctionType) and value.__module__ == "math":
+            return self._of_math(value)
+        if isinstance(value, BuiltinFunctionType) and value.__module__ == "builtins":
+            return self._builtins.get(value.__name__, value)
+        module = str(getattr(value, "__module__", ""))
+        if isinstance(value, np.ufunc) or (
+            callable(value) and module.startswith("numpy") and not isinstance(value, type)
+        ):
+            return partial(of_numpy, value)
+        return value
+
+    def _of_math(self, function: Any) -> Any:
+        counterpart = _OF_MATH.get(function.__name__, getattr(np, function.__name__, None))
+
+        def of_math(*arguments: Any) -> Any:
+            if counterpart is None or not any(map(is_traced, arguments)):
+                return function(*arguments)
+            if function is math.log and len(arguments) == 2:
+                return called("log", arguments[0]) / math.log(arguments[1])
+            if function is math.hypot and len(arguments) != 2:
+                return np.sqrt(sum(argument * argument for argument in arguments))
+            return of_numpy(counterpart, *arguments)
+
+        return of_math
+
+    def _of_python(self) -> dict[str, Any]:
+        """Return builtins that would ask for the value of a number."""
+
+        def extreme(function: str, own: Callable[..., Any]) -> Callable[..., Any]:
+            def chosen(*values: Any, **options: Any) -> Any:
+                row = list(values[0]) if len(values) == 1 else list(values)
+                if options or not any(map(is_traced, row)):
+                    return own(*values, **options)
+                return reduce(lambda x, y: called(function, x, y), row)
+
+            return chosen
+
+        def imported(word: str, *rest: Any) -> Any:
+            module = builtins.__import__(word, *rest)
+            return self.of(module) if isinstance(module, ModuleType) else module
+
+        return {
+            "max": extreme("max", max),
+            "min": extreme("min", min),
+            "round": lambda value, *digits: (
+                rounded(value, *digits) if isinstance(value, Traced) else round(value, *digits)
+            ),
+            "float": _Float,
+            "__import__": imported,
+        }
+
+
+class _Module:
+    """numpy or math, whose functions take traced numbers."""
+
+    def __init__(self, substitution: Substitution, module: ModuleType) -> None:
+        self._substitution, self._module = substitution, module
+
+    def __getattr__(self, word: str) -> Any:
+        return self._substitution.of(getattr(self._module, word))
+
+
+class _OfFloat(type):
+    def __instancecheck__(cls, value: Any) -> bool:
+        return isinstance(value, float)
+
+    def __subclasscheck__(cls, other: type) -> bool:
+        return issubclass(other, float)
+
+
+class _Float(metaclass=_OfFloat):
+    """`float`, of which a traced number is one already."""
+
+    def __new__(cls, value: Any = 0.0) -> Any:
+        return value if isinstance(value, Traced) else float(value)
+
+
+def _array(values: Any, *rest: Any, **options: Any) -> Any:
+    return array_of(values).copy() if is_traced(values) else np.array(values, *rest, **options)
+
+
+_MAKERS: dict[int, Callable[..., Any]] = {
+    **{
+        id(function): lambda shape, *_, **__: array_of(np.zeros(shape).astype(object))
+        for function in (np.zeros, np.empty)
+    },
+    id(np.ones): lambda shape, *_, **__: array_of(np.ones(shape).astype(object)),
+    id(np.full): lambda shape, value, *_, **__: array_of(np.full(shape, value, object)),
+    **{id(function): _array for function in (np.array, np.asarray)},
+}
+
+
+def _names(code: CodeType) -> set[str]:
+    """Return the names that a function's code, and that of functions inside it, reads."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return {*code.co_names}.union(*map(_names, inner))
+
+
+def values_of(tables: Mapping[str, Points], t: float) -> dict[str, float]:
+    """Return what the tables give at a time."""
+    return {word: float(np.interp(t, *points)) for word, points in tables.items()}

@@ -1,0 +1,315 @@
+"""Arrays of traced numbers: numpy's functions of them, element by element, and the tables that they read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache, reduce
+from typing import Any
+
+import numpy as np
+
+from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
+from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
+from xdynamics.faults import InputError
+
+LARGEST_SOLVED = 6  # unknowns of a traced linear system: minors double with each
+MOST_KINKS = 40  # points of a table that is read at an expression, each a switch
+
+Points = tuple[tuple[float, ...], tuple[float, ...]]  # times of a table, and its values
+
+
+class TracedArray(np.ndarray[Any, Any]):
+    """An array of numbers, some of them traced."""
+
+    def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **options: Any) -> Any:  # type: ignore[override]
+        """Apply a function of numpy: by elements, along an axis, or as a product of matrices."""
+        plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in given]
+        if ufunc is np.matmul and how == "__call__":
+            return array_of(np.matmul(*(value.astype(object) for value in plain)))
+        out = options.pop("out", None)
+        if how == "reduce" and ufunc in _JOINED:
+            result = _reduced(_JOINED[ufunc], plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False))
+        elif how != "__call__":
+            result = array_of(getattr(ufunc, how)(*plain, **options))
+        else:
+            result = array_of(each(ufunc.__name__, plain))
+        if out is None:
+            return result
+        out[0][...] = result
+        return out[0]
+
+    def __array_function__(self, function: Any, _types: Any, arguments: Any, options: Any) -> Any:
+        """Call a function of numpy that has one argument of this kind at least."""
+        return of_numpy(function, *arguments, **options)
+
+    def max(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
+        """Return the largest number along an axis."""
+        return _extreme("max", self, axis, **options)
+
+    def min(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
+        """Return the smallest number along an axis."""
+        return _extreme("min", self, axis, **options)
+
+    def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
+        """Return the numbers, limited."""
+        return _clipped(self, low, high)
+
+    def round(self, decimals: int = 0, **_: Any) -> Any:  # type: ignore[override]
+        """Return the numbers, rounded."""
+        return _mapped(lambda value: rounded(value, decimals), self)
+
+
+def array_of(values: Any) -> Any:
+    """Return an array of numbers, some of them perhaps traced; a number as it is."""
+    if isinstance(values, Traced | int | float):
+        return values
+    array = np.asarray(values, object)
+    return array.view(TracedArray) if array.shape else array[()]
+
+
+def is_traced(value: Any) -> bool:
+    """Whether a value is traced, or holds something that is."""
+    if isinstance(value, np.ndarray):
+        return value.dtype == object and any(isinstance(one, Traced) for one in value.flat)
+    return isinstance(value, Traced) or (isinstance(value, list | tuple) and any(map(is_traced, value)))
+
+
+def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+    """Call a function of numpy, by its own rule here where traced numbers are among its arguments.
+
+    Raises
+    ------
+    InputError
+        If it is none that can be traced.
+    """
+    if not any(map(is_traced, (*arguments, *options.values()))):
+        numbers = [_of_floats(value) for value in arguments]
+        return function(*numbers, **{key: _of_floats(value) for key, value in options.items()})
+    if isinstance(function, np.ufunc):
+        return array_of(each(function.__name__, arguments))
+    if function in _RULES:
+        return _RULES[function](*arguments, **options)
+    label = function.__name__
+    try:
+        return array_of(function(*map(_plain, arguments), **{key: _plain(value) for key, value in options.items()}))
+    except Exception:  # noqa: BLE001 - whatever numpy makes of objects
+        raise InputError(
+            f"the function calls numpy.{label}, which the language of expressions has not; write it with arithmetic, sums"
+            " and numpy's elementary functions"
+        ) from None
+
+
+def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
+    """Return `numpy.interp` for traced numbers, which notes the tables that are read, by names for their values."""
+
+    def interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
+        first, second = (np.asarray(_of_floats(value), float).ravel() for value in (xp, fp))
+        if not (left is right is period is None):
+            raise InputError(
+                "the function calls numpy.interp with left, right or period; values outside are held, and"
+                " numpy.where(x < x0, left, …) sets others"
+            )
+        if first.size != second.size or first.size < 2 or (np.diff(first) <= 0).any():
+            raise InputError(
+                f"the function calls numpy.interp with {first.size} and {second.size} points, needs as many of both,"
+                " two at least, in ascending order"
+            )
+        return _mapped(lambda value: _interpolated(value, first, second, tables), x)
+
+    return interp
+
+
+def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:
+    if not isinstance(x, Traced):
+        return float(np.interp(x, xp, fp))
+    line = _line_of_time(x.node)
+    if line is None:
+        return _by_kinks(x, xp, fp)
+    scale, offset = line
+    own = (xp - offset) / scale
+    order = slice(None, None, 1 if scale > 0 else -1)
+    points: Points = tuple(own[order].tolist()), tuple(fp[order].tolist())
+    label = next((known for known, kept in tables.items() if kept == points), f"interpolated_{len(tables)}")
+    tables[label] = points
+    return name(label)
+
+
+def _line_of_time(node: Node) -> tuple[float, float] | None:
+    """Return slope and offset, if an expression is a straight line of time."""
+    match node:
+        case Binary("/", Name("t"), Name("second")):
+            return 1.0, 0.0
+        case Negative():
+            line = _line_of_time(node.operand)
+            return line and (-line[0], -line[1])
+        case Binary("+" | "*", Number() as value, right):
+            return _line_of_time(Binary(node.operator, right, value))
+        case Binary("+" | "-" | "*" | "/" as operator, left, Number(value)) if value and (line := _line_of_time(left)):
+            if operator in "+-":
+                return line[0], line[1] + (value if operator == "+" else -value)
+            factor = value if operator == "*" else 1.0 / value
+            return line[0] * factor, line[1] * factor
+    return None
+
+
+def _by_kinks(x: Traced, xp: Any, fp: Any) -> Any:
+    """Write a short table as a sum of straight lines, each from its point on."""
+    if len(xp) > MOST_KINKS:
+        raise InputError(
+            f"the function reads a table of {len(xp)} points at an expression by numpy.interp; read it at t,"
+            f" or give it {MOST_KINKS} points at most"
+        )
+    slopes = np.diff(fp) / np.diff(xp)
+    inside = _clipped(x, float(xp[0]), float(xp[-1]))
+    result = float(fp[0]) + float(slopes[0]) * (inside - float(xp[0]))
+    for start, change in zip(xp[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
+        if change:
+            result = result + change * called("max", inside - start, 0.0)
+    return result
+
+
+def _of_floats(value: Any) -> Any:
+    """Return an array of objects without traced numbers as one of floats."""
+    if isinstance(value, TracedArray) and not is_traced(value):
+        return np.asarray(value, float)
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return np.asarray(value, object) if is_traced(value) else _of_floats(value)
+    return type(value)(map(_plain, value)) if isinstance(value, list | tuple) and is_traced(value) else value
+
+
+def _mapped(rule: Callable[[Any], Any], values: Any) -> Any:
+    array = np.asarray(values, object)
+    results = np.empty(array.shape, object)
+    for place in np.ndindex(array.shape):
+        results[place] = rule(array[place])
+    return array_of(results) if array.shape else results[()]
+
+
+def _extreme(function: str, values: Any, axis: Any = None, *, keepdims: bool = False) -> Any:
+    return _reduced(lambda x, y: called(function, x, y), np.asarray(values, object), axis, keepdims=keepdims)
+
+
+def _reduced(join: Callable[[Any, Any], Any], values: Any, axis: Any, *, keepdims: Any = False) -> Any:
+    """Join the elements along an axis, ascending."""
+    axes = [axis] if isinstance(axis, int) else list(range(values.ndim) if axis is None else axis)
+    moved = np.moveaxis(values, axes, range(len(axes)))
+    rows = moved.reshape(-1, *moved.shape[len(axes) :])
+    results = np.empty(rows.shape[1:], object)
+    for place in np.ndindex(results.shape):
+        results[place] = reduce(join, [rows[k, *place] for k in range(len(rows))]) if len(rows) else 0.0
+    shape = [1 if k in {one % values.ndim for one in axes} else n for k, n in enumerate(values.shape)]
+    return array_of(results.reshape(shape) if keepdims else results if results.shape else results[()])
+
+
+def _clipped(values: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
+    if low is not None:
+        values = array_of(each("maximum", [values, low]))
+    return values if high is None else array_of(each("minimum", [values, high]))
+
+
+def _chosen(condition: Any, *ways: Any) -> Any:
+    if len(ways) != 2:
+        raise InputError(f"the function asks by numpy.where which values are true; {REMEDY}")
+    arrays = np.broadcast_arrays(*(np.asarray(value, object) for value in (condition, *ways)))
+    results = np.empty(arrays[0].shape, object)
+    for place in np.ndindex(results.shape):
+        results[place] = choice(*(array[place] for array in arrays))
+    return array_of(results if results.shape else results[()])
+
+
+def _norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002, FBT001, FBT002
+    if ord not in (None, 2):
+        raise InputError(f"the function calls numpy.linalg.norm with ord = {ord!r}; sums and numpy.abs say it too")
+    array = np.asarray(values, object)
+    squares = _reduced(lambda x, y: x + y, array * array, axis, keepdims=keepdims)
+    return array_of(each("sqrt", [squares]))
+
+
+def _solved(matrix: Any, right: Any) -> Any:
+    """Solve a linear system by Cramer's rule, which needs no pivots: the numbers are not known."""
+    a, b = (np.asarray(value, object) for value in (matrix, right))
+    if not is_traced(a):
+        return array_of(np.matmul(np.linalg.inv(a.astype(float)).astype(object), b))
+    n = len(a)
+    if a.shape != (n, n) or b.shape[:1] != (n,) or n > LARGEST_SOLVED:
+        raise InputError(
+            f"the function solves a linear system of shape {a.shape} by numpy.linalg.solve; {LARGEST_SOLVED} unknowns are"
+            " the most with a matrix that changes: for more write the inverse of a constant matrix times the right side"
+        )
+    columns = b.reshape(n, -1)
+    whole = _determinant(a)
+    solution = np.empty(columns.shape, object)
+    for k in range(columns.shape[1]):
+        for i in range(n):
+            replaced = a.copy()
+            replaced[:, i] = columns[:, k]
+            solution[i, k] = _determinant(replaced) / whole
+    return array_of(solution.reshape(b.shape))
+
+
+def _determinant(matrix: Any) -> Any:
+    """Expand along rows, each minor once."""
+    a = np.asarray(matrix, object)
+
+    @cache
+    def minor(row: int, columns: tuple[int, ...]) -> Any:
+        if row == len(a):
+            return 1.0
+        total: Any = 0.0
+        for k, column in enumerate(columns):
+            entry = a[row, column]
+            if isinstance(entry, Traced) or entry:
+                term = entry * minor(row + 1, columns[:k] + columns[k + 1 :])
+                total = total - term if k % 2 else total + term
+        return total
+
+    return minor(0, tuple(range(len(a))))
+
+
+def _inverse(matrix: Any) -> Any:
+    return _solved(matrix, np.eye(len(matrix)).astype(object))
+
+
+def _gradient(values: Any, *spacing: Any) -> Any:
+    """Return slopes of a row at even spacing, as numpy's of second order inside."""
+    f = np.asarray(values, object)
+    if f.ndim != 1 or len(spacing) > 1 or (spacing and np.ndim(spacing[0])):
+        raise InputError("the function calls numpy.gradient of more than a row of even spacing; write its differences")
+    h = spacing[0] if spacing else 1.0
+    inside = (f[2:] - f[:-2]) / (2.0 * h)
+    return array_of(np.concatenate([[(f[1] - f[0]) / h], inside, [(f[-1] - f[-2]) / h]]))
+
+
+def _piecewise(conditions: Sequence[Any], values: Sequence[Any], default: Any = 0.0) -> Any:
+    result = default
+    for condition, value in reversed([*zip(conditions, values, strict=True)]):
+        result = _chosen(condition, value, result)
+    return result
+
+
+_JOINED: dict[Any, Callable[[Any, Any], Any]] = {
+    np.add: lambda x, y: x + y,
+    np.multiply: lambda x, y: x * y,
+    np.maximum: lambda x, y: called("max", x, y),
+    np.minimum: lambda x, y: called("min", x, y),
+}
+_RULES: dict[Any, Callable[..., Any]] = {
+    np.where: _chosen,
+    np.select: _piecewise,
+    np.clip: _clipped,
+    np.max: lambda values, axis=None, **options: _extreme("max", values, axis, **options),
+    np.min: lambda values, axis=None, **options: _extreme("min", values, axis, **options),
+    np.round: lambda values, decimals=0: _mapped(lambda value: rounded(value, decimals), values),
+    np.linalg.norm: _norm,
+    np.linalg.solve: _solved,
+    np.linalg.inv: _inverse,
+    np.linalg.det: _determinant,
+    np.gradient: _gradient,
+    np.zeros_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
+    np.empty_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
+    np.ones_like: lambda values, **_: array_of(np.ones(np.shape(values)).astype(object)),
+}

@@ -1,0 +1,137 @@
+"""A run as `scipy.integrate.solve_ivp` returns one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.record.flag_words import words_of
+from xdynamics.schema import AT, EVENTS, STEPS
+
+Floats = NDArray[np.float64]
+OF_MOTION = ("coordinate", "velocity", "state")
+COMPLETED, STOPPED, FAILED = 0, 1, -1
+OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
+MOST_ROWS = 4  # of a solution that is printed
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What scipy calls the parts of a solution; numbers are in the units of the run.
+
+    Attributes
+    ----------
+    t : ndarray, shape (k,), s
+        Times of the accepted states; of two states at an impact the later one is kept.
+    y : ndarray, shape (n, k)
+        Coordinates, velocities and states, each elements after one another.
+    sol : callable
+        ``sol(t)`` is the state at any times within the run, shape (n,) or (n, k).
+    t_events, y_events : list of ndarray
+        For every event of the model its times, and the states after it, shape (k, n).
+    status : int
+        0: the end of the span was reached, 1: an event stopped the run, -1: it ended early.
+    message : str
+    names : tuple of str
+        Of the rows of y.
+    """
+
+    t: Floats
+    y: Floats
+    sol: Any
+    t_events: list[Floats]
+    y_events: list[Floats]
+    status: int
+    message: str
+    names: tuple[str, ...]
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span, or an event that stops, was reached."""
+        return self.status >= 0
+
+    def __repr__(self) -> str:
+        return (
+            f"message: {self.message}\nstatus:  {self.status}\nt:       {_shape(self.t)}\n"
+            f"y:       {_shape(self.y)}: {', '.join(self.names[:MOST_ROWS])}{' …' if len(self.names) > MOST_ROWS else ''}\n"
+            f"t_events: {[len(times) for times in self.t_events]}"
+        )
+
+
+def solution(run: xr.Dataset) -> Solution:
+    """Return a run, or its states at chosen times, as scipy's solve_ivp would.
+
+    Raises
+    ------
+    InputError
+        If the Dataset has neither.
+    """
+    along = STEPS if STEPS in run.dims else AT
+    times = "time" if along == STEPS else f"{AT}_time"
+    names = [
+        str(name)
+        for name, variable in run.data_vars.items()
+        if variable.dims[:1] == (along,) and variable.attrs.get("role") in OF_MOTION
+    ]
+    if times not in run.variables or not names:
+        raise InputError("the Dataset is no run record, nor the states of one at chosen times")
+    t, y = np.asarray(run[times].values, float), _rows(run, names)
+    last = np.append(np.diff(t) > 0, True) if along == STEPS else np.ones(len(t), bool)
+    t_events, y_events = _events(run, y) if along == STEPS else ([], [])
+    sol = partial(_between, run, names) if along == STEPS else _not_between
+    outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
+    elements = [label for name in names for label in _elements(run, name)]
+    return Solution(
+        t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements)
+    )
+
+
+def _rows(states: xr.Dataset, names: list[str]) -> Floats:
+    """Return quantities as rows, those with dimensions flattened."""
+    return np.concatenate(
+        [np.asarray(states[name].values, float).reshape(states[name].shape[0], -1).T for name in names]
+    )
+
+
+def _elements(run: xr.Dataset, name: str) -> list[str]:
+    shape = run[name].shape[1:]
+    return [f"{name}[{', '.join(map(str, place))}]" for place in np.ndindex(shape)] if shape else [name]
+
+
+def _events(run: xr.Dataset, y: Floats) -> tuple[list[Floats], list[Floats]]:
+    if "event_detector" not in run:
+        return [], []
+    labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()
+    found = np.array(words_of(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
+    places = [np.flatnonzero(found == label) for label in labels]
+    rows = np.asarray(run["event_row_after"].values, int)
+    return [run["event_time"].values[place] for place in places], [y[:, rows[place]].T for place in places]
+
+
+def _between(run: xr.Dataset, names: list[str], t: Any) -> Floats:
+    states = _rows(sample(run, np.atleast_1d(np.asarray(t, float))), names)
+    return states if np.ndim(t) else states[:, 0]
+
+
+def _not_between(_: Any) -> Floats:
+    """Refuse states between chosen times.
+
+    Raises
+    ------
+    InputError
+        Always: a record alone has them.
+    """
+    raise InputError(
+        "states at chosen times have none between them; leave t_eval out, and take solution.sol of the record"
+    )
+
+
+def _shape(array: Floats) -> str:
+    return " x ".join(map(str, array.shape))
