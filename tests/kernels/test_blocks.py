@@ -10,6 +10,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.kernels import layout_of
 from xdynamics.kernels.blocks import Block, Blocks
+from xdynamics.shapes import Extent
 
 
 def test_blocks_stand_one_after_another() -> None:
@@ -19,8 +20,20 @@ def test_blocks_stand_one_after_another() -> None:
     blocks = [Block(f"b{k}", "state", tuple("ij"[: len(shape)]), shape) for k, shape in enumerate(shapes)]
     joined = Blocks(blocks[:7]) + Blocks(blocks[7:])
     places = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
-    assert [joined.place(name) for name in joined] == places[:-1].tolist()
-    assert joined.size == places[-1]
+    assert [joined.place(block.name) for block in joined.blocks] == places[:-1].tolist()
+    assert joined.size == len(joined) == places[-1]
+
+
+def test_numbers_are_found_by_their_names() -> None:
+    """Assert that every number of blocks has a name, by which it is found, and that no other name is."""
+    body, axis = Extent("body", 2, ("Sun", "Moon")), Extent("axis", 3)
+    blocks = Blocks([Block("t", "time"), Block("r", "coordinate", ("body", "axis"), (2, 3), (body, axis))])
+    assert tuple(blocks) == ("t", *(f"r·{label}·{k}" for label in ("Sun", "Moon") for k in range(3)))
+    assert [blocks.index(name) for name in blocks] == [*range(7)] == [blocks.find(blocks[k]) for k in range(7)]
+    assert blocks[-1] == "r·Moon·2"
+    assert blocks.renamed("velocity", "v_{}".format).place("v_r·Moon·0") == 4
+    for name in ("r", "r·Sun", "r·Sun·3", "r·Sun·03", "r·Sun·²", "r·Mars·0", "s·Sun·0", 0):
+        assert name not in blocks
 
 
 def test_copies_have_the_same_blocks() -> None:

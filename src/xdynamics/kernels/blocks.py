@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import NamedTuple
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from typing import Any, NamedTuple
 
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes import Extent, Shapes
+from xdynamics.shapes.extents import element_name, element_names, number_of_element
+from xdynamics.shapes.naming import DOT, parted
 
 
 class Block(NamedTuple):
@@ -21,63 +26,149 @@ class Block(NamedTuple):
         The names of its dimensions.
     shape : tuple of int
         Their lengths; () for a single number.
+    extents : tuple of Extent
+        Its dimensions, which know the labels of elements; without them elements are numbered.
     """
 
     name: str
     role: str
     dims: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
+    extents: tuple[Extent, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, role: str, shapes: Shapes) -> Block:
+        """Return the block of a quantity with the dimensions that its name has."""
+        dims = shapes.dims.get(name, ())
+        extents = tuple(map(shapes.extent, dims))
+        return cls(name, role, dims, tuple(extent.size for extent in extents), extents)
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return math.prod(self.shape)
+
+    @property
+    def first(self) -> str:
+        """The name of its first number."""
+        return self.element(0)
+
+    def element(self, number: int) -> str:
+        """Return the name of one of its numbers."""
+        return element_name(self.name, number, self._along)
+
+    def elements(self) -> Iterator[str]:
+        """Yield the names of its numbers, the last dimension fastest."""
+        return element_names(self.name, self._along)
+
+    def number(self, name: str) -> int | None:
+        """Return the number of an element by its name; None if it is none of this block."""
+        return number_of_element(name, self._along)
+
+    @property
+    def _along(self) -> tuple[Extent, ...]:
+        return self.extents or tuple(map(Extent, self.dims, self.shape))
 
 
-class Blocks(tuple[str, ...]):
-    """The blocks of an array, one after another; as a sequence, their names.
+class Blocks(Sequence[str]):
+    """The blocks of an array, one after another; as a sequence, the names of its numbers, made where they are asked for.
 
     Examples
     --------
-    >>> moving = Blocks.of("coordinate", ["x", "y"]) + Blocks([Block("v", "velocity", ("link",), (3,)), Block("s", "state")])
-    >>> moving, moving.size, moving.place("s")
-    (('x', 'y', 'v', 's'), 6, 5)
+    >>> moving = Blocks.of("coordinate", ["x", "y"]) + Blocks([Block("s", "state")])
+    >>> tuple(moving), moving.size, moving.place("s")
+    (('x', 'y', 's'), 3, 2)
     """
 
-    blocks: tuple[Block, ...]
-
-    def __new__(cls, blocks: Iterable[Block]) -> Blocks:
-        """Place each block after those before it."""
-        blocks = tuple(blocks)
-        self = super().__new__(cls, [block.name for block in blocks])
-        self.blocks = blocks
-        return self
+    def __init__(self, blocks: Iterable[Block]) -> None:
+        self.blocks = tuple(blocks)
 
     @classmethod
-    def of(cls, role: str, names: Iterable[str]) -> Blocks:
-        """Return single numbers of one role."""
-        return cls([Block(name, role) for name in names])
+    def of(cls, role: str, names: Iterable[str], shapes: Shapes | None = None) -> Blocks:
+        """Return quantities of one role, with the dimensions that they have in `shapes`."""
+        return cls([Block(name, role) if shapes is None else Block.of(name, role, shapes) for name in names])
 
-    def __getnewargs__(self) -> tuple[tuple[Block, ...]]:
-        """Return what a copy is made from."""
-        return (self.blocks,)
-
-    def __add__(self, other: Blocks) -> Blocks:  # type: ignore[override]
+    def __add__(self, other: Blocks) -> Blocks:
         """Return the blocks of one array followed by those of another."""
         return Blocks(self.blocks + other.blocks)
 
+    def renamed(self, role: str, rename: Callable[[str], str]) -> Blocks:
+        """Return blocks of the same shapes with other names."""
+        return Blocks([block._replace(name=rename(block.name), role=role) for block in self.blocks])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return self._names[number]
+        number = range(self.size)[number]
+        block = bisect_right(self._starts, number) - 1
+        return self.blocks[block].element(number - self._starts[block])
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self._find(name) is not None
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Sequence) and tuple(self) == tuple(other))
+
+    def __hash__(self) -> int:
+        return hash(self._names)
+
+    def __repr__(self) -> str:
+        return repr(self._names)
+
+    def index(self, name: str, *bounds: int) -> int:
+        """Return the place of a number by its name; a `ValueError` if there is none."""
+        if (place := self._find(name)) is None:
+            raise ValueError(f"'{name}' is not among {self._names[slice(*bounds)]}")
+        return place
+
     def place(self, name: str) -> int:
-        """Return the place of a block's first number in the array."""
-        return self._offsets[name]
+        """Return the place of a number, or of a block's first number, in the array."""
+        if (place := self.find(name)) is None:
+            raise KeyError(name)
+        return place
 
     def find(self, name: str) -> int | None:
-        """Return the place of a block's first number; None if there is no such block."""
-        return self._offsets.get(name)
+        """Return the place of a number, or of a block's first number; None if there is none."""
+        found = self._offsets.get(name)
+        return self._find(name) if found is None else found
 
     @cached_property
     def size(self) -> int:
         """How many numbers the array has."""
-        return sum(math.prod(block.shape) for block in self.blocks)
+        return sum(block.size for block in self.blocks)
+
+    def _find(self, name: str) -> int | None:
+        """Return the place of a number by its own name."""
+        if DOT in name and name not in self._offsets:
+            stem = parted(name)[0]
+            block = self._by_name.get(stem)
+            number = None if block is None else block.number(name)
+            return None if number is None else self._offsets[stem] + number
+        block = self._by_name.get(name)
+        return None if block is None or block.dims else self._offsets[name]
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(chain.from_iterable(block.elements() if block.dims else (block.name,) for block in self.blocks))
+
+    @cached_property
+    def _starts(self) -> list[int]:
+        starts, offset = list[int](), 0
+        for block in self.blocks:
+            starts.append(offset)
+            offset += block.size
+        return starts
+
+    @cached_property
+    def _by_name(self) -> dict[str, Block]:
+        return {block.name: block for block in reversed(self.blocks)}
 
     @cached_property
     def _offsets(self) -> dict[str, int]:
-        offset, places = 0, dict[str, int]()
-        for block in self.blocks:
-            places.setdefault(block.name, offset)
-            offset += math.prod(block.shape)
-        return places
+        return dict(zip((block.name for block in reversed(self.blocks)), reversed(self._starts), strict=True))

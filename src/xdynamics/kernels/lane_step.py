@@ -295,7 +295,7 @@ class _Writing:
         used = self._layout.used.size
         if not any(self._followers):
             return [(0, used, 0, False)]
-        traits = list(zip(self._layout.kinds, self._followers, strict=True))
+        traits = list(zip(self._layout.kinds.tolist(), self._followers, strict=True))
         cuts = [i for i in range(used) if i == 0 or traits[i] != traits[i - 1]]
         return [(begin, end, *traits[begin]) for begin, end in pairwise([*cuts, used])]
 

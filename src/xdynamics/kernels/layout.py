@@ -7,21 +7,27 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.kernels.blocks import Blocks
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import DIFFERENCES
-from xdynamics.model import Model, derivatives
+from xdynamics.model import Function, Model, derivatives
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
-from xdynamics.model.lazy_trees import Lazy
+from xdynamics.model.lazy_trees import Lazy, own_mass
 from xdynamics.model.motion import in_regimes
 from xdynamics.model.reactions import NORMAL, reactions
+from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
-from xdynamics.model.whole import energies_of_wholes, has_wholes, written_out
+from xdynamics.model.whole import acting, energies_of_wholes, has_wholes, shapes_of, written_out
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes import at
-from xdynamics.units import Dimension
+from xdynamics.shapes import Shapes, at
+from xdynamics.units import Dimension, Scales
+
+Floats = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
@@ -47,35 +53,49 @@ class Layout:
         return self.scheme is not None and self.scheme.estimates
 
     @cached_property
+    def declared(self) -> Statement:
+        """What the blocks are the quantities of: the statement with dimensions, or the one of their elements."""
+        return self.model.shaped if has_wholes(self.model) else self.model.statement
+
+    @cached_property
+    def _shapes(self) -> Shapes | None:
+        return shapes_of(self.model) if has_wholes(self.model) else None
+
+    @cached_property
     def coordinates(self) -> Blocks:
-        """Names of the coordinates."""
-        return Blocks.of("coordinate", self.model.coordinates)
+        """The coordinates."""
+        return Blocks.of("coordinate", self.declared.coordinates, self._shapes)
 
     @cached_property
     def velocities(self) -> Blocks:
-        """Names of the velocities."""
-        return Blocks.of("velocity", map(schema.velocity, self.coordinates))
+        """The velocities."""
+        return self.coordinates.renamed("velocity", schema.velocity)
 
     @cached_property
     def states(self) -> Blocks:
-        """Names of the first-order states."""
-        return Blocks.of("state", self.model.states)
+        """The first-order states."""
+        return Blocks.of("state", self.declared.states, self._shapes)
 
     @cached_property
     def accelerations(self) -> Blocks:
-        """Names of the accelerations."""
-        return Blocks.of("acceleration", map(schema.acceleration, self.coordinates))
+        """The accelerations."""
+        return self.coordinates.renamed("acceleration", schema.acceleration)
 
     @cached_property
     def rates(self) -> Blocks:
-        """Names of the first-order states' rates."""
-        return Blocks.of("rate", map(schema.rate, self.states))
+        """The first-order states' rates."""
+        return self.states.renamed("rate", schema.rate)
+
+    @cached_property
+    def terms(self) -> Mapping[str, Mapping[str, Node | Function]]:
+        """What every force term is for every coordinate, as `declared` has them."""
+        return self.model.force_components if self._shapes is None else acting(self.model)
 
     @cached_property
     def forces(self) -> Blocks:
-        """Names of the force components, term by term."""
-        terms = self.model.force_components
-        return Blocks.of("force", (schema.force(term, name) for term, parts in terms.items() for name in parts))
+        """The force components, term by term."""
+        names = (schema.force(term, name) for term, parts in self.terms.items() for name in parts)
+        return Blocks.of("force", names, self._shapes)
 
     @cached_property
     def reactions(self) -> Blocks:
@@ -93,12 +113,18 @@ class Layout:
         return self.coordinates + self.velocities + self.states
 
     @cached_property
-    def kinds(self) -> tuple[int, ...]:
+    def kinds(self) -> NDArray[np.int64]:
         """A number for the kind of each used variable: coordinates of one dimension share a kind, and so on."""
-        roles = (self.coordinates, self.velocities, self.states)
-        kinds = [(i, self.model.dimensions[name]) for i, names in enumerate(roles) for name in names]
+        blocks = self.used.blocks
+        kinds = [(block.role, self.model.dimensions[block.first]) for block in blocks]
         numbers = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
-        return tuple(numbers[kind] for kind in kinds)
+        return np.repeat([numbers[kind] for kind in kinds], [block.size for block in blocks]).astype(np.int64)
+
+    def sizes(self, scales: Scales) -> Floats:
+        """Return the size in SI units of 1 in the march of everything that a force evaluation uses besides time."""
+        blocks = self.used.blocks
+        sizes = [scales.of(self.model.dimensions[block.first]) for block in blocks]
+        return np.repeat(sizes, [block.size for block in blocks]).astype(float)
 
     @cached_property
     def state(self) -> Blocks:
@@ -113,8 +139,8 @@ class Layout:
     @cached_property
     def carried(self) -> Blocks:
         """Names of rounding errors of coordinates, velocities and states, where they are carried along."""
-        carried = self.used if self.scheme and self.scheme.compensated else ()
-        return Blocks.of("carried", (f"_carried_{name}" for name in carried))
+        carried = self.used if self.scheme and self.scheme.compensated else Blocks(())
+        return carried.renamed("carried", "_carried_{}".format)
 
     @cached_property
     def record(self) -> Blocks:
@@ -124,8 +150,18 @@ class Layout:
     @cached_property
     def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
-        observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
+        observables = {name: partial(self._observed, name) for name in self.model.observables}
         return Lazy(self._energies() | observables | self.gaps)
+
+    def _observed(self, name: str) -> Node:
+        return self.model.expanded(self.model.observables[name])
+
+    @cached_property
+    def computed(self) -> Blocks:
+        """The blocks of `derived`."""
+        if self._shapes is None:
+            return Blocks.of("derived", self.derived)
+        return Blocks.of("derived", self.wholes, self._shapes) + Blocks.of("derived", self.gaps)
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
@@ -167,23 +203,26 @@ class Layout:
     @cached_property
     def followed(self) -> dict[str, Node]:
         """The time derivatives of observables, for events; of those that depend on accelerations they are unknown."""
+        if not self.watched:
+            return {}
         accelerations = set(self.accelerations)
         observables = {name: self.model.expanded(node) for name, node in self.model.observables.items()}
         without_accelerations = {
             name: node for name, node in observables.items() if not free_names(node) & accelerations
         }
-        return {name: self.model.rate_of(node) for name, node in without_accelerations.items()} if self.watched else {}
+        return {name: self.model.rate_of(node) for name, node in without_accelerations.items()}
 
     @cached_property
     def row(self) -> Blocks:
         """The float columns of a logged row."""
-        derived = Blocks.of("derived", self.derived)
-        return Blocks.of("step", ("time", "step_size")) + self.state + derived + self.errors + self.effort
+        return Blocks.of("step", ("time", "step_size")) + self.state + self.computed + self.errors + self.effort
 
     @property
     def errors(self) -> Blocks:
         """The norm of the local error and the error of everything a force evaluation uses, where it is estimated."""
-        return Blocks.of("error", ("error_norm", *map(schema.error, self.used)) if self.estimates else ())
+        if not self.estimates:
+            return Blocks(())
+        return Blocks.of("error", ("error_norm",)) + self.used.renamed("error", schema.error)
 
     @property
     def effort(self) -> Blocks:
@@ -229,12 +268,10 @@ class Layout:
         """The dimension of kinetic energy, if the terms of all coordinates share one."""
         from xdynamics.expressions import dimension_of
 
-        known, names = self.model.dimensions, [*self.coordinates]
-        firsts = {self.model.shapes.first(name) for name in self.model.shaped.coordinates}  # others are like them
+        known, mass = self.model.dimensions, self.model.mass
         dimensions = {
-            dimension_of(self.model.mass[i][i], known) * known[schema.velocity(name)] ** 2
-            for i, name in enumerate(names)
-            if name in firsts
+            dimension_of(own_mass(mass, self.coordinates.place(block.first)), known) * known[velocity.first] ** 2
+            for block, velocity in zip(self.coordinates.blocks, self.velocities.blocks, strict=True)
         }
         return dimensions.pop() if len(dimensions) == 1 else None
 

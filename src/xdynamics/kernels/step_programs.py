@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from xdynamics.expressions import Node, parse
@@ -165,9 +165,7 @@ class _Stepping(Walker):
 
     def end(self) -> None:
         """Write the new state to `z`: the result of the step, and of its last force evaluation."""
-        self.out(
-            "z", ["q1", "v1", "x1", "a1", "r1"], (*self.layout.used, *self.layout.accelerations, *self.layout.rates)
-        )
+        self.out("z", ["q1", "v1", "x1", "a1", "r1"], self.layout.used + self.layout.accelerations + self.layout.rates)
         first = self.layout.used.size + self.layout.accelerations.size + self.layout.rates.size
         last = self.layout.used.size + self.layout.evaluation.size
         self._copy(Place("z", first), Place(self._last, first), last - first)
@@ -187,7 +185,7 @@ class _Stepping(Walker):
                 _, first, count = self._views[name]
                 self._views[f"{name}{stage}"] = ("w", k * self.layout.used.size + first, count)
 
-    def out(self, array: str, vectors: Iterable[str], names: tuple[str, ...]) -> None:
+    def out(self, array: str, vectors: Iterable[str], names: Sequence[str]) -> None:
         """Copy vectors, one after another, into a given array."""
         first = 0
         for name in vectors:

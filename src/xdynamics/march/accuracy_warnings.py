@@ -201,7 +201,7 @@ def _condition(mass: NDArray[np.float64]) -> float:
 def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
     """Return rows of time, step, state as SI numbers by name."""
     scales, names = march.settings.scales, march.layout.used
-    time, factors = scales.of(TIME), [scales.of(march.model.dimensions[name]) for name in names]
+    time, factors = scales.of(TIME), march.layout.sizes(scales).tolist()
     return [
         {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
         for t, _, *state in rows.T.tolist()

@@ -200,8 +200,8 @@ def march_many(
     parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
 
     side_by_side, kept = lanes_for(law, settings, n, lanes), bool(logs)
-    columns = (law.layout.row if logs else ()) if isinstance(logs, bool) else tuple(logs)
-    meant = columns if kept and side_by_side > 1 else law.layout.row
+    columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
+    meant = columns if kept and side_by_side > 1 else tuple(law.layout.row)
 
     def marched(part: slice) -> Part:
         part_arrays = {key: array[part] for key, array in arrays.items()}

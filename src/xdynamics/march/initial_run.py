@@ -108,7 +108,7 @@ def addresses_of(law: Law) -> NDArray[np.int64]:
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
     """Return the initial state, its tolerances, and room for trial states."""
     layout, tolerances = law.layout, settings.tolerances
-    sizes = {name: settings.scales.of(model.dimensions[name]) for name in layout.used}
+    sizes = layout.sizes(settings.scales)
     n, events = layout.used.size, len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), layout.record.size)
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
@@ -117,27 +117,22 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    arrays["y"][:n] = [model.initial[name].si / sizes[name] for name in layout.used]
+    arrays["y"][:n] = np.array([model.initial[name].si for name in layout.used]) / sizes
     # without tolerances an error may have any size
     wider = widened(law, tolerances.rtol) if tolerances else 1.0
-    atols = [None if tolerances is None else tolerances.of(name) for name in layout.used]
-    unspecified = np.inf if tolerances is None else 0.0  # a tolerance that follows its variable is not known yet
-    arrays["atol"] = np.array(
-        [
-            unspecified if atol is None else atol / sizes[name] * wider
-            for name, atol in zip(layout.used, atols, strict=True)
-        ]
-    )
+    atols = np.full(n, np.inf) if tolerances is None else tolerances.of_all(layout.used)
+    # a tolerance that follows its variable is not known yet
+    arrays["atol"] = np.where(np.isnan(atols), 0.0, atols / sizes * wider)
     arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(4 * n)
-    arrays["tops"] = np.zeros(2 * (1 + max(layout.kinds)))
+    arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())))
     return arrays
 
 
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
-    follow = [tolerances is not None and tolerances.of(name) is None for name in layout.used]
-    return {"followers": np.array(follow, np.int64), "kinds": np.array(layout.kinds, np.int64)}
+    follow = np.zeros(layout.used.size, bool) if tolerances is None else np.isnan(tolerances.of_all(layout.used))
+    return {"followers": follow.astype(np.int64), "kinds": layout.kinds.copy()}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
@@ -174,7 +169,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "coordinates": layout.coordinates.size,
         "kinetic": layout.row.index("kinetic_energy") if "kinetic_energy" in layout.derived else -1,
         "used": layout.used.size,
-        "follows": tolerances is not None and any(tolerances.of(name) is None for name in layout.used),
+        "follows": tolerances is not None and bool(np.isnan(tolerances.of_all(layout.used)).any()),
         "state": layout.state.size,
         "regime": first_regime(model),
         "evaluated": layout.evaluation.size,

@@ -29,7 +29,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
 from xdynamics.model import Model
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import EVENT_AFTER, error
+from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME
 
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
@@ -114,9 +114,10 @@ class March:
     def estimated(self) -> list[int]:
         """Return the columns of a log with estimated errors, by which given absolute tolerances are judged."""
         tolerances, used = self.settings.tolerances, self.layout.used
-        if not self.settings.adaptive or tolerances is None or not any(tolerances.of(name) for name in used):
+        if not self.settings.adaptive or tolerances is None or not np.nan_to_num(tolerances.of_all(used)).any():
             return []
-        return [self.layout.row.place(error(name)) for name in used]
+        first = self.layout.row.place(self.layout.errors.blocks[1].name)
+        return [*range(first, first + used.size)]
 
     @property
     def expected_rows(self) -> int | None:

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
+from xdynamics.kernels.blocks import Blocks
 from xdynamics.keywords import FULL
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
@@ -80,6 +82,17 @@ class Tolerances:
         if name in self.atol:
             return self.atol[name]
         return None if self.bare is None else self.units[name].to_si(self.bare)
+
+    def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
+        """Return the absolute tolerance of every number of some blocks, SI; nan where it follows the size."""
+        found = np.full(blocks.size, np.nan)
+        for block in blocks.blocks if self.bare is not None else ():
+            place = blocks.place(block.name)
+            found[place : place + block.size] = self.units[block.first].to_si(self.bare or 0.0)
+        for name, atol in self.atol.items():
+            if (own := blocks.find(name)) is not None:
+                found[own] = atol
+        return found
 
     def faults(self, model: Model) -> list[str]:
         """List everything that an error test could not use."""

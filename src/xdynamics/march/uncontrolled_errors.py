@@ -68,7 +68,7 @@ def effect_of(march: March) -> Effect:
     none_loose = np.zeros(layout.used.size, bool)
     if not march.settings.adaptive or tolerances is None or not march.witnesses.shape[1]:
         return Effect("", none_loose)
-    factors = np.array([scales.of(march.model.dimensions[name]) for name in layout.used])
+    factors = layout.sizes(scales)
     atols = _given(tolerances, layout) / factors
     if not atols.any():
         return Effect("", none_loose)
@@ -102,7 +102,7 @@ def effect_of(march: March) -> Effect:
 
 def _given(tolerances: Tolerances, layout: Layout) -> Floats:
     """Return the given absolute tolerances, SI; 0 for those that follow sizes, whose errors are in proportion."""
-    return np.array([tolerances.of(name) or 0.0 for name in layout.used])
+    return np.nan_to_num(tolerances.of_all(layout.used), nan=0.0, posinf=np.inf)
 
 
 def _estimated(march: March) -> Floats:
@@ -119,8 +119,8 @@ def _estimated(march: March) -> Floats:
 
 def _tops(layout: Layout, largest: Floats) -> Floats:
     """Return the largest value of each variable's kind."""
-    kinds, tops = np.array(layout.kinds), np.zeros_like(largest)
-    for kind in set(layout.kinds):
+    kinds, tops = layout.kinds, np.zeros_like(largest)
+    for kind in np.unique(kinds).tolist():
         tops[..., kinds == kind] = largest[..., kinds == kind].max(axis=-1, keepdims=True)
     return tops
 

@@ -62,6 +62,10 @@ class Diagonal(Sequence[tuple[Node, ...]]):
         i = range(len(self))[i]
         return (ZERO,) * i + (self._entries[self.names[i]],) + (ZERO,) * (len(self) - i - 1)
 
+    def own(self, i: int) -> Node:
+        """Return the mass of a coordinate by its number."""
+        return self._entries[self.names[i]]
+
     def __len__(self) -> int:
         return len(self.names)
 
@@ -75,6 +79,12 @@ class Diagonal(Sequence[tuple[Node, ...]]):
         """Every entry that is not a literal zero, by row and column."""
         own = ((i, self._entries[name]) for i, name in enumerate(self.names))
         return {(i, i): entry for i, entry in own if entry != ZERO}
+
+
+def own_mass(mass: Sequence[tuple[Node, ...]], i: int) -> Node:
+    """Return the mass of a coordinate by its number: the entry on the diagonal."""
+    entry: Node = mass.own(i) if isinstance(mass, Diagonal) else mass[i][i]
+    return entry
 
 
 class ForceOfPotential(Force):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
+from xdynamics.kernels.blocks import Block as Quantity
 from xdynamics.march import Block, Tolerances
 from xdynamics.model import Model
+from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
@@ -56,56 +59,66 @@ class Units:
         self.about = about
         self.scales = about.scales
         self.time = self.scales.of(TIME)
-        self.known = dict(about.model.units)
-        model = about.model
-        dimensions = model.dimensions
-        for i, (name, one) in enumerate(model.coordinates.items()):
-            self.known[schema.acceleration(name)] = one.unit.per(model.time_unit, 2)
-            mass = dimension_of(model.mass[i][i], dimensions)
-            force_unit = spell(mass * dimensions[name] / model.time_unit.dimension**2, angle=dimensions[name] == NONE)
-            for term, components in model.force_components.items():
+        model, layout = about.model, about.layout
+        declared, dimensions, time = layout.declared, model.dimensions, model.time_unit
+        self.known = {name: state.unit for name, state in declared.states.items()}
+        for block in layout.coordinates.blocks:
+            name, unit = block.name, declared.coordinates[block.name].unit
+            self.known[name], self.known[schema.velocity(name)] = unit, unit.per(time)
+            self.known[schema.acceleration(name)] = unit.per(time, 2)
+            mass = dimension_of(own_mass(model.mass, layout.coordinates.place(name)), dimensions)
+            own = dimensions[block.first]
+            force_unit = spell(mass * own / time.dimension**2, angle=own == NONE)
+            for term, components in layout.terms.items():
                 if name in components:
                     self.known[schema.force(term, name)] = force_unit
         self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
-        for name, state in model.states.items():
-            self.known[schema.rate(name)] = state.unit.per(model.time_unit)
+        self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 
     def factor(self, unit: Unit) -> float:
         """Return the factor from internal numbers to a unit."""
         return self.scales.of(unit.dimension) / float(unit.factor)
 
-    def derived(self, name: str) -> Unit:
+    def derived(self, block: Quantity) -> Unit:
         """Return the unit of an energy, an observable or a gap."""
-        layout = self.about.layout
+        layout, name = self.about.layout, block.name
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
         if name in layout.gaps:
             return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
-        observable = self.about.model.observed.get(name)
+        observable = layout.declared.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
-        return spell(dimension_of(self.about.model.observables[name], self._dimensions))
+        return spell(dimension_of(self.about.model.observables[block.first], self._dimensions))
 
     @cached_property
     def _dimensions(self) -> dict[str, Dimension]:
         """The dimension of every name that an observable may read."""
-        dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
-        coordinates = self.about.layout.coordinates
+        model, coordinates = self.about.model, self.about.layout.coordinates
+        dimensions, square = model.dimensions, model.time_unit.dimension**2
         return dimensions | {schema.acceleration(name): dimensions[name] / square for name in coordinates}
 
 
 @dataclass(frozen=True)
 class LineOf:
-    """Takes a line of one of the log's tables, ``rows`` or ``samples``, by its number."""
+    """Takes a line of one of the log's tables, ``rows`` or ``samples``, by its number; of a quantity with dimensions all."""
 
     table: str
     index: int
     factor: float
+    shape: tuple[int, ...] = ()
 
     def __call__(self, block: Block) -> Array:
         """Take it of a block."""
-        return self.taken(block, self.index)
+        if not self.shape:
+            return self.taken(block, self.index)
+        lines = self.taken(block, slice(self.index, self.index + math.prod(self.shape)))
+        return lines.T.reshape(-1, *self.shape)
+
+    def element(self, number: int) -> LineOf:
+        """Return what takes one of the lines alone."""
+        return LineOf(self.table, self.index + number, self.factor)
 
     def taken(self, block: Block, lines: int | slice) -> Array:
         """Take some lines of a block, in the record's unit."""
@@ -113,14 +126,14 @@ class LineOf:
         return times(values, self.factor)
 
 
-def row_of(index: int, factor: float) -> Callable[[Block], Array]:
-    """Take a column of the logged rows."""
-    return LineOf("rows", index, factor)
+def row_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[Block], Array]:
+    """Take a quantity of the logged rows."""
+    return LineOf("rows", index, factor, shape)
 
 
-def sample_of(index: int, factor: float) -> Callable[[Block], Array]:
-    """Take a column of the force samples."""
-    return LineOf("samples", index, factor)
+def sample_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[Block], Array]:
+    """Take a quantity of the force samples."""
+    return LineOf("samples", index, factor, shape)
 
 
 def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:

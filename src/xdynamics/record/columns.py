@@ -14,6 +14,8 @@ from xdynamics import schema
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
+from xdynamics.kernels.blocks import Block as Quantity
+from xdynamics.kernels.blocks import Blocks
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end
@@ -25,10 +27,11 @@ from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
-from xdynamics.record.folded_columns import dimensions, folded, folded_constants
+from xdynamics.record.folded_columns import dimensions, folded, folded_constants, parted
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
+from xdynamics.shapes.naming import DOT
 from xdynamics.units import Scales, Unit
 
 Array = NDArray[Any]
@@ -39,15 +42,20 @@ OF_STATES = ("coordinate", "velocity", "state", "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return folded(element_columns(march), march.model.shapes)
+    return folded(_selected(march), march.model.shapes)
 
 
 def element_columns(march: March) -> list[Column]:
     """Return the same, where quantities with dimensions have a variable for each of their elements."""
-    settings, shapes = march.settings, march.model.shapes
+    return parted(_selected(march), march.model.shapes)
+
+
+def _selected(march: March) -> list[Column]:
+    """Return the columns of a log; those of quantities that are not blocks are of elements."""
+    settings = march.settings
     selected = _columns(About(march.layout, settings.scales, settings.tolerances, settings.samples))
     if settings.log != FULL:
-        selected = _logged(selected, settings.log, shapes)
+        selected = _logged(selected, settings.log, march.model.shapes)
     return selected if march.thinning is None else [*selected, Column(schema.STEP_NUMBER, _numbers)]
 
 
@@ -59,6 +67,8 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
     InputError
         If a name is no column of the log.
     """
+    if any(DOT in name for name in log):  # of some elements
+        available = parted(available, shapes)
     by_rows = {
         column.variable.name: column.variable for column in available if column.variable.dims[0] in (STEPS, SAMPLES)
     }
@@ -76,19 +86,23 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
         for column in available
         if (name := column.variable.name) not in by_rows
         or name in log
-        or (column.variable.role in roles and column.variable.dims == (STEPS,))
+        or (column.variable.role in roles and column.variable.dims[0] == STEPS)
     ]
 
 
-def _logged_elements(march: March) -> tuple[str, ...]:
-    """Return the names of a chosen log's variables of states, by their elements."""
-    used = march.layout.used
-    return expanded(march.settings.log, used, march.model.shapes)
+def _is_logged(march: March, quantity: Quantity) -> NDArray[np.bool_]:
+    """Return which elements of a quantity a log holds."""
+    log, shape = march.settings.log, quantity.size
+    if isinstance(log, str) or {quantity.name, of_whole(quantity.name)} & {*log}:
+        return np.ones(shape, bool)
+    if not any(DOT in name for name in log):
+        return np.zeros(shape, bool)
+    return np.array([name in log for name in quantity.elements()])
 
 
 def columns_of(layout: Layout, settings: Settings) -> list[Column]:
-    """Return the columns of a march that keeps no force samples."""
-    return _columns(About(layout, settings.scales, settings.tolerances, samples=False))
+    """Return the columns of a march that keeps no force samples, one for each element."""
+    return parted(_columns(About(layout, settings.scales, settings.tolerances, samples=False)), layout.model.shapes)
 
 
 @lru_cache(maxsize=64)
@@ -103,15 +117,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     entries: list[tuple[Variable, Any]] = []
     if isinstance(march.settings.step, tuple):
         entries.append((schema.in_time(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
-    for name, one in march.model.parameters.items():
-        extra: dict[str, Any] = {}
-        if one.spread is not None:
-            extra["uncertainty"] = one.uncertainty
-        long_name = one.description or f"parameter {name}"
-        entries.append(
-            (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", extra), one.quantity.value)
-        )
-    entries = folded_constants(entries, march.model.shapes) + dimensions(march.model)
+    entries += _parameters(march.model)
+    entries += dimensions(march.model)
     entries += passed(march)
     names, numbers = numbers_at_end(march.run)
     if march.settings.partial:  # rows by which a march is judged, and which its record may leave out
@@ -126,6 +133,20 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     return entries + [(variable, texts[variable.name]) for variable in schema.TEXTS]
 
 
+def _parameters(model: Model) -> list[tuple[Variable, Any]]:
+    """Return the parameters with their values."""
+    entries: list[tuple[Variable, Any]] = []
+    for name, one in model.parameters.items():
+        extra: dict[str, Any] = {}
+        if one.spread is not None:
+            extra["uncertainty"] = one.uncertainty
+        long_name = one.description or f"parameter {name}"
+        entries.append(
+            (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", extra), one.quantity.value)
+        )
+    return folded_constants(entries, model.shapes)
+
+
 def factors(model: Model, scales: Scales) -> dict[str, float]:
     """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
     return {name: scales.of(unit.dimension) / float(unit.factor) for name, unit in model.units.items()}
@@ -133,48 +154,49 @@ def factors(model: Model, scales: Scales) -> dict[str, float]:
 
 def _steps(about: About) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
-    order = {name: index for index, name in enumerate(layout.row)}
-    collected = [Column(one, row_of(order[one.name], units.time)) for one in schema.FIXED_STEPS[:2]]
+    collected = [Column(one, row_of(layout.row.place(one.name), units.time)) for one in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     collected.append(_regime(about))
 
-    def add(name: str, long_name: str, role: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
-        tolerance = _tolerance(about, name, unit) if name in layout.used else {}
-        variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, {**tolerance, **(more or {})})
-        collected.append(Column(variable, row_of(order[name], units.factor(unit))))
+    def add(quantity: Quantity, long_name: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
+        name = quantity.name
+        if quantity.role in OF_STATES[:-1]:
+            more = _tolerance(about, quantity, unit)
+        variable = Variable(name, (STEPS, *quantity.dims), "f8", unit.text, long_name, quantity.role, more or {})
+        take = row_of(layout.row.place(name), units.factor(unit), quantity.shape)
+        collected.append(Column(variable, take))
 
-    for name, coordinate in model.coordinates.items():
-        add(name, coordinate.description or f"coordinate {name}", "coordinate", units.known[name])
-        add(schema.velocity(name), f"velocity of {name}", "velocity", units.known[schema.velocity(name)])
-        add(
-            schema.acceleration(name), f"acceleration of {name}", "acceleration", units.known[schema.acceleration(name)]
-        )
-    for name, state in model.states.items():
-        add(name, state.description or f"state {name}", "state", units.known[name])
-        add(schema.rate(name), f"rate of {name}", "rate", units.known[schema.rate(name)])
-    for term, components in model.force_components.items():
+    owners = zip(layout.coordinates.blocks, layout.velocities.blocks, layout.accelerations.blocks, strict=True)
+    for own, velocity, acceleration in owners:
+        name = own.name
+        add(own, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
+        add(velocity, f"velocity of {name}", units.known[velocity.name])
+        add(acceleration, f"acceleration of {name}", units.known[acceleration.name])
+    for own, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
+        add(own, layout.declared.states[own.name].description or f"state {own.name}", units.known[own.name])
+        add(rate, f"rate of {own.name}", units.known[rate.name])
+    along = [(term, name) for term, components in layout.terms.items() for name in components]
+    for (term, name), force in zip(along, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term
-        for name in components:
-            force = schema.force(term, name)
-            add(force, f"component of force {label} along {name}", "force", units.known[force])
-    for name in layout.derived:
+        add(force, f"component of force {label} along {name}", units.known[force.name])
+    for own in layout.computed.blocks:
+        name = own.name
         role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(schema.contact_gap("")) if role == "gap" else name
-        description = model.observed[name].description if name in model.observed else ""
-        add(name, description or schema.ENERGIES.get(name, f"{noun} {owner}"), role, units.derived(name))
-    for k, one in enumerate(reactions(model)):
-        add(one.name, _long_name(one), "reaction", units.known[one.name], _declared(model, one))
+        observed = layout.declared.observed.get(name)
+        description = observed.description if observed else schema.ENERGIES.get(name)
+        add(own._replace(role=role), description or f"{noun} {owner}", units.derived(own))
+    for k, (one, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
+        add(own, _long_name(one), units.known[one.name], _declared(model, one))
         collected.append(Column(_state_of(one), _flag(2 + k)))
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
-        collected.append(Column(schema.ERROR_NORM, row_of(order["error_norm"], 1.0)))
-    for name in layout.used if layout.estimates else ():
-        add(
-            schema.error(name), f"estimated local error of {name} in the step to this state", "error", units.known[name]
-        )
+        collected.append(Column(schema.ERROR_NORM, row_of(layout.row.place("error_norm"), 1.0)))
+    for own, error in zip(layout.used.blocks, layout.errors.blocks[1:], strict=bool(layout.errors)):
+        add(error, f"estimated local error of {own.name} in the step to this state", units.known[own.name])
     if layout.effort:
-        index = order[layout.effort[0]]
+        index = layout.row.place(layout.effort[0])
         collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return collected
 
@@ -257,46 +279,55 @@ def _flag(index: int) -> Callable[[Block], Array]:
     return lambda block: block.log.flags[index, : block.rows]
 
 
-def _tolerance(about: About, name: str, unit: Unit) -> dict[str, float]:
-    """Return the absolute tolerance given for a variable, in its unit and, exactly, in SI."""
-    atol = None if about.tolerances is None else about.tolerances.of(name)
-    return {} if atol is None else {"atol": atol / float(unit.factor), "atol_si": atol}
+def _tolerance(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
+    """Return the absolute tolerances given for a quantity, in its unit and, exactly, in SI."""
+    if about.tolerances is None:
+        return {}
+    atols = about.tolerances.of_all(Blocks([quantity]))
+    return {} if np.isnan(atols).all() else _atol(atols / float(unit.factor), atols)
+
+
+def _atol(atols: Array, in_si: Array) -> dict[str, Any]:
+    """Return absolute tolerances as attributes: one number where all elements have it."""
+    of_elements = {"atol": atols, "atol_si": in_si}
+    return {key: float(values[0]) if (values == values[0]).all() else values for key, values in of_elements.items()}
 
 
 def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
-    """Return the final values of the absolute tolerances that follow their variables, by variable."""
-    if not march.run.plan[0].follows:
+    """Return the final values of the absolute tolerances that follow their variables, beside those given, by quantity."""
+    tolerances, layout = march.settings.tolerances, march.layout
+    if tolerances is None or not march.run.plan[0].follows:
         return {}
-    tolerances, model, scales = {}, march.model, march.settings.scales
-    for name, follows, atol in zip(
-        march.layout.used, march.run.followers.tolist(), march.run.atol.tolist(), strict=True
-    ):
-        if follows:
-            final = atol * scales.of(model.dimensions[name])
-            tolerances[name] = {
-                "atol": final / float(model.units[name].factor),
-                "atol_si": final,
-                schema.ATOL_RULE: schema.ATOL_FOLLOWS,
-            }
-    if not isinstance(march.settings.log, str):
-        logged = _logged_elements(march)
-        tolerances = {name: entry for name, entry in tolerances.items() if name in logged}
-    return _of_quantities(march, tolerances)
+    final, following = dict[str, dict[str, Any]](), march.run.followers != 0
+    given = tolerances.of_all(layout.used)
+    last = march.run.atol * layout.sizes(march.settings.scales)
+    for quantity in layout.used.blocks:
+        place = layout.used.place(quantity.name)
+        own = slice(place, place + quantity.size)
+        follows = following[own] & _is_logged(march, quantity)
+        if follows.any():
+            in_si = np.where(follows, last[own], given[own])
+            final[quantity.name] = _atol(in_si / float(march.model.units[quantity.first].factor), in_si)
+            if follows.all():
+                final[quantity.name][schema.ATOL_RULE] = schema.ATOL_FOLLOWS
+            else:
+                final[quantity.name][schema.ATOL_FOLLOWING] = follows.astype(np.int8)
+    return _of_wholes(march, final)
 
 
-def _of_quantities(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the final tolerances of quantities with dimensions, beside those that were given for some elements."""
-    if not march.model.shapes.dims:
+def _of_wholes(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the final tolerances of quantities from those of their elements, beside those that were given."""
+    elements = [block.name for block in march.layout.used.blocks if not block.dims]
+    if not march.model.shapes.dims or not elements:
         return followed
     about = About(march.layout, march.settings.scales, march.settings.tolerances, samples=False)
-    wholes, final = Names(march.model.shapes).wholes(march.layout.used), dict(followed)
-    for whole in wholes.values():
-        elements = {}
+    final, blocks = dict(followed), {block.name: block for block in march.layout.used.blocks}
+    for whole in Names(march.model.shapes).wholes(elements).values():
+        members = {}
         for number, name in whole.members.items():
-            own = final.pop(name, None) or _tolerance(about, name, about.units.known[name])
-            elements[number] = name, own
-        if any(schema.ATOL_RULE in own for _, own in elements.values()):
-            final[whole.name] = attributes_of_whole(elements, whole.size)
+            members[number] = name, final.pop(name, {}) or _tolerance(about, blocks[name], about.units.known[name])
+        if any(schema.ATOL_RULE in own for _, own in members.values()):
+            final[whole.name] = attributes_of_whole(members, whole.size)
     return final
 
 
@@ -305,9 +336,12 @@ def left_out_tolerances(march: March) -> dict[str, tuple[float, str]]:
     tolerances, model = march.settings.tolerances, march.model
     if tolerances is None or isinstance(march.settings.log, str):
         return {}
-    log = _logged_elements(march)
-    left_out = {name: tolerances.of(name) for name in march.layout.used if name not in log}
-    return {name: (atol, model.units[name].text) for name, atol in left_out.items() if atol is not None}
+    left_out: dict[str, tuple[float, str]] = {}
+    for quantity in march.layout.used.blocks:
+        atols = np.where(_is_logged(march, quantity), np.nan, tolerances.of_all(Blocks([quantity])))
+        for number in np.flatnonzero(~np.isnan(atols)).tolist():
+            left_out[quantity.element(number)] = float(atols[number]), model.units[quantity.first].text
+    return left_out
 
 
 def _forces_by_regime(model: Model) -> dict[str, str]:
@@ -330,30 +364,17 @@ def _trials(about: About) -> list[Column]:
 
 def _samples(about: About) -> list[Column]:
     units, layout = about.units, about.layout
-    order = {name: index for index, name in enumerate(layout.sample)}
     time, step, stage = schema.FIXED_SAMPLES
     collected = [
         Column(time, sample_of(0, units.time)),
         Column(step, lambda block: block.log.samples[1, : block.samples].astype("i8")),
         Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
     ]
-    for name in (*layout.used, *layout.forces, *layout.reactions, *layout.drives):
-        unit = units.known[name]
-        origin = (
-            "given by"
-            if name in (*layout.forces, *layout.reactions)
-            else "looked up in"
-            if name in layout.drives
-            else "used in"
-        )
-        variable = Variable(
-            schema.sampled(name),
-            (SAMPLES,),
-            "f8",
-            unit.text,
-            f"{name} {origin} the force evaluation",
-            "sample",
-            _between(about.model, name),
-        )
-        collected.append(Column(variable, sample_of(order[name], units.factor(unit))))
+    origins = {"force": "given by", "reaction": "given by", "drive": "looked up in"}
+    for own in (layout.used + layout.forces + layout.reactions + layout.drives).blocks:
+        name, unit = own.name, units.known[own.name]
+        long_name = f"{name} {origins.get(own.role, 'used in')} the force evaluation"
+        more = _between(about.model, name)
+        variable = Variable(schema.sampled(name), (SAMPLES, *own.dims), "f8", unit.text, long_name, "sample", more)
+        collected.append(Column(variable, sample_of(layout.sample.place(name), units.factor(unit), own.shape)))
     return collected

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
+from xdynamics.kernels.blocks import Block as Quantity
 from xdynamics.march import Block
 from xdynamics.march.events.zero_tests import LOOKS
 from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
+from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.record.column import About, Column, event_of, times
 from xdynamics.record.element_attributes import of_whole
@@ -75,63 +78,66 @@ def _detector(about: About) -> Column:
 def _of_impacts(about: About) -> list[Column]:
     """Return impulses, shifts of coordinates, and the energy that impacts took."""
     model, collected = about.model, []
-    for i, name in enumerate(model.coordinates):
-        impulse = _impulse_unit(model, i, name)
+    for own in about.layout.coordinates.blocks:
+        name, unit, impulse = own.name, about.units.known[own.name], _impulse_unit(about, own)
+        long_name = (
+            f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where"
+            " none was"
+        )
+        dims = (EVENTS, *own.dims)
         collected += [
             Column(
                 Variable(
                     f"event_impulse_{name}",
-                    (EVENTS,),
+                    dims,
                     "f8",
                     impulse.text,
                     f"contact impulse along {name}",
                     "event",
                     _laws(model),
                 ),
-                _impulse(about, i, impulse),
+                _impulse(about, own, impulse),
             ),
             Column(
-                Variable(
-                    f"event_offset_{name}",
-                    (EVENTS,),
-                    "f8",
-                    about.units.known[name].text,
-                    f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add"
-                    " up; 0 where none was",
-                    "event",
-                ),
-                _offset(about, i, about.units.known[name]),
+                Variable(f"event_offset_{name}", dims, "f8", unit.text, long_name, "event"), _offset(about, own, unit)
             ),
         ]
     if about.layout.reactions:
-        energy = spell(
-            _impulse_unit(model, 0, name := next(iter(model.coordinates))).dimension
-            * model.dimensions[schema.velocity(name)]
-        )
+        first = about.layout.coordinates.blocks[0]
+        energy = spell(_impulse_unit(about, first).dimension * model.dimensions[schema.velocity(first.first)])
         long_name = (
             "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that"
             " moves"
         )
         lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, long_name, "event")
-        collected.append(Column(lost, _impulse(about, len(model.coordinates), energy)))
+        collected.append(Column(lost, _lines(about.layout.coordinates.size, (), about.units.factor(energy))))
     return collected
 
 
-def _impulse(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
-    """Take the impulses along a coordinate, or past the last one the lost energy; zeros without contacts."""
-    factor = about.units.factor(unit)
-    return (lambda block: times(block.log.impulses[i, : block.events], factor)) if about.layout.reactions else _nothing
+def _impulse(about: About, own: Quantity, unit: Unit) -> Callable[[Block], Array]:
+    """Take the impulses along a coordinate; zeros without contacts."""
+    if not about.layout.reactions:
+        return _nothing(own.shape)
+    return _lines(about.layout.coordinates.place(own.name), own.shape, about.units.factor(unit))
 
 
-def _offset(about: About, i: int, unit: Unit) -> Callable[[Block], Array]:
+def _offset(about: About, own: Quantity, unit: Unit) -> Callable[[Block], Array]:
     """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
-    layout, factor = about.layout, about.units.factor(unit)
-    row = i - layout.coordinates.size
-    return (
-        (lambda block: times(block.log.impulses[row, : block.events], factor))
-        if layout.reactions or layout.resets
-        else _nothing
-    )
+    layout = about.layout
+    if not (layout.reactions or layout.resets):
+        return _nothing(own.shape)
+    first = layout.coordinates.place(own.name) + (layout.coordinates.size + 1 if layout.reactions else 0)
+    return _lines(first, own.shape, about.units.factor(unit))
+
+
+def _lines(first: int, shape: tuple[int, ...], factor: float) -> Callable[[Block], Array]:
+    """Take lines of what events do to coordinates."""
+
+    def take(block: Block) -> Array:
+        lines = block.log.impulses[first : first + math.prod(shape), : block.events]
+        return times(lines.T.reshape(-1, *shape), factor)
+
+    return take
 
 
 def _laws(model: Model) -> dict[str, str]:
@@ -323,7 +329,7 @@ def _positions(about: About) -> list[Column]:
 def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Column]:
     """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
     units, layout, collected = about.units, about.layout, []
-    rates, places = list(layout.followed), {name: i for i, name in enumerate(layout.row)}
+    rates = list(layout.followed)
 
     def value(place: int, factor: float) -> Callable[[Block], Array]:
         def take(block: Block) -> Array:
@@ -335,12 +341,14 @@ def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Colum
     def doubt(place: int, factor: float) -> Callable[[Block], Array]:
         return lambda block: times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
 
-    for name in about.model.observables if about.layout.watched else ():
-        unit = units.derived(name)
+    apart = {*schema.ENERGIES, *layout.gaps}
+    observed = [own for own in layout.computed.blocks if own.name not in apart] if layout.watched else []
+    named = [(name, units.derived(own)) for own in observed for name in own.elements()]
+    for name, unit in named:
         variable = Variable(
             f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
         )
-        collected.append(Column(variable, value(places[name], units.factor(unit))))
+        collected.append(Column(variable, value(layout.row.place(name), units.factor(unit))))
         if name in rates:
             long_name = f"uncertainty of {name} at the event by event_time_uncertainty"
             variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, long_name, "event")
@@ -355,10 +363,12 @@ def _unit_text(dimension: Dimension) -> str:
         return "1"
 
 
-def _impulse_unit(model: Model, i: int, name: str) -> Unit:
-    dimensions = model.dimensions
-    return spell(dimension_of(model.mass[i][i], dimensions) * dimensions[schema.velocity(name)])
+def _impulse_unit(about: About, own: Quantity) -> Unit:
+    """Return the unit of an impulse along a coordinate."""
+    model, place = about.model, about.layout.coordinates.place(own.name)
+    mass = dimension_of(own_mass(model.mass, place), model.dimensions)
+    return spell(mass * model.dimensions[schema.velocity(own.first)])
 
 
-def _nothing(block: Block) -> Array:
-    return np.zeros(block.events)
+def _nothing(shape: tuple[int, ...]) -> Callable[[Block], Array]:
+    return lambda block: np.zeros((block.events, *shape))

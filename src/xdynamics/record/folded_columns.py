@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.march import Block
 from xdynamics.model import Model
 from xdynamics.record.column import Column, LineOf
-from xdynamics.record.element_attributes import attributes_of_whole
+from xdynamics.record.element_attributes import attributes_of_element, attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
 from xdynamics.record.folding import about_dimensions
 from xdynamics.schema import (
@@ -50,6 +51,36 @@ def folded(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
         elif whole is None:
             collected[name] = column
     return [*collected.values()]
+
+
+def parted(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
+    """Make columns of the elements of each quantity with dimensions, which were columns of them all."""
+    collected: list[Column] = []
+    for column in columns:
+        own = tuple(dim for dim in column.variable.dims if dim in shapes.extents or dim in shapes.relations)
+        collected += _elements(column, own, shapes) if own else [column]
+    return collected
+
+
+def _elements(column: Column, dims: tuple[str, ...], shapes: Shapes) -> Iterator[Column]:
+    """Yield the columns of the elements of a quantity."""
+    variable, size = column.variable, math.prod(shapes.shape(dims))
+    own = variable.dims[: len(variable.dims) - len(dims)]
+    for number, name in enumerate(shapes.elements(variable.name, dims)):
+        more = attributes_of_element(variable.more, number, size)
+        yield Column(replace(variable, name=name, dims=own, more=more), _element_of(column, number))
+
+
+def _element_of(column: Column, number: int) -> Callable[[Block], Array]:
+    """Take one element of a quantity."""
+    if isinstance(column.take, LineOf):
+        return column.take.element(number)
+
+    def take(block: Block) -> Array:
+        values = column.take(block)
+        return values.reshape(len(values), -1)[:, number]
+
+    return take
 
 
 def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:

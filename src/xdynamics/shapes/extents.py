@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.naming import element
+from xdynamics.shapes.naming import DOT, element, parted
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,13 @@ class Extent:
             return entry % self.size
         known = f"the labels {_few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
         raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}")
+
+    def find(self, label: str) -> int | None:
+        """Return the number of the element that has a label, or its number as one; None if there is none."""
+        if self.labels:
+            return self._numbers.get(label)
+        number = int(label) if label.isdecimal() and label.isascii() else self.size
+        return number if number < self.size and str(number) == label else None
 
     @cached_property
     def _numbers(self) -> dict[str, int]:
@@ -156,7 +163,48 @@ class Shapes:
     def elements(self, name: str, dims: tuple[str, ...] | None = None) -> list[str]:
         """Return the names of all elements of a quantity, the last dimension fastest."""
         own = self.dims.get(name, ()) if dims is None else dims
-        return [self.element(name, place, own) for place in self.places(own)]
+        return [*element_names(name, tuple(map(self.extent, own)))]
+
+
+def element_name(name: str, number: int, extents: tuple[Extent, ...]) -> str:
+    """Return the name of an element by its number, the last dimension fastest.
+
+    Examples
+    --------
+    >>> element_name("r", 3, (Extent("body", 2), Extent("axis", 2, ("x", "y"))))
+    'r·1·y'
+    """
+    labels = []
+    for extent in reversed(extents):
+        number, place = divmod(number, extent.size)
+        labels.append(extent.label(place))
+    return element(name, reversed(labels))
+
+
+def element_names(name: str, extents: tuple[Extent, ...]) -> Iterator[str]:
+    """Yield the names of all elements, the last dimension fastest."""
+    labels = [extent.labels or [*map(str, range(extent.size))] for extent in extents]
+    return map(DOT.join, product((name,), *labels))
+
+
+def place_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...] | None:
+    """Return the numbers along each dimension of the element that has a name; None if there is none."""
+    labels = parted(name)[1]
+    if len(labels) != len(extents):
+        return None
+    numbers = tuple(extent.find(label) for extent, label in zip(extents, labels, strict=True))
+    return None if None in numbers else numbers  # type: ignore[return-value]
+
+
+def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:
+    """Return the number of the element that has a name, the last dimension fastest; None if there is none."""
+    place = place_of_element(name, extents)
+    if place is None:
+        return None
+    number = 0
+    for extent, one in zip(extents, place, strict=True):
+        number = number * extent.size + one
+    return number
 
 
 NO_SHAPES = Shapes()  # of a model without dimensions
