@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import odeint, solve_ivp
-from tests.cases import scipy_scripts as scripts
 
 import xdynamics as xd
+from cases import scipy_scripts as scripts
 
 BODIES = [0.97, -0.243, -0.97, 0.243, 0.0, 0.0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865]
 BUMP = np.exp(-((np.arange(9) - 4.0) ** 2))
@@ -99,3 +99,11 @@ def test_the_remedies_work() -> None:
     assert float(run.y0[-1]) == pytest.approx(odeint(scripts.odeint_style, [2.0], [0, 1], (0.5,))[-1, 0], rel=1e-6)
     back = xd.solve(lambda t, y: -np.asarray(scripts.exponential_decay(-t, y)), (-2, -1), [1.0], rtol=1e-9)
     assert float(back.y0[-1]) == pytest.approx(np.exp(0.5), rel=1e-8)
+
+
+def test_functions_without_a_module() -> None:
+    """Assert that what `exec` made, as a notebook may, is solved."""
+    scope: dict[str, Any] = {}
+    exec("import math\nfun = lambda t, y: [-math.tanh(y[0])]", scope)
+    scope["fun"].__module__ = None
+    assert xd.solve(scope["fun"], (0, 1), [1.0], rtol=1e-6).attrs["run_outcome"] == "completed"

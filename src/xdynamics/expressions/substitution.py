@@ -42,7 +42,7 @@ class Substitution:
         if id(value) in self._known:
             return self._known[id(value)][1]
         match value:
-            case FunctionType() if value.__module__.split(".")[0] not in FOREIGN:
+            case FunctionType() if str(value.__module__).split(".")[0] not in FOREIGN:
                 return self._function(value)
             case MethodType():
                 return MethodType(self.of(value.__func__), value.__self__)
