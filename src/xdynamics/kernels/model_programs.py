@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from xdynamics.expressions import Node
@@ -21,7 +22,15 @@ from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, motion, slope
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
-from xdynamics.model.whole import has_wholes, motion_of_wholes, shapes_of
+from xdynamics.model.whole import (
+    change,
+    changes_of_wholes,
+    has_wholes,
+    motion_of_wholes,
+    shapes_of,
+    shapes_of_changes,
+)
+from xdynamics.shapes import at
 
 PYTHON = "python_"  # prefix of the names of functions passed in
 
@@ -94,6 +103,42 @@ def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
     for i, name in enumerate(jacobian(model).values()):
         lines.store(Place(array, first + i), lines.named(name))
     return Program("linearised", "What `forces` gives, and its derivatives by the state.", tuple(lines.lines))
+
+
+def changes(layout: Layout, first: int) -> Program:
+    """Write the derivatives of forces along a direction, which begins at `first` in `w`: to `z`, as forces are.
+
+    The state is one at which forces were evaluated. One product with the Jacobian, however many entries it has.
+    """
+    about = "Derivatives along a direction of what `forces` gives."
+    record, quantities = layout.record, changes_of_wholes(layout.model)
+    shapes, names = shapes_of_changes(layout.model), _Names(layout, record)
+
+    def place(name: str) -> Place | None:
+        if not name.startswith(change("")):
+            return names.place(name)
+        number = record.place(name.removeprefix(change("")))
+        return Place("w", first + number) if number < layout.used.size else Place("z", number)
+
+    def of_first(name: str) -> Place:
+        found = place(shapes.first(name))
+        assert found is not None  # noqa: S101 - what expressions name was checked
+        return found
+
+    def find(lines: Assignments, name: str) -> Operand:
+        found = place(name)
+        return names(lines, name) if found is None else lines.load(found)
+
+    nests = Nests(shapes, find, of_first)
+    try:
+        nests.results((name, dims, tree, of_first(name)) for name, dims, tree in quantities)
+    except UnprintedError:
+        nests = Nests(shapes, find, of_first)
+        for name, dims, tree in quantities:
+            for i, here in enumerate(shapes.places(dims)):
+                element_place = replace(of_first(name), offset=of_first(name).offset + i)
+                nests.outermost.store(element_place, nests.outermost.value(at(tree, here, shapes)))
+    return Program("changes", about, tuple(nests.lines), local=nests.local, tables=nests.tables)
 
 
 def events(layout: Layout) -> Program:

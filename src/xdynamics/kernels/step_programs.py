@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from xdynamics.expressions import Node, parse
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.model_programs import linearised
+from xdynamics.kernels.model_programs import changes, linearised
 from xdynamics.kernels.newton_matrix import Coupling, Equations
 from xdynamics.kernels.program import (
     AT,
@@ -70,9 +71,11 @@ class _Writing:
 
     def by_stages(self, stages: int) -> Steps:
         """Write the derivatives at a state: all else is made by `march.implicit.radau`, with the stages in `w`."""
-        first = stages * self.layout.used.size
-        derivatives = (linearised(self.layout, "w", first),) if self.scheme.jacobian == EXACT else ()
-        return Steps(derivatives, (), first + len(self.layout.couplings))
+        layout, first, exact = self.layout, stages * self.layout.used.size, self.scheme.jacobian == EXACT
+        if is_compressed(layout):
+            direction = first + pattern_of(layout).rows.size
+            return Steps((changes(layout, direction),) if exact else (), (), direction + layout.used.size)
+        return Steps((linearised(layout, "w", first),) if exact else (), (), first + len(layout.couplings))
 
 
 def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:

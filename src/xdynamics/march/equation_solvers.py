@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels import Law
+from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.jacobian_pattern import band_of, is_compressed, moving, pattern_of
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
@@ -18,6 +19,7 @@ from xdynamics.methods import Method
 from xdynamics.methods.radau import SHARE
 from xdynamics.methods.scheme import EMBEDDED
 from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SIMPLIFIED
+from xdynamics.model.whole import shapes_of
 
 Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
@@ -28,7 +30,7 @@ _NOTHING: Arrays = {
     "equations": np.zeros(0, EQUATIONS),
     "unknowns": np.zeros((0, 3), np.int64),
     "entries": np.zeros((0, 4), np.int64),
-    "pivots": np.zeros(0, np.int64),
+    **{name: np.zeros(0, np.int64) for name in ("pivots", "groups", "order", "band")},
 } | dict.fromkeys(("matrix", "right", "stage", "shifted", "stages", "turned", "defects", "past"), np.zeros(0))
 
 
@@ -72,10 +74,26 @@ def _simplified_arrays(law: Law) -> Arrays:
     layout, used = law.layout, law.layout.used.size
     size = used - layout.coordinates.size
     lengths = dict.fromkeys(("stages", "turned", "defects", "past"), 3 * used)
-    lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {"matrix": 3 * size * size, "right": 2 * size}
+    system, height = _system(layout, size)
+    lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {
+        "matrix": 3 * size * height,
+        "right": 2 * size,
+    }
     arrays: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    arrays |= {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "pivots": np.zeros(6 * size, np.int64)}
-    return _NOTHING | arrays
+    return _NOTHING | arrays | system | {"pivots": np.zeros(6 * size, np.int64)}
+
+
+def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
+    """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
+    if not is_compressed(layout):
+        return {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "order": np.arange(size)}, size
+    n, pattern, shapes = layout.coordinates.size, pattern_of(layout), shapes_of(layout.model)
+    columns = np.where(pattern.columns < n, pattern.columns, pattern.columns - n)  # q is eliminated by v
+    band = band_of(shapes, [shapes.dims.get(name, ()) for name in moving(layout.model)], pattern.rows, columns)
+    system: Arrays = {"entries": np.stack([pattern.rows, pattern.columns], axis=1), "groups": pattern.groups}
+    if band is None:
+        return system | {"order": np.arange(size)}, size
+    return system | {"order": band.order, "band": np.array([band.lower, band.upper])}, band.height
 
 
 def _newton_reported(_settings: Settings) -> dict[str, Any]:

@@ -280,6 +280,9 @@ class Run:
     equations: Given[Solves]
     unknowns: Given[Lists]
     entries: Given[Lists]
+    groups: Given[Whole]  # where entries of columns begin whose derivatives are found at once; none: each by itself
+    order: Given[Whole]  # the place of each unknown of the matrix, which is a band in that order
+    band: Given[Whole]  # entries below and above its diagonal; none: the matrix is kept whole
     kept: Passing[Kepts]
     stage: Passing[Floats]  # a state at which forces are evaluated
     shifted: Passing[Floats]  # a state next to it, for differences

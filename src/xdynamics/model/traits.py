@@ -49,9 +49,12 @@ def traits_of(model: Model) -> dict[Trait, str]:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
+    moved = motion | states
     for name, state in model.states.items():
-        if fault := model.reads(state.rate) & (motion | set(model.states)):
-            traits.setdefault(Trait.COUPLED_STATES, f"the rate of '{name}' depends on {_listed(fault)}")
+        if Trait.COUPLED_STATES in traits:  # the first is told; a field has a rate for each of its elements
+            break
+        if fault := model.reads(state.rate) & moved:
+            traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_listed(fault)}"
     return traits
 
 

@@ -16,6 +16,7 @@ from xdynamics.model.motion import in_regimes
 from xdynamics.model.parts import Function
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
+from xdynamics.shapes.gradient import derivative
 from xdynamics.shapes.trees import expanded
 
 Quantity = tuple[str, tuple[str, ...], Node]  # a name, its dimensions, what it is
@@ -56,6 +57,37 @@ def motion_of_wholes(model: Model) -> list[Quantity]:
         found.append((acceleration(name), own.get(name, ()), Binary("/", totals.get(name, ZERO), mass)))
     for name, state in model.shaped.states.items():
         found.append((rate(name), own.get(name, ()), written_out(model, state.rate)))
+    return found
+
+
+def varying(model: Model) -> list[str]:
+    """Return the quantities of a state, as a force evaluation uses them."""
+    shaped = model.shaped
+    return [*shaped.coordinates, *map(velocity, shaped.coordinates), *shaped.states]
+
+
+def change(name: str) -> str:
+    """Name the derivative of a quantity along a direction of the state; of one of the state itself the direction."""
+    return f"_change_{name}"
+
+
+def shapes_of_changes(model: Model) -> Shapes:
+    """Return the shapes of a model with those of its changes."""
+    shapes = shapes_of(model)
+    names = [*varying(model), *(name for name, _, _ in motion_of_wholes(model))]
+    dims = {change(name): shapes.dims[name] for name in names if name in shapes.dims}
+    return replace(shapes, dims={**shapes.dims, **dims})
+
+
+def changes_of_wholes(model: Model) -> list[Quantity]:
+    """Return the derivatives of what `motion_of_wholes` gives along a direction of the state, by the chain rule."""
+    shapes, found = shapes_of_changes(model), list[Quantity]()
+    rates: dict[str, Node] = {name: Name(change(name)) for name in varying(model)}
+    for name, dims, tree in motion_of_wholes(model):
+        one = derivative(tree, rates, shapes)
+        found.append((change(name), dims, one))
+        if one != ZERO:
+            rates[name] = Name(change(name))
     return found
 
 

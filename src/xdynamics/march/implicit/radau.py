@@ -151,7 +151,7 @@ def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
         time = t + C2 * h
         for i in range(used):
             run.stage[i] = y[i] + run.stages[used + i]
-        if run.plan[0].differences:
+        if run.plan[0].differences or run.groups.shape[0] > 0:
             evaluate(run, time, run.stage)
     linearise(run, time, h, run.stage)
     kept.fresh = 1

@@ -9,6 +9,12 @@ from __future__ import annotations
 import math
 
 from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.kernels.band import (
+    factorise_band,
+    factorise_complex_band,
+    substitute_band,
+    substitute_complex_band,
+)
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import LINEARISED
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
@@ -24,7 +30,9 @@ slope_apart = apart(slope_of)
 @shared
 def linearise(run: Run, t: float, h: float, y: State) -> None:
     """Evaluate the derivatives at a state; factors of earlier ones are discarded."""
-    if run.plan[0].differences:
+    if run.groups.shape[0] > 0:
+        find_by_groups(run, t, h, y)
+    elif run.plan[0].differences:
         differentiate(run, t, h, y)
     else:
         run.at[T] = t
@@ -40,15 +48,64 @@ def differentiate(run: Run, t: float, h: float, y: State) -> None:
     for column in range(used):
         for i in range(used):
             shifted[i] = y[i]
-        size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
-        if math.isfinite(run.atol[column]):
-            size = max(size, run.atol[column])
-        shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
-        change = shifted[column] - y[column]  # as it was rounded
+        change = shift(run, h, y, column)
         evaluate(run, t, shifted)
         for i in range(run.plan[0].coordinates, used):
             run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
             place += 1
+
+
+@shared
+def shift(run: Run, h: float, y: State, column: int) -> float:
+    """Shift a variable of the state next to y by sqrt(eps) of its size; return by how much."""
+    size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
+    if math.isfinite(run.atol[column]):
+        size = max(size, run.atol[column])
+    run.shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
+    return float(run.shifted[column] - y[column])  # as it was rounded
+
+
+@shared
+def find_by_groups(run: Run, t: float, h: float, y: State) -> None:
+    """Find the derivatives of all columns of a group at once: along their sum, or by a difference."""
+    used, shifted, w, differences = run.plan[0].used, run.shifted, run.w, run.plan[0].differences
+    first = 3 * used
+    direction = first + run.entries.shape[0]
+    for group in range(run.groups.shape[0] - 1):
+        begin, end = run.groups[group], run.groups[group + 1]
+        if differences:
+            for i in range(used):
+                shifted[i] = y[i]
+        for k in range(begin, end):
+            column = run.entries[k, 1]
+            if w[direction + column] == 0.0:
+                w[direction + column] = shift(run, h, y, column) if differences else 1.0
+        if differences:
+            evaluate(run, t, shifted)
+        else:
+            run.at[T] = t
+            called(run.law[LINEARISED], run, y, shifted, 0)
+        for k in range(begin, end):
+            row, column = run.entries[k, 0], run.entries[k, 1]
+            w[first + k] = shifted[used + row]
+            if differences:
+                w[first + k] = (shifted[used + row] - y[used + row]) / w[direction + column]
+        for k in range(begin, end):
+            w[direction + run.entries[k, 1]] = 0.0
+
+
+@shared
+def height_of(run: Run) -> int:
+    """Return how many numbers a column of a matrix has."""
+    return int(2 * run.band[0] + run.band[1] + 1) if run.band.shape[0] > 0 else run.order.shape[0]
+
+
+@shared
+def place_of(run: Run, row: int, column: int) -> int:
+    """Return the place of an entry in a matrix, which is a band or whole."""
+    if run.band.shape[0] > 0:
+        return int(run.order[column] * height_of(run) + run.band[0] + run.band[1] + run.order[row] - run.order[column])
+    return column * run.order.shape[0] + row
 
 
 @shared
@@ -58,29 +115,44 @@ def factorise_both(run: Run, h: float) -> bool:
     size = run.plan[0].used - n
     gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
     square = alpha * alpha + beta * beta
-    for i in range(3 * size * size):
+    plane = size * height_of(run)
+    for i in range(3 * plane):
         matrix[i] = 0.0
-    re, im = size * size, 2 * size * size
+    re, im = plane, 2 * plane
     for i in range(size):
-        diagonal = i * size + i
+        diagonal = place_of(run, i, i)
         matrix[diagonal], matrix[re + diagonal], matrix[im + diagonal] = gamma, alpha, beta
     for k in range(run.entries.shape[0]):
         row, column, slope = run.entries[k, 0], run.entries[k, 1], run.w[first + k]
         if column < n:  # dq = dv/c, and 1/(alpha + i beta) is (alpha - i beta)/square
-            place = column * size + row
+            place = place_of(run, row, column)
             matrix[place] -= slope / gamma
             matrix[re + place] -= slope * (alpha / square)
             matrix[im + place] += slope * (beta / square)
         else:
-            place = (column - n) * size + row
+            place = place_of(run, row, column - n)
             matrix[place] -= slope
             matrix[re + place] -= slope
     run.kept[0].factored = 0.0
-    if not factorise(matrix, run.pivots, size) or not factorise_complex(matrix, run.pivots, size):
+    if not (factorised_in_band(run, size) if run.band.shape[0] > 0 else factorised_whole(run, size)):
         return False
     run.kept[0].factored = h
     run.now[0].factorisations += 1
     return True
+
+
+@shared
+def factorised_whole(run: Run, size: int) -> bool:
+    """Factorise both matrices, kept whole."""
+    return factorise(run.matrix, run.pivots, size) and factorise_complex(run.matrix, run.pivots, size)
+
+
+@shared
+def factorised_in_band(run: Run, size: int) -> bool:
+    """Factorise both matrices, kept as bands."""
+    lower, upper = run.band[0], run.band[1]
+    real = factorise_band(run.matrix, run.pivots, size, lower, upper)
+    return real and factorise_complex_band(run.matrix, run.pivots, size, lower, upper)
 
 
 @shared
@@ -89,14 +161,17 @@ def solve_real(run: Run, vector: State) -> None:
     n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
     gamma = GAMMA / run.kept[0].factored
     for i in range(n, used):
-        right[i - n] = vector[i]
+        right[run.order[i - n]] = vector[i]
     for k in range(run.entries.shape[0]):
         column = run.entries[k, 1]
         if column < n:
-            right[run.entries[k, 0]] += run.w[first + k] * (vector[column] / gamma)
-    substitute(run.matrix, run.pivots, right, used - n)
+            right[run.order[run.entries[k, 0]]] += run.w[first + k] * (vector[column] / gamma)
+    if run.band.shape[0] > 0:
+        substitute_band(run.matrix, run.pivots, right, used - n, run.band[0], run.band[1])
+    else:
+        substitute(run.matrix, run.pivots, right, used - n)
     for i in range(n, used):
-        vector[i] = right[i - n]
+        vector[i] = right[run.order[i - n]]
     for i in range(n):
         vector[i] = (vector[i] + vector[n + i]) / gamma
 
@@ -113,16 +188,21 @@ def solve_complex(run: Run) -> None:
         u, v = defects[used + i], defects[2 * used + i]
         defects[used + i], defects[2 * used + i] = u * x - v * y, u * y + v * x
     for i in range(size):
-        right[i], right[size + i] = defects[used + n + i], defects[2 * used + n + i]
+        place = run.order[i]
+        right[place], right[size + place] = defects[used + n + i], defects[2 * used + n + i]
     for k in range(run.entries.shape[0]):
-        row, column = run.entries[k, 0], run.entries[k, 1]
+        row, column = run.order[run.entries[k, 0]], run.entries[k, 1]
         if column < n:
             right[row] += run.w[first + k] * defects[used + column]
             right[size + row] += run.w[first + k] * defects[2 * used + column]
-    substitute_complex(run.matrix, run.pivots, right, size)
+    if run.band.shape[0] > 0:
+        substitute_complex_band(run.matrix, run.pivots, right, size, run.band[0], run.band[1])
+    else:
+        substitute_complex(run.matrix, run.pivots, right, size)
     for i in range(size):
-        defects[used + n + i], defects[2 * used + n + i] = right[i], right[size + i]
+        place = run.order[i]
+        defects[used + n + i], defects[2 * used + n + i] = right[place], right[size + place]
     for i in range(n):
-        u, v = right[i], right[size + i]
+        u, v = right[run.order[i]], right[size + run.order[i]]
         defects[used + i] += u * x - v * y
         defects[2 * used + i] += u * y + v * x

@@ -1,0 +1,199 @@
+"""Where a Jacobian has entries, which of its columns are found at once, and in which order it is a narrow band.
+
+Columns that share no row are one group: the derivative along their sum has the entries of all of them (Curtis, Powell,
+Reid 1974, J. Inst. Maths Applics 13, 117, doi:10.1093/imamat/13.1.117).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import has_loops
+from xdynamics.model import Model
+from xdynamics.model.whole import motion_of_wholes, shapes_of, varying
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.dependence import Dependence
+
+WRITTEN_OUT = 5  # velocities and states up to which derivatives are those of elements: the most that lanes factorise
+WIDE = 64  # numbers in a row of a band from which on another order is looked for
+TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
+
+Whole = NDArray[np.int64]
+
+
+class Pattern(NamedTuple):
+    """The entries of a Jacobian: derivatives of accelerations and rates by all that a force evaluation uses.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int64, shape (entries,)
+        Among accelerations and rates, and among coordinates, velocities and states; group by group.
+    groups : ndarray of int64, shape (groups + 1,)
+        Where the entries of each group begin, and where the last one's end.
+    """
+
+    rows: Whole
+    columns: Whole
+    groups: Whole
+
+
+class Band(NamedTuple):
+    """An order of unknowns in which a matrix has entries near its diagonal alone.
+
+    Attributes
+    ----------
+    order : ndarray of int64, shape (unknowns,)
+        The place of each unknown.
+    lower, upper : int
+        Entries below and above the diagonal in a column and a row.
+    """
+
+    order: Whole
+    lower: int
+    upper: int
+
+    @property
+    def height(self) -> int:
+        """Numbers of a column while it is factorised: row exchanges move entries up by `lower`."""
+        return 2 * self.lower + self.upper + 1
+
+
+def is_compressed(layout: Layout) -> bool:
+    """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
+    by_motion = any(drive.argument != "t" for drive in layout.model.drives.values())
+    return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
+
+
+@lru_cache(maxsize=16)
+def pattern_of(layout: Layout) -> Pattern:
+    """Return the pattern of a model with dimensions, from its expressions."""
+    shapes, used = shapes_of(layout.model), layout.used
+    first = {name: used.place(shapes.first(name)) for name in varying(layout.model)}
+    dependence, found = Dependence(shapes, first, used.size), []
+    begin, rows = 0, {*moving(layout.model)}
+    for name, dims, tree in motion_of_wholes(layout.model):
+        elements, numbers = dependence.pairs(tree, dims, name)
+        if name in rows:
+            found.append((begin + elements, numbers))
+            begin += math.prod(shapes.shape(dims))
+    every_row, every_column = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    group = _grouped(every_row, every_column)
+    order = np.lexsort((every_row, every_column, group))
+    sizes = np.bincount(group)
+    return Pattern(every_row[order], every_column[order], np.concatenate([[0], np.cumsum(sizes)]))
+
+
+def moving(model: Model) -> list[str]:
+    """Return accelerations and rates as quantities."""
+    return [*map(schema.acceleration, model.shaped.coordinates), *map(schema.rate, model.shaped.states)]
+
+
+# ---------------------------------------------------------------------------------------------------------------- groups
+
+
+def _grouped(rows: Whole, columns: Whole) -> Whole:
+    """Return for every entry the group of its column; columns of a group share no row."""
+    present, ranks = np.unique(columns, return_inverse=True)
+    fullest = int(np.bincount(rows).max(initial=1))
+    for count in range(fullest, min(fullest + TRIED, present.size)):
+        dealt = ranks % count
+        if np.bincount(rows * count + dealt).max() <= 1:
+            return dealt
+    if fullest >= present.size:
+        return ranks
+    group: Whole = np.array(_greedily(rows, ranks, present.size), np.int64)[ranks]
+    return group
+
+
+def _greedily(rows: Whole, ranks: Whole, count: int) -> list[int]:
+    """Return the group of each column: the first that has none of its rows."""
+    order = np.argsort(ranks, kind="stable")
+    ends = np.cumsum(np.bincount(ranks, minlength=count)).tolist()
+    by_column = rows[order].tolist()
+    taken = [0] * (int(rows.max()) + 1)  # bits of the groups that have a row
+    groups = []
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        *_, bits = accumulate((taken[row] for row in by_column[begin:end]), int.__or__)
+        free = ~bits & (bits + 1)
+        groups.append(free.bit_length() - 1)
+        for row in by_column[begin:end]:
+            taken[row] |= free
+    return groups
+
+
+# ------------------------------------------------------------------------------------------------------------------ band
+
+
+def band_of(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, columns: Whole) -> Band | None:
+    """Return an order of unknowns in which a matrix is a band; None where it is as well kept whole.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    unknowns : sequence of tuple of str
+        The dimensions of each quantity, whose elements follow one another.
+    rows, columns : ndarray of int64
+        The entries off the diagonal, among the unknowns, perhaps several times over.
+    """
+    orders = list(_orders(shapes, unknowns))
+    best, count = min((_banded(order, rows, columns) for order in orders), key=_height), orders[0].size
+    if best.height > min(WIDE, count):
+        best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_height)
+    return best if best.height < count else None
+
+
+def _height(band: Band) -> int:
+    return band.height
+
+
+def _banded(order: Whole, rows: Whole, columns: Whole) -> Band:
+    far = order[rows] - order[columns]
+    return Band(order, int(far.max(initial=0)), int(-far.min(initial=0)))
+
+
+def _orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[Whole]:
+    """Yield orders: as they stand, and by places along each dimension, all that belongs to a place side by side.
+
+    A dimension is run through from its beginning, or from both ends in turn, which keeps a ring together.
+    """
+    yield np.arange(sum(math.prod(shapes.shape(dims)) for dims in unknowns))
+    for dim in shapes.extents:
+        size = shapes.extent(dim).size
+        along = np.concatenate([_along(dim, dims, shapes) for dims in unknowns])
+        for place in (along, np.minimum(2 * along, 2 * (size - along) - 1)):
+            yield _ranks(np.argsort(place, kind="stable"))
+
+
+def _along(dim: str, dims: tuple[str, ...], shapes: Shapes) -> Whole:
+    """Return the number of each element along a dimension; elements without it come last."""
+    shape = shapes.shape(dims)
+    if dim not in dims:
+        return np.full(math.prod(shape), shapes.extent(dim).size)
+    along: Whole = np.indices(shape, np.int64)[dims.index(dim)].ravel()
+    return along
+
+
+def _levelled(rows: Whole, columns: Whole, count: int) -> Whole:
+    """Return the order of Cuthill and McKee, reversed, for links that follow no numbers."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    ends = np.concatenate([rows, columns]), np.concatenate([columns, rows])
+    graph = csr_array((np.ones(2 * rows.size), ends), shape=(count, count))
+    return _ranks(reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64))
+
+
+def _ranks(sequence: Whole) -> Whole:
+    """Return the place of each number in a sequence."""
+    ranks = np.empty_like(sequence)
+    ranks[sequence] = np.arange(sequence.size)
+    return ranks

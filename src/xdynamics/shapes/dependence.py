@@ -1,0 +1,230 @@
+"""Which numbers each element of an expression with dimensions depends on: the pattern of its Jacobian, from its tree.
+
+Pairs of an element and a number are arrays throughout: no tree, name or Python number stands for one of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number
+from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.expressions.tree import every
+from xdynamics.shapes.extents import Shapes
+from xdynamics.shapes.parts import Parts
+from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_of
+
+Whole = NDArray[np.int64]
+Grid = Mapping[str, Whole]  # the number along each dimension, of every element of an expression
+_NONE = np.zeros(0, np.int64)
+
+
+class Dependence:
+    """Follows the elements of quantities through expressions.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    first : mapping of str to int
+        The number of the first element of every quantity that varies; those of its others follow.
+    count : int
+        How many numbers there are.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse
+    >>> from xdynamics.shapes.extents import Extent
+    >>> shapes = Shapes({"site": Extent("site", 4)}, {}, {"u": ("site",)})
+    >>> rows, columns = Dependence(shapes, {"u": 0}, 4).pairs(parse("u*shift(u, site, 1, 0)"), ("site",))
+    >>> rows.tolist(), columns.tolist()
+    ([0, 1, 1, 2, 2, 3, 3], [0, 0, 1, 1, 2, 2, 3])
+    """
+
+    def __init__(self, shapes: Shapes, first: Mapping[str, int], count: int) -> None:
+        self._shapes, self._count, self._parts = shapes, max(1, count), Parts(shapes)
+        self._named: dict[str, Whole] = {}  # of each quantity, codes: element*count + number, ascending
+        self._found: dict[int, Whole] = {}
+        for name, begin in first.items():
+            elements = np.arange(math.prod(shapes.shape(shapes.dims.get(name, ()))))
+            self._named[name] = elements * (self._count + 1) + begin
+
+    def pairs(self, tree: Node, dims: tuple[str, ...], name: str = "") -> tuple[Whole, Whole]:
+        """Return the elements of an expression, each with a number that it may depend on; both ascend.
+
+        Parameters
+        ----------
+        tree : Node
+            As `prepared` returns it, with definitions expanded.
+        dims : tuple of str
+            Of the elements, the last fastest: those of the expression, and perhaps others.
+        name : str, optional
+            By which later expressions read it, with these dimensions.
+        """
+        number = self._parts.number(tree)
+        own = self._shapes.ordered(set(self._parts.dims[number]))
+        codes = self._read(self._of(number), own, self._grid(dims))
+        if name:
+            self._named[name] = codes
+        return codes // self._count, codes % self._count
+
+    def _of(self, number: int) -> Whole:
+        """Return the codes of a part; parts that it is made of have theirs already."""
+        for one in range(len(self._found), number + 1):
+            self._found[one] = self._codes(one)
+        return self._found[number]
+
+    def _codes(self, number: int) -> Whole:
+        node, operands = self._parts.nodes[number], self._parts.operands[number]
+        match node:
+            case Name():
+                own = self._shapes.dims.get(node.name, ())
+                return self._read(self._named.get(node.name, _NONE), own, self._grid(self._shapes.ordered(set(own))))
+            case Element():
+                return self._of_element(node)
+            case Compare():
+                return _NONE
+            case Call(function="where"):
+                return self._of_choice(number, node)
+            case Along():
+                return self._along(number, node)
+        grid = self._grid(self._dims(number))
+        return _union([self._operand(operand, grid) for operand in operands])
+
+    def _of_element(self, node: Element) -> Whole:
+        if node.name not in self._named:
+            return _NONE
+        place = element_numbers(node, self._shapes)
+        grid = {dim: np.array([one]) for dim, one in place.items()}
+        return self._read(self._named[node.name], tuple(place), grid)
+
+    def _of_choice(self, number: int, node: Call) -> Whole:
+        """Return what a choice depends on; where its condition is on numbers of elements alone, on what it chooses."""
+        _, yes, no = self._parts.operands[number]
+        grid = self._grid(self._dims(number))
+        chosen = [self._operand(one, grid) for one in (yes, no)]
+        holds = self._known(node.arguments[0], grid)
+        if holds is None:
+            return _union(chosen)
+        return _union([codes[holds[codes // self._count] == (k == 0)] for k, codes in enumerate(chosen)])
+
+    def _known(self, condition: Node, grid: Grid) -> NDArray[np.bool_] | None:
+        """Return where a condition holds; None if it is not on numbers of elements alone."""
+        for one in every(condition):
+            if isinstance(one, Name | Element) or (isinstance(one, Along) and one.function not in ("index", "size")):
+                return None
+        values = {f"index {dim}": numbers.astype(float) for dim, numbers in grid.items()}
+        holds = np.asarray(evaluate_many(self._counted(condition), values), bool)
+        return np.broadcast_to(holds, next(iter(grid.values())).shape) if grid else holds.reshape(1)
+
+    def _counted(self, node: Node) -> Node:
+        """Return an expression in which numbers of elements are names."""
+        match node:
+            case Along(function="index"):
+                return Name(f"index {node.dims[0]}")
+            case Along():
+                return Number(float(self._shapes.extent(node.dims[0]).size))
+            case Negative():
+                return replace(node, operand=self._counted(node.operand))
+            case Binary() | Compare():
+                return replace(node, left=self._counted(node.left), right=self._counted(node.right))
+            case Call():
+                return replace(node, arguments=tuple(map(self._counted, node.arguments)))
+        return node
+
+    # ---------------------------------------------------------------------------------------------- along dimensions
+
+    def _along(self, number: int, node: Along) -> Whole:
+        operands, grid = self._parts.operands[number], dict(self._grid(self._dims(number)))
+        match node.function:
+            case "index" | "size":
+                return _NONE
+            case "first" | "second":
+                relation = self._shapes.relations[node.dims[0]]
+                first = node.function == "first"
+                numbers, dim = (relation.first, relation.source) if first else (relation.second, relation.target)
+                return self._operand(operands[0], grid | {dim: numbers[grid[relation.name]]})
+            case "shift" | "roll":
+                return self._moved(operands, node, grid)
+            case "cross":
+                dim = node.dims[0]
+                turned = [grid | {dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
+                return _union([self._operand(operand, one) for operand in operands for one in turned])
+            case "onto":
+                return self._onto(number, node)
+        assert node.function in REDUCTIONS  # noqa: S101 - others are above
+        dims = self._shapes.ordered(set().union(*(self._parts.dims[one] for one in operands)))
+        inner = self._grid(dims)
+        joined = _union([self._operand(operand, inner) for operand in operands])
+        return self._moved_to(joined, self._flat(self._dims(number), inner))
+
+    def _moved(self, operands: tuple[int, ...], node: Along, grid: Grid) -> Whole:
+        dim = node.dims[0]
+        size, moved = self._shapes.extent(dim).size, grid[dim] - node.places
+        if node.function == "roll":
+            return self._operand(operands[0], {**grid, dim: moved % size})
+        inside = (moved >= 0) & (moved < size)
+        values = self._operand(operands[0], {**grid, dim: moved % size})
+        fills = self._operand(operands[1], grid)
+        return _union([values[inside[values // self._count]], fills[~inside[fills // self._count]]])
+
+    def _onto(self, number: int, node: Along) -> Whole:
+        """Return what the elements at the ends of links depend on."""
+        relation, own, dim = self._shapes.relations[node.dims[0]], self._dims(number), end_of(node, self._shapes)
+        grid = self._grid(self._shapes.ordered({*own, relation.name} - {dim}))
+        found = []
+        for operand, numbers in zip(self._parts.operands[number], (relation.first, relation.second), strict=True):
+            codes = self._operand(operand, grid)
+            if codes.size:
+                found.append(self._moved_to(codes, self._flat(own, {**grid, dim: numbers[grid[relation.name]]})))
+        return _union(found)
+
+    # ------------------------------------------------------------------------------------------------------- elements
+
+    def _dims(self, number: int) -> tuple[str, ...]:
+        return self._shapes.ordered(set(self._parts.dims[number]))
+
+    def _grid(self, dims: tuple[str, ...]) -> dict[str, Whole]:
+        """Return the number along each dimension of every element, the last dimension fastest."""
+        shape = self._shapes.shape(dims)
+        return {dim: one.ravel() for dim, one in zip(dims, np.indices(shape, np.int64), strict=True)}
+
+    def _flat(self, dims: tuple[str, ...], grid: Grid) -> Whole:
+        """Return which element of an expression with some dimensions stands at each place of a grid."""
+        size = next(iter(grid.values())).size if grid else 1
+        found = np.zeros(size, np.int64)
+        for dim in dims:
+            found = found * self._shapes.extent(dim).size + grid[dim]
+        return found
+
+    def _operand(self, number: int, grid: Grid) -> Whole:
+        """Return the codes of a part as it is read at every place of a grid."""
+        return self._read(self._found[number], self._dims(number), grid)
+
+    def _read(self, codes: Whole, dims: tuple[str, ...], grid: Grid) -> Whole:
+        if not codes.size:
+            return codes
+        wanted = self._flat(dims, grid)
+        elements = codes // self._count
+        begins = np.searchsorted(elements, wanted)
+        lengths = np.searchsorted(elements, wanted, side="right") - begins
+        before = np.cumsum(lengths) - lengths
+        places = np.repeat(begins - before, lengths) + np.arange(lengths.sum())
+        found: Whole = np.repeat(np.arange(wanted.size), lengths) * self._count + codes[places] % self._count
+        return found
+
+    def _moved_to(self, codes: Whole, elements: Whole) -> Whole:
+        """Return codes whose elements have other numbers, several of them perhaps the same."""
+        return np.unique(elements[codes // self._count] * self._count + codes % self._count)
+
+
+def _union(codes: list[Whole]) -> Whole:
+    """Join codes; those of one part alone are as they were."""
+    some = [one for one in codes if one.size]
+    if not some:
+        return _NONE
+    return some[0] if len(some) == 1 else np.unique(np.concatenate(some))

@@ -1,0 +1,106 @@
+"""Fields by Radau IIA: derivatives group by group, matrices kept as bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.shaped_laws import MODELS
+from xdynamics.kernels import jacobian_pattern, layout_of
+from xdynamics.kernels.jacobian_pattern import band_of, moving, pattern_of
+from xdynamics.march import equation_solvers
+from xdynamics.model import Model
+from xdynamics.model.whole import shapes_of
+
+HEAT = """
+name = "rod"
+[dimensions]
+cell = {cells}
+[states.T]
+unit = "K"
+dims = ["cell"]
+rate = "(size(cell) + 1)**2*(shift(T, cell, 1, 0*kelvin) - 2*T + shift(T, cell, -1, 0*kelvin))/second"
+[initial]
+T = "1*kelvin*sin(pi*(index(cell) + 1)/(size(cell) + 1))"
+"""
+BRUSSELATOR = """
+name = "Brusselator"
+[dimensions]
+cell = {cells}
+[parameters]
+alpha = "0.02"
+[definitions]
+spread = "alpha*(size(cell) + 1)**2"
+[states.u]
+unit = "1"
+dims = ["cell"]
+rate = "(1 + u**2*w - 4*u + spread*(shift(u, cell, 1, 1) - 2*u + shift(u, cell, -1, 1)))/second"
+[states.w]
+unit = "1"
+dims = ["cell"]
+rate = "(3*u - u**2*w + spread*(shift(w, cell, 1, 3) - 2*w + shift(w, cell, -1, 3)))/second"
+[initial]
+u = "1 + sin(2*pi*(index(cell) + 1)/(size(cell) + 1))"
+w = "3"
+"""
+WIDTHS = {"chain": (1, 1), "ring": (4, 4), "rod": (1, 1), "Brusselator": (2, 2)}
+METHOD = {"method": "radau_iia", "force_samples": "none"}
+
+
+def text_of(name: str, cells: int = 40) -> str:
+    """Return the text of a model."""
+    return MODELS[name] if name in MODELS else {"rod": HEAT, "Brusselator": BRUSSELATOR}[name].format(cells=cells)
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_narrow_bands(name: str) -> None:
+    """Assert that fields stand side by side, and that a ring is folded, with few numbers above and below the diagonal."""
+    model = Model.from_text(text_of(name).replace("(u[0] + u[-1])*(u - stretch[3])/2", "u**2/2"))
+    n, pattern, shapes = len(model.coordinates), pattern_of(layout_of(model)), shapes_of(model)
+    columns = np.where(pattern.columns < n, pattern.columns, pattern.columns - n)
+    band = band_of(shapes, [shapes.dims[one] for one in moving(model)], pattern.rows, columns)
+    assert band is not None
+    assert (band.lower, band.upper) <= WIDTHS[name]
+    assert sorted(band.order.tolist()) == list(range(len(band.order)))
+    assert len(pattern.groups) - 1 <= 13
+
+
+@pytest.mark.parametrize("jacobian", ["exact", "differences"])
+@pytest.mark.parametrize("name", ["chain", "bodies", "truss", "ring", "rod", "Brusselator"])
+def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a run is that with derivatives of single elements, but for what Newton's iterations leave."""
+    asked = {**METHOD, "rtol": 1e-9, "until": 0.3, "jacobian": jacobian}
+    found = xd.simulate(Model.from_text(text_of(name)), **asked)
+    for module in (equation_solvers, jacobian_pattern):
+        monkeypatch.setattr(module, "is_compressed", lambda _: False)
+    monkeypatch.setattr("xdynamics.kernels.step_programs.is_compressed", lambda _: False)
+    another = text_of(name).replace("[dimensions]", "[dimensions]\nanother = 2")  # a law of its own
+    expected = xd.simulate(Model.from_text(another), **asked)
+    assert found.attrs["run_outcome"] == expected.attrs["run_outcome"] == "completed"
+    assert found.sizes["step"] == expected.sizes["step"]
+    for quantity in ("u", "r", "a", "T", "w"):
+        if quantity in found:
+            np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("cells", [6, 100, 1000])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_heat(cells: int, rtol: float) -> None:
+    """Assert that the longest mode of a rod decays as its closed form, in as many steps whatever the cells."""
+    run = xd.simulate(Model.from_text(HEAT.format(cells=cells)), **METHOD, rtol=rtol, until=0.1)
+    rate = 4 * (cells + 1) ** 2 * np.sin(np.pi / (2 * (cells + 1))) ** 2
+    mode = np.sin(np.pi * np.arange(1, cells + 1) / (cells + 1))
+    np.testing.assert_allclose(run["T"][-1], mode * np.exp(-rate * 0.1), rtol=0, atol=20 * rtol)
+    assert run.sizes["step"] < 100
+
+
+def test_brusselator_of_more_cells_takes_as_many_steps() -> None:
+    """Assert that steps, Jacobians and factorisations of a Brusselator do not grow with its cells."""
+    counts = []
+    for cells in (50, 200):
+        run = xd.simulate(Model.from_text(BRUSSELATOR.format(cells=cells)), **METHOD, rtol=1e-6, until=10.0)
+        counts.append(
+            [run.sizes["step"], *(run.attrs[f"run_{one}"] for one in ("jacobian_evaluations", "factorisations"))]
+        )
+    assert np.abs(np.diff(counts, axis=0)).max() <= 4
