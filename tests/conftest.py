@@ -3,13 +3,32 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+SOURCES = Path(__file__).parents[1] / "src"
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
+
+
+class DoctestsAlone:
+    """Leave out modules of the package without an example: of over 400, some 60 have one."""
+
+    @pytest.hookimpl
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        """Say which."""
+        if collection_path.suffix != ".py" or SOURCES not in collection_path.parents:
+            return None
+        return ">>>" not in collection_path.read_text(encoding="utf-8") or None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose modules for their examples."""
+    config.pluginmanager.register(DoctestsAlone())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

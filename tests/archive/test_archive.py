@@ -180,14 +180,19 @@ def test_save_never_writes_into_the_old_file(archived: Path, tmp_path: Path) -> 
 
 
 SAVING = """
+import os
 import sys
 import xdynamics as xd
 from cases.problems import oscillator
 runs = [xd.simulate(oscillator().model, step=step, until=20.0) for step in (0.0004, 0.0005)]
-print("ready", flush=True)
-while True:
-    for run in runs:
-        xd.save(run, sys.argv[1])
+xd.save(runs[0], sys.argv[1])
+for line in sys.stdin:
+    child = os.fork()
+    while not child:
+        for run in runs:
+            xd.save(run, sys.argv[1])
+    print(child, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
 
@@ -196,27 +201,23 @@ def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.Fi
     path, moments = tmp_path / "run.nc", random.Random(2)
     allowed = {xd.content_digest(xd.simulate(oscillator().model, step=step, until=20.0)) for step in (0.0004, 0.0005)}
     seen = set()
-    for _ in range(50 if request.config.getoption("--whole") else 8):
-        process = start_saving(path)
-        time.sleep(moments.uniform(0.0, 0.4))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        if path.exists():
-            seen.add(xd.verify(path))
+    with subprocess.Popen(
+        [sys.executable, "-c", SAVING, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        for _ in range(50 if request.config.getoption("--whole") else 8):
+            process.stdin.write("save over and over\n")
+            number = int(process.stdout.readline())
+            time.sleep(moments.uniform(0.0, 0.4))
+            os.kill(number, signal.SIGKILL)
+            assert int(process.stdout.readline()) == -signal.SIGKILL
+            if path.exists():
+                seen.add(xd.verify(path))
+        process.stdin.close()
     assert seen
     assert seen <= allowed
-
-
-def start_saving(path: Path) -> subprocess.Popen[str]:
-    """Fork a process that saves over and over; return once it does."""
-    child = subprocess.Popen(
-        [sys.executable, "-c", SAVING, str(path)], stdout=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
-    )  # fmt: skip
-    assert child.stdout is not None
-    assert child.stdout.readline() == "ready\n"
-    child.stdout.close()
-    return child
 
 
 def test_memory_of_a_streamed_run_is_bounded(tmp_path: Path) -> None:

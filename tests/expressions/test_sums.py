@@ -37,7 +37,7 @@ from xdynamics.kernels.law import CONTROL
 from xdynamics.methods.scheme import Scheme
 from xdynamics.units import parse_unit
 
-LENGTHS = (41, 1000, 10_000)
+LENGTHS = (41, 3000)  # by the chunk, and deeper than Python nests calls
 PLACES = ("force", "potential", "observable", "definition")
 
 

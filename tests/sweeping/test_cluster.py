@@ -168,7 +168,7 @@ def test_a_verb_on_a_cluster_says_what_it_says_here(client: Any, tmp_path: Path)
 def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
     """Assert that kill -9 at random moments loses no finished block, and that the catalogue is that of a run without."""
     program = PROGRAM.format(axes=AXES, asked=ASKED)
-    assert kills(program, tmp_path / "s", random.Random(0), most=3) > 0
+    assert kills(program, tmp_path / "s", random.Random(0), most=2) > 0
     found = xd.open_sweep(tmp_path / "s")
     assert_same(found, here)
     digests = found.run_digest.values.astype(str).ravel()

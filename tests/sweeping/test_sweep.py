@@ -529,9 +529,9 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
 def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureRequest) -> None:
     """Assert a member's states at times, and the largest of each variable, against its run by `sample` and `diagnose`.
 
-    Over 0.7 s, or with --whole over 2 s.
+    Over 0.25 s, or with --whole over 2 s.
     """
-    until = 2.0 if request.config.getoption("--whole") else 0.7
+    until = 2.0 if request.config.getoption("--whole") else 0.25
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     parameter, used = next(iter(model.parameters)), list(model.units)
     value = model.parameters[parameter].quantity.value

@@ -15,6 +15,7 @@ from xdynamics.archive.seals import content_digest, letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection
+from xdynamics.record.laziness import is_chunked
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import ATOL_RULE, LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
 
@@ -91,7 +92,7 @@ def digest_of_run(run: xr.Dataset) -> str:
 
     Dask arrays are not computed for it: the digest in the record's attributes is returned.
     """
-    if any(variable.chunks is not None for variable in run.variables.values()):
+    if any(map(is_chunked, run.variables.values())):
         return str(run.attrs.get(ROOT_DIGEST, "unknown"))
     result = standing(run)
     return content_digest(run) if result.faults or result.selected else result.of

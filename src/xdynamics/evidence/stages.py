@@ -25,6 +25,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.record.laziness import is_chunked
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ORIGIN, RUNS, STAGE
 
@@ -243,7 +244,7 @@ class _Described:
 
 
 def _lazy_data(dataset: xr.Dataset) -> Iterator[tuple[Any, Any]]:
-    return ((name, variable.data) for name, variable in dataset.variables.items() if variable.chunks is not None)
+    return ((name, variable.data) for name, variable in dataset.variables.items() if is_chunked(variable))
 
 
 def _collection(dataset: xr.Dataset) -> Any:
@@ -329,7 +330,7 @@ def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage
 
 def is_lazy(stage: xr.Dataset) -> bool:
     """Return whether a variable of a Dataset is still to be computed."""
-    return any(variable.chunks is not None for variable in stage.variables.values())
+    return any(map(is_chunked, stage.variables.values()))
 
 
 def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:

@@ -11,6 +11,7 @@ from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.record import of_elements
+from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import EVIDENCE, SAMPLES
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _computed(record: Any, wanted: Sequence[str] | None) -> Any:
     drawn = [
         name
         for name, variable in record.variables.items()
-        if variable.chunks is not None
+        if is_chunked(variable)
         and variable.dims[:1] != (SAMPLES,)
         and (variable.attrs.get("role") not in ON_REQUEST or name in (wanted or ()))
     ]

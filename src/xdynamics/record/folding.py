@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.record.element_attributes import attributes_of_whole
 from xdynamics.record.element_names import Names, Whole
+from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import LABEL, LINK, LINK_OF, MODEL_DIMENSIONS, NOWHERE, end_of, flags, label_of
 from xdynamics.shapes import Shapes
 
@@ -71,7 +72,7 @@ def _whole_variable(whole: Whole, dataset: xr.Dataset) -> xr.Variable:
     attributes = attributes_of_whole(
         {number: (whole.members[number], part.attrs) for number, part in parts.items()}, whole.size
     )
-    if any(part.chunks is not None for part in parts.values()):
+    if any(map(is_chunked, parts.values())):
         import dask.array
 
         da: Any = dask.array  # its functions are not typed

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
+from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.collection import DIGEST, check_sweep
 from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited, numbers
@@ -53,7 +54,7 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     check_sweep(sweep)
     if compute:
         return _influences(computed(sweep)[0])
-    lazy_names = [str(name) for name, variable in sweep.variables.items() if variable.chunks is not None]
+    lazy_names = [str(name) for name, variable in sweep.variables.items() if is_chunked(variable)]
     few = sweep.isel({dim: slice(2) for dim in sweep.dims})
     blank = few.assign(
         {name: (few[name].dims, np.zeros(few[name].shape, few[name].dtype), few[name].attrs) for name in lazy_names}

@@ -420,7 +420,7 @@ def accept(run, old=loop.accept):
     old(run)
 
 loop.accept, random, count = accept, np.random.default_rng(3), [0]
-for model, until in ((coupled_springs().model, 1.0), (xd.Model.from_toml(MODELS / "kepler.toml"), 1.5), (xd.Model.from_toml(MODELS / "double_pendulum.toml"), 0.5)):
+for model, until in ((coupled_springs().model, 0.5), (xd.Model.from_toml(MODELS / "kepler.toml"), 0.8), (xd.Model.from_toml(MODELS / "double_pendulum.toml"), 0.3)):
     import tomllib
     statement = tomllib.loads(model.to_toml())
     model = xd.Model(**statement | {"events": {"e": {"function": "t - 1e3*second"}}})
