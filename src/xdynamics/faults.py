@@ -19,7 +19,10 @@ UNSEEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 DOT = "·"  # in names of elements of quantities with dimensions
 _SPOKEN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\[\s*([A-Za-z0-9_]+(?:\s*,\s*[A-Za-z0-9_]+)*)\s*\]")
-_ELEMENT = re.compile(rf"([A-Za-z0-9_.]+){DOT}([A-Za-z0-9_]+(?:{DOT}[A-Za-z0-9_]+)*)")
+_LABEL = "[A-Za-z0-9_]+?"  # what a record says of an extreme follows the last label: the whole is `maximum_r_time`
+_ELEMENT = re.compile(
+    rf"([A-Za-z0-9_.]+){DOT}({_LABEL}(?:{DOT}{_LABEL})*)(_time|_rule|_uncertainty|)(?![A-Za-z0-9_{DOT}])"
+)
 
 
 def spoken(text: str) -> str:
@@ -29,8 +32,14 @@ def spoken(text: str) -> str:
     --------
     >>> spoken("initial value of 'v_r·Jupiter·x' is missing")
     "initial value of 'v_r[Jupiter, x]' is missing"
+    >>> spoken("maximum_r·0·x_time = 4.63 s")
+    'maximum_r_time[0, x] = 4.63 s'
     """
-    return _ELEMENT.sub(lambda match: f"{match[1]}[{', '.join(match[2].split(DOT))}]", text) if DOT in text else text
+    return (
+        _ELEMENT.sub(lambda match: f"{match[1]}{match[3]}[{', '.join(match[2].split(DOT))}]", text)
+        if DOT in text
+        else text
+    )
 
 
 def written(text: str) -> str:

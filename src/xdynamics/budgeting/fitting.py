@@ -17,12 +17,13 @@ from xdynamics.budgeting.residuals import Tested
 from xdynamics.evidence.comparing.measured import measured
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
-from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn
+from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn, written
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.uncertainty import Spread
 from xdynamics.record.columns import columns_of
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.sweeping.axes import numbers_of
 from xdynamics.sweeping.sweep import plain
@@ -58,7 +59,7 @@ def fit(
     data : str, Path, DataFrame or Dataset
         Measured data as for `compare`: ``time [ms],x [mm],u(x) [mm]``.
     parameters : sequence of str
-        Parameters and initial values to be fitted.
+        Parameters and initial values to be fitted: ``"k"``, of a quantity with dimensions all elements, or ``"k[2]"``.
     gaps : {"refuse", "skip"}
         Whether rows of the data in which a number is missing are refused or skipped; columns that the model does not
         have are skipped.
@@ -153,16 +154,18 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     """Check the arguments of a fit against model and data."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    names = tuple(one for name in named for one in _elements(model, name))
     available = [*model.parameters, *(name for name in model.initial if name != "t")]
     if not names or len({*names}) < len(names):
         raise InputError(
-            f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(available)}"
+            f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(of_wholes(available))}"
         )
     for name in names:
         if name not in available:
-            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
-    table, march_settings = measured(data, comparable(model), gaps, model.time_unit), settings_for(model, **settings)
+            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
+    table = measured(data, comparable(model), gaps, model.time_unit, model.shapes)
+    march_settings = settings_for(model, **settings)
     columns = {
         column.variable.name: column.variable.units
         for column in columns_of(march_settings.layout(model), march_settings)
@@ -171,7 +174,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     ledger = Ledger(table.name)
     for name, (_, unit) in table.values.items():
         if name not in units:
-            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(units)}")
+            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(of_wholes(units))}")
         elif unit.dimension != units[name].dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
         elif table.uncertainties and name not in table.uncertainties:
@@ -190,10 +193,16 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     return Asked(model, names, table, {name: units[name] for name in table.values}, settings)
 
 
+def _elements(model: Model, name: Any) -> list[Any]:
+    """Return the elements of a quantity with dimensions; any other name is returned alone."""
+    return [*model.shapes.elements(written(name))] if isinstance(name, str) else [name]
+
+
 def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
     """Read bounds, in each number's own unit."""
     low, high = (np.full(len(asked.names), side) for side in (-np.inf, np.inf))
-    for name, ends in bounds.items():
+    of_elements = {one: ends for name, ends in bounds.items() for one in _elements(asked.model, name)}
+    for name, ends in of_elements.items():
         if name not in asked.names:
             raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")
         declared = asked.declared(name)

@@ -19,6 +19,7 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.shapes.naming import written
@@ -87,7 +88,9 @@ class Target:
             names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
             raise InputError(f"event is {event!r}; there are {names}")
         if quantity not in (quantities if event is None else (*quantities, TIME)):
-            raise InputError(f"quantity is {quantity!r}; there are {', '.join(quantities)}, and at an event {TIME}")
+            raise InputError(
+                f"quantity is {quantity!r}; there are {', '.join(of_wholes(quantities))}, and at an event {TIME}"
+            )
         if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
         if side not in SIDES:

@@ -21,6 +21,7 @@ from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.columns import state_name
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.kinds import log_description
 from xdynamics.units import parse_unit
 
@@ -61,7 +62,9 @@ def observe(
     observables = observables_of(model)
     for name in names:
         if name not in observables:
-            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(observables)}")
+            raise InputError(
+                f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(observables))}"
+            )
     states = sample(run, times, rule=rule, functions=model.functions)
     values = {name: (states[name].values, states[schema.error(name)].values) for name in names if name in states}
     return values | _derived(run, model, [name for name in names if name not in states], states)

@@ -36,7 +36,8 @@ MOST_EVENTS = 100
 OF_RECORD = {
     "step", "trial", "event", "sample", "bound", "at", "level", "occurrence", "cycle", "case", "exponent", "given",
     "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
-    "residual", "first", "second",
+    "residual", "first", "second", "turn", "variable", "draw", "method", "rtol", "eigenvalue", "start", "other", "gate",
+    "row", "sweep_axis",
 }  # fmt: skip
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
 

@@ -427,8 +427,9 @@ class Model:
         return hash(self.digest)
 
     def __repr__(self) -> str:
-        variables = ", ".join([*self.coordinates, *self.states])
-        return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.forces) or 'none'}>"
+        along = {name: f"({', '.join(dims)})" for name, dims in self.shapes.dims.items()}
+        variables = ", ".join(name + along.get(name, "") for name in (*self.shaped.coordinates, *self.shaped.states))
+        return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.shaped.forces) or 'none'}>"
 
     @classmethod
     def _parsed(cls, text: str, path: Path, functions: Functions | None, access: FileAccess) -> Model:

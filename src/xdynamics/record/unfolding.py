@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 import numpy as np
 
 from xdynamics.record.element_attributes import attributes_of_element
+from xdynamics.record.element_names import listed
 from xdynamics.record.folding import FOLDED, fold, labelled, model_dimensions, unlabelled
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
@@ -24,7 +25,7 @@ from xdynamics.schema import (
     label_of,
 )
 from xdynamics.shapes import NO_SHAPES, Extent, Relation, Shapes
-from xdynamics.shapes.naming import element, spoken, written
+from xdynamics.shapes.naming import element, spoken
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,10 +105,10 @@ def _elements(
     stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, f"{name}{{}}")).partition("{}")
     places = product(*(range(len(labels[dim])) for dim in inner))
     size = int(np.prod([len(labels[dim]) for dim in inner]))
-    wanted = {written(one) for one in kept}
+    wanted = {*kept}
     for number, place in enumerate(places):
         one = element(stem, (labels[dim][i] for dim, i in zip(inner, place, strict=True))) + tail
-        if not wanted or one in wanted:
+        if not wanted or listed([one]) in wanted:
             attributes = attributes_of_element(variable.attrs, number, size)
             yield one, xr.Variable(own, take(place), attributes, fastpath=True)
 

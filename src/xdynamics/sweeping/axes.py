@@ -238,7 +238,7 @@ def column_of(model: Model, name: str, values: Any) -> Column:
         If the name cannot vary, or a value cannot be used.
     """
     if name in model.parameters:
-        return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, name)
+        return _quantities(name, PARAMETER, values, model.parameters[name].quantity.unit, _said(name))
     if (whole := _whole(model, name, values)) is not None:
         return whole
     element = written(name)

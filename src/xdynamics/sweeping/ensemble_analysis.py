@@ -13,6 +13,8 @@ from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_or
 from xdynamics.evidence.stages import computed, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
+from xdynamics.record import shapes_of
+from xdynamics.record.folding import labelled
 from xdynamics.schema import flags
 from xdynamics.sweeping.axes import RTOL, STEP
 from xdynamics.sweeping.collection import AXIS, VARIES, axes_said, check_sweep, plan_of
@@ -341,4 +343,5 @@ def exhibited(kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any
         key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
     }
     title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
-    return exhibit(kind, title, [], coordinates | variables, attributes | extra).set_coords([*coordinates])
+    survey = exhibit(kind, title, [], coordinates | variables, attributes | extra, shapes=shapes_of(sweep))
+    return labelled(survey.set_coords([*coordinates]))

@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
 from xdynamics.record import unfold
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.shapes.naming import written
 from xdynamics.sweeping.axes import Column, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
@@ -84,9 +85,9 @@ def sobol_indices(
     _check(ranges, draws, resamples)
     spans: dict[str, Column | Parameter]
     if isinstance(ranges, Mapping):
-        spans = {str(name): _span(model, str(name), ends) for name, ends in ranges.items()}
+        spans = {written(str(name)): _span(model, written(str(name)), ends) for name, ends in ranges.items()}
     else:
-        spans = {str(name): _declared(model, str(name), ranges) for name in ranges}
+        spans = {(one := written(str(name))): _declared(model, one, [*map(written, ranges)]) for name in ranges}
     quantity = written(quantity)
     sweep = _swept(model, spans, quantity, draws, seed, settings)
     request = Request(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
@@ -230,8 +231,8 @@ def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
-    available = [*model.parameters, *model.initial]
-    if name not in available:
+    available = of_wholes((*model.parameters, *model.initial))
+    if name not in (*model.parameters, *model.initial, *available):
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 
@@ -251,7 +252,9 @@ def _between(span: Column | Parameter, points: NDArray[np.float64]) -> xr.DataAr
 def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
     """Return an uncertain parameter or initial value that is independent of the others."""
     if name not in model.uncertain:
-        raise InputError(f"'{name}' has no uncertainty in the model; there are {', '.join(model.uncertain) or 'none'}")
+        raise InputError(
+            f"'{name}' has no uncertainty in the model; there are {', '.join(of_wholes(model.uncertain)) or 'none'}"
+        )
     for pair in model.correlations:
         if name in pair and {*pair} <= {*map(str, names)}:
             raise InputError(f"{pair[0]} and {pair[1]} are correlated: no share of the variance is one's alone")

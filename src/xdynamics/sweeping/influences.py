@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 EPS = float(np.finfo(float).eps)
+AXES = "sweep_axis"
 ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
 
 
@@ -37,9 +38,9 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Along `axis`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
+        Along `sweep_axis`, named by `axis_name`: ``outcome_changes``, the share of neighbours along the axis that ended in different ways;
         ``event_count_ground_changes`` the same for a count; ``main_effect_end_y``, the share of variance that the axis
-        has alone, over members that have the number.
+        has alone, over members that have the number; of a quantity with dimensions, for each of its elements.
 
     Raises
     ------
@@ -76,30 +77,27 @@ def _influences(sweep: xr.Dataset) -> xr.Dataset:
     axes = [dim for dim in axes_of(sweep) if dim in sweep.dims]
     names = numbers(sweep)
     counts = [name for name in names if name.startswith(EVENT_COUNT)]
-    variables: dict[str, Any] = {"axis_name": (("axis",), np.array(axes), about("1", "the axis", "name"))}
+    variables: dict[str, Any] = {"axis_name": ((AXES,), np.array(axes), about("1", "the axis", "name"))}
     for name in (OUTCOME, *counts):
         values = ended(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
         shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
         variables[f"{word}_changes"] = (
-            ("axis",),
+            (AXES,),
             np.array(shares),
             about("1", f"share of neighbours along the axis that differ in {name}", ROLE),
         )
     for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
         number = sweep[name].astype(float)
-        variance = float(number.var())
-        rounding = (ROUNDING * EPS * float(abs(number).max())) ** 2
+        of_members = [dim for dim in number.dims if dim in axes]
+        variance = number.var(of_members)
+        varies = variance > (ROUNDING * EPS * abs(number).max(of_members)) ** 2
         effects = [
-            (
-                float(number.mean([other_dim for other_dim in number.dims if other_dim != dim]).var()) / variance
-                if variance > rounding
-                else 0.0
-            )
+            (number.mean([other for other in of_members if other != dim]).var(dim) / variance.where(varies)).fillna(0.0)
             for dim in axes
         ]
         variables[f"main_effect_{name}"] = (
-            ("axis",),
+            (AXES, *effects[0].dims),
             np.array(effects),
             about("1", f"share of the variance of {name} that the axis has alone", ROLE),
         )

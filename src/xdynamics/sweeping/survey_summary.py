@@ -54,8 +54,10 @@ def _influences(survey: xr.Dataset) -> Iterator[str]:
         *_named(survey, "main_effect_"),
         *(str(variable) for variable in survey.data_vars if str(variable).endswith("_changes")),
     ):
-        shares = ", ".join(f"{axis} {value:.1%}" for axis, value in zip(axes, survey[name].values, strict=True))
-        yield f"{name.replace('main_effect_', 'variance of ')}: {shares}"
+        most = survey[name].values.reshape(len(axes), -1).max(axis=-1)
+        shares = ", ".join(f"{axis} {value:.1%}" for axis, value in zip(axes, most, strict=True))
+        of_elements = " of its elements, at most" if survey[name].ndim > 1 else ""
+        yield f"{name.replace('main_effect_', 'variance of ')}{of_elements}: {shares}"
 
 
 def _convergence(survey: xr.Dataset) -> Iterator[str]:

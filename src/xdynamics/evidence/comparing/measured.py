@@ -17,12 +17,16 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.scaling import scale_of, scaled
-from xdynamics.faults import InputError, Ledger
+from xdynamics.faults import InputError, Ledger, written
 from xdynamics.model.csv_sheet import Sheet, Title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
+from xdynamics.record import unfold
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.flag_words import time_unit
-from xdynamics.schema import AT, AT_TIME, EVIDENCE
+from xdynamics.record.folding import sized
+from xdynamics.schema import AT, AT_TIME, EVIDENCE, MODEL_DIMENSIONS
+from xdynamics.shapes import NO_SHAPES, Shapes
 from xdynamics.units import SECONDS, TIME, Unit, parse_unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
+_OF_ELEMENT = re.compile(r"\s*(u\()?(\w+\[[^\[\]]*\])")
 TIMES = ("time", "t")
 
 
@@ -66,7 +71,13 @@ def is_measured(source: Any) -> bool:
     return "row_kind" not in getattr(source, "variables", ("row_kind",)) and EVIDENCE not in attributes
 
 
-def measured(source: Any, known: Sequence[str] | None = None, gaps: str = REFUSE, clock: Unit = SECONDS) -> Measured:
+def measured(
+    source: Any,
+    known: Sequence[str] | None = None,
+    gaps: str = REFUSE,
+    clock: Unit = SECONDS,
+    shapes: Shapes = NO_SHAPES,
+) -> Measured:
     """Read measured data.
 
     Parameters
@@ -78,6 +89,9 @@ def measured(source: Any, known: Sequence[str] | None = None, gaps: str = REFUSE
         Whether rows in which a number is missing are refused or left out.
     clock : Unit
         Of the model's time.
+    shapes : Shapes
+        Of the model: a variable of a Dataset along its dimensions is a column for each element, and a column of a table
+        is called ``r[Jupiter, x] [m]``.
 
     Raises
     ------
@@ -93,7 +107,7 @@ def measured(source: Any, known: Sequence[str] | None = None, gaps: str = REFUSE
         columns = {str(name): table[name].to_numpy() for name in table.columns}
         data = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
     else:
-        data = _of_dataset(source)
+        data = _of_dataset(_of_elements(source, shapes))
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
@@ -112,11 +126,11 @@ def residuals(
     """
     model = model_of(run, functions)
     observables = [name for name in observables_of(model) if name in run.variables]
-    data = measured(source, observables, gaps, time_unit(run))
+    data = measured(source, observables, gaps, time_unit(run), model.shapes)
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in observables:
-            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(observables)}")
+            ledger.note(f"column '{name}' is nothing that the run has; there are {', '.join(of_wholes(observables))}")
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.raise_faults()
@@ -228,6 +242,7 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
     """Return the wanted columns by position, and the names of those that are left out."""
     ledger, left_out = Ledger(name), []
     titles: dict[int, Title] = {}
+    header = [_element(cell, known or ()) for cell in header]
     words = [re.split(r"[\[/]", cell)[0].strip() for cell in header]
     bares = [word.removeprefix("u(").split("(")[0].removesuffix(")").strip() for word in words]
     for k, (cell, word, bare) in enumerate(zip(header, words, bares, strict=True)):
@@ -243,8 +258,30 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
             titles[k] = heading
     ledger.raise_faults()
     if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
-        raise InputError(f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(known)}")
+        raise InputError(
+            f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(of_wholes(known))}"
+        )
     return titles, tuple(left_out)
+
+
+def _element(cell: str, known: Sequence[str]) -> str:
+    """Return a header with the element that it begins with, if it is a known one, as it is named inside."""
+    match = _OF_ELEMENT.match(cell)
+    return f"{match[1] or ''}{written(match[2])}{cell[match.end() :]}" if match and written(match[2]) in known else cell
+
+
+def _of_elements(source: Any, shapes: Shapes) -> Any:
+    """Return a Dataset with a variable for each element of what has dimensions of the model."""
+    dims = {str(dim) for dim in getattr(source, "dims", ())} & {*shapes.extents, *shapes.relations}
+    if not dims:
+        return source
+    for dim in shapes.ordered(dims):
+        if dim not in source.coords and source.sizes[dim] != shapes.extent(dim).size:
+            raise InputError(
+                f"the Dataset has {source.sizes[dim]} elements of '{dim}', needs all {shapes.extent(dim).size}, or a"
+                " coordinate of their labels"
+            )
+    return unfold(source.assign_attrs({MODEL_DIMENSIONS: sized(shapes, dims)}))
 
 
 def _of_dataset(source: Any) -> Measured:

@@ -13,8 +13,12 @@ from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.expressions import dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.schema import STEPS
+from xdynamics.shapes.naming import written
+from xdynamics.shapes.trees import at, dims_of, prepared
 
 Floats = NDArray[np.float64]
 
@@ -24,10 +28,10 @@ def residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any
     if not isinstance(exact, Mapping):
         raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
     run, model = rows.run, rows.model
-    for name, text in exact.items():
+    for name, text, place in _of_elements(model, exact):
         if name not in model.units or name not in run.variables:
-            raise InputError(f"exact names '{name}'; there are {', '.join(model.units)}")
-        computed, expected = _beside_closed_form(rows, name, text)
+            raise InputError(f"exact names '{name}'; there are {', '.join(of_wholes(model.units))}")
+        computed, expected = _beside_closed_form(rows, name, text, place)
         residual = computed - expected
         units = str(run[name].attrs["units"])
         yield f"residual_{name}", ((STEPS,), residual, about(units, f"{name} less {text}", "residual"))
@@ -48,7 +52,15 @@ def residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any
         yield from scaled("residual", name, residual, scale, (STEPS,), units, scale_text, ("largest", "rms")).items()
 
 
-def _beside_closed_form(rows: Chunks, name: str, text: str) -> tuple[Floats, Floats]:
+def _of_elements(model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, str, Mapping[str, int]]]:
+    """Yield each closed form with the name and the place of each element that it is of."""
+    for name, text in exact.items():
+        whole = written(name)
+        for place in model.shapes.places(model.shapes.dims.get(whole, ())):
+            yield model.shapes.element(whole, place), text, place
+
+
+def _beside_closed_form(rows: Chunks, name: str, text: str, place: Mapping[str, int]) -> tuple[Floats, Floats]:
     """Return a variable, and an expression of time and parameters in its unit, at the accepted times.
 
     Raises
@@ -58,7 +70,12 @@ def _beside_closed_form(rows: Chunks, name: str, text: str) -> tuple[Floats, Flo
     """
     ledger, model = Ledger(f"exact '{name}'"), rows.model
     with ledger.entry(repr(text)[:60]):
-        tree = model.expanded(parse(text))
+        whole = prepared(parse(text), model.shapes)
+        if further := [dim for dim in dims_of(whole, model.shapes) if dim not in place]:
+            raise InputError(
+                f"has the dimension '{further[0]}', which {name} does not have; reduce it, like sum(…, {further[0]})"
+            )
+        tree = model.expanded(at(whole, place, model.shapes))
         dimension = dimension_of(tree, model.dimensions)
         if read := sorted(free_names(tree) & {*model.units, *model.drives}):
             raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")

@@ -28,7 +28,7 @@ from xdynamics.evidence.diagnosing.phases import (
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, task_of
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
@@ -139,6 +139,7 @@ def diagnose(
     check_every_column(run.attrs, "a diagnosis")
     if reference is not None or lyapunov is not False:
         check_whole(run)  # cycles are counted, and changes followed, from the start
+    of = of if of is None else written(of)
     request = Request(of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences"))
     tighter = tighter_of(run, functions) if companion else None
     needs = [marching] if marching is not None else []

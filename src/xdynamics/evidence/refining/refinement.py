@@ -21,6 +21,7 @@ from xdynamics.evidence.stages import counted_number
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.size import memory_asked
@@ -191,7 +192,7 @@ def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     names = expanded(map(written, names), available, model.shapes)
     for name in names:
         if name not in available:
-            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(available)}")
+            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(available))}")
     return names
 
 
@@ -201,9 +202,9 @@ def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, floa
         raise InputError("until_change goes on with finer levels, and rules have none")
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
     tolerances = {}
-    for name, wanted in until_change.items():
+    for name, wanted in {written(name): wanted for name, wanted in until_change.items()}.items():
         if name not in units:
-            raise InputError(f"until_change names '{name}'; there are {', '.join(units)}")
+            raise InputError(f"until_change names '{name}'; there are {', '.join(of_wholes(units))}")
         quantity, unit = parse_quantity(wanted), parse_unit(units[name])
         bare = not isinstance(wanted, str | Quantity)
         if not bare and quantity.unit.dimension != unit.dimension:

@@ -21,8 +21,11 @@ from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_names import expanded
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, LEVEL
+from xdynamics.shapes.naming import written
 from xdynamics.units import Unit, parse_quantity, time_in, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -121,12 +124,14 @@ def limiting(
     >>> found.approached_x1.values.tolist(), round(float(found.order_x1[-1, 0]), 2)
     ([1], 1.0)
     """
+    parameter = written(parameter)
     unit, numbers, end = _values(model, parameter, values, limit)
     times = wanted_times(
         [time_in(model.time_unit, item, "at") for item in ([at] if isinstance(at, str | float | int) else at)]
     )
     requested = [observables] if isinstance(observables, str) else observables
-    names = tuple(model.units) if requested is None else tuple(requested)
+    available = observables_of(model)
+    names = tuple(model.units) if requested is None else expanded(map(written, requested), available, model.shapes)
     approach = Approach(model, parameter, unit, numbers, end, times, names)
     settings = {"force_samples": "none"} | asked
     marches = tuple(march_task(item, **settings) for item in approach.models)
@@ -137,7 +142,7 @@ def limiting(
     run = blank_run(March(model, unthinned_settings_for(model, **settings)))
     if unknown := [name for name in names if name not in run]:
         raise InputError(
-            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(observables_of(model))}"
+            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(of_wholes(available))}"
         )
     blank = np.full((len(numbers) + 1, times.size), np.nan)
     words = [""] * len(numbers)
@@ -211,7 +216,7 @@ def _values(
 ) -> tuple[Unit, Floats, float]:
     """Read the values of a parameter and its limit, in its own unit."""
     if parameter not in model.parameters:
-        raise InputError(f"'{parameter}' is no parameter; there are {', '.join(model.parameters) or 'none'}")
+        raise InputError(f"'{parameter}' is no parameter; there are {', '.join(of_wholes(model.parameters)) or 'none'}")
     unit = model.parameters[parameter].quantity.unit
 
     def read(value: Any) -> float:

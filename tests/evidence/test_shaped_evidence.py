@@ -1,0 +1,149 @@
+"""Evidence of models with dimensions: every verb takes elements as people write them, and returns them as one variable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS
+
+# oscillators of their own, of which everything is known in closed form
+SPRINGS = """
+name = "Two masses, each on a spring"
+[dimensions]
+body = ["a", "b"]
+[coordinates]
+x = { unit = "m", dims = ["body"] }
+[parameters]
+m = "1 kg"
+k = { dims = ["body"], values = { a = "1 N m-1", b = "4 N m-1" } }
+A = "1 m"
+[mass]
+x = "m"
+[forces.springs]
+x = "-k*x"
+[initial]
+x = "A"
+v_x = { unit = "m s-1", value = [0.0, 0.0] }
+[run]
+method = "dop853"
+rtol = 1e-10
+until = "3 s"
+"""
+FORM = {"x": "A*cos(sqrt(k/m)*t)"}
+TIMES = np.linspace(0.1, 2.9, 29)
+
+
+@pytest.fixture(scope="module")
+def springs() -> xd.Model:
+    return xd.Model.from_text(SPRINGS)
+
+
+@pytest.fixture(scope="module")
+def run(springs: xd.Model) -> xr.Dataset:
+    return xd.simulate(springs)
+
+
+def test_closed_forms_and_cycles_of_elements(run: xr.Dataset) -> None:
+    """Assert residuals of a form with dimensions and of one element, and the period of the element that is asked for."""
+    found = xd.diagnose(run, exact=FORM, of="x[b]")
+    assert found.largest_residual_x.dims == ("body",)
+    assert (found.largest_residual_x < 1e-8).all()
+    assert found.attrs["coordinate"] == "x[b]"
+    one = xd.diagnose(run, exact={"x[a]": "A*cos(sqrt(k[a]/m)*t)"}, companion=False)
+    assert float(one.largest_residual_x.sel(body="a")) < 1e-8
+    assert np.isnan(one.largest_residual_x.sel(body="b"))
+    with pytest.raises(xd.InputError, match=r"has the dimension 'body', which x\[a\] does not have; reduce it"):
+        xd.diagnose(run, exact={"x[a]": "A*cos(sqrt(k/m)*t)"})
+
+
+def test_summaries_name_elements(run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that what a record says of an extreme is named as its variable is, not within the brackets."""
+    text = xd.report(tmp_path / "page", extremes=xd.diagnose(run))
+    assert "maximum_x_time[b]" in text
+    assert "b_time]" not in text
+
+
+@pytest.mark.parametrize("elements", [["k"], ["k[a]", "k[b]"]])
+def test_fits_of_elements(springs: xd.Model, elements: list[str]) -> None:
+    """Assert that a quantity stands for its elements, and that data with dimensions are read by labels."""
+    values = np.stack([np.cos(3.0 * TIMES), np.cos(1.5 * TIMES)], axis=-1)
+    data = xr.Dataset(
+        {"x": (("time", "body"), values, {"units": "m"})},
+        {"time": ("time", TIMES, {"units": "s"}), "body": ["b", "a"]},
+    )
+    bounds = {elements[-1]: ("0.1 N m-1", "20 N m-1")}
+    found = xd.fit(springs, data, elements, bounds=bounds)
+    assert found.parameter_name.values.tolist() == ["k[a]", "k[b]"]
+    assert found.estimate.values == pytest.approx([2.25, 9.0], rel=1e-7)
+    assert found.residual_x.dims == ("at", "body")
+    with pytest.raises(xd.InputError, match=r"the Dataset has 1 elements of 'body', needs all 2, or a coordinate"):
+        xd.fit(springs, data.drop_vars("body").isel(body=[0]), elements)
+
+
+def test_columns_of_elements(springs: xd.Model, run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert that a table of an instrument names elements in brackets, beside units in brackets."""
+    table = tmp_path / "bench.csv"
+    rows = [f"{t},{1e3 * np.cos(2.0 * t)},0.1" for t in TIMES.tolist()]
+    table.write_text("\n".join(["time [s],x[b] [mm],u(x[b]) [mm]", *rows]), encoding="utf-8")
+    beside = xd.compare(run, table)
+    assert abs(float(beside.rms_difference_x.sel(body="b"))) < 1e-8
+    assert np.isnan(beside.rms_difference_x.sel(body="a"))
+    found = xd.fit(springs, table, ["k[b]"])
+    assert float(found.estimate[0]) == pytest.approx(4.0, rel=1e-7)
+    table.write_text("time [s],x[c] [mm]\n0,1\n1,1", encoding="utf-8")
+    with pytest.raises(xd.InputError, match=r"column 'x\[c\] \[mm\]' is nothing that is known; there are x, v_x"):
+        xd.compare(run, table)
+
+
+def test_influences_are_of_each_element(springs: xd.Model) -> None:
+    """Assert that a stiffness changes its own mass alone, and that the spread between masses is no influence."""
+    axes = {"k[a]": ["1 N m-1", "2 N m-1"], "A": ["1 m", "2 m"]}
+    shares = xd.influences(xd.sweep(springs, axes, keep=["end_x"])).main_effect_end_x
+    assert shares.dims == ("sweep_axis", "body")
+    assert float(shares.sel(body="b")[0]) == pytest.approx(0.0, abs=1e-12)
+    assert float(shares.sel(body="b")[1]) == pytest.approx(1.0)
+    ends = np.cos(3.0 * np.sqrt([1.0, 2.0]))[:, None] * np.array([1.0, 2.0])
+    assert float(shares.sel(body="a")[0]) == pytest.approx(ends.mean(1).var() / ends.var(), rel=1e-6)
+
+
+def test_shares_and_limits_of_elements(springs: xd.Model) -> None:
+    """Assert Sobol's indices and a limiting case of elements."""
+    ranges = {"k[a]": ["1 N m-1", "2 N m-1"], "A": ["1 m", "2 m"]}
+    shares = xd.sobol_indices(springs, ranges, "end_x[b]", draws=16)
+    assert shares.parameter_name.values.tolist() == ["k[a]", "A"]
+    assert shares.total_order.values == pytest.approx([0.0, 1.0], abs=0.2)
+    levels = ["3 N m-1", "3.9 N m-1", "3.99 N m-1"]
+    found = xd.limiting(springs, "k[b]", levels, "4 N m-1", at="1 s", observables=["x"])
+    assert found.approached_x.dims == ("at", "body")
+    assert float(found.limit_x.sel(body="b")[0]) == pytest.approx(np.cos(2.0), abs=1e-8)
+
+
+def test_surveys_keep_labels(springs: xd.Model) -> None:
+    """Assert that what is made of a sweep is selected by label, as the sweep is, and survives an archive."""
+    sweep = xd.sweep(springs, {"A": ["1 m", "2 m", "3 m"]}, keep=["end_x"])
+    slopes = xd.sensitivities(sweep, compute=True)
+    assert float(slopes.slope_end_x_A.sel(body="b")[0]) == pytest.approx(np.cos(6.0), rel=1e-6)
+    assert "body" in xd.contrast(sweep, "A").coords
+
+
+def test_dimensions_of_evidence_are_taken() -> None:
+    """Assert that a model's dimension has no name that evidence has a dimension of."""
+    with pytest.raises(xd.ModelError, match="'turn' is a dimension of the record"):
+        xd.Model.from_text(SPRINGS.replace("body", "turn"))
+
+
+def test_films_of_trusses(tmp_path: Path) -> None:
+    """Assert that bodies of a model with dimensions have a film of their plane."""
+    model = xd.Model.from_toml(MODELS / "truss.toml")
+    film = xd.animate(xd.simulate(model, until="0.1 s"), tmp_path / "truss.gif", seconds=0.3, rate=10)
+    assert Path(str(film)).stat().st_size > 1000
+
+
+def test_models_are_shown_by_their_quantities(springs: xd.Model) -> None:
+    """Assert that a cell of a notebook shows a quantity once, with its dimensions."""
+    assert repr(springs) == "<xdynamics.Model 'Two masses, each on a spring': x(body); forces springs>"
