@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,24 @@ class DoctestsAlone:
 def pytest_configure(config: pytest.Config) -> None:
     """Choose modules for their examples."""
     config.pluginmanager.register(DoctestsAlone())
+
+
+def pytest_collection_finish() -> None:
+    """Let each of several processes compile some parts of the engine for all, where no cache holds them, and wait for the rest.
+
+    Otherwise each compiled all of it, a minute of its time.
+    """
+    if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
+        return
+    from xdynamics.kernels import cache
+    from xdynamics.march.engine import CONTACTS, ENGINE, LANES, SOLVERS, WATCHERS
+
+    parts = (ENGINE, CONTACTS, WATCHERS, SOLVERS, LANES)
+    for part in parts[int(worker.removeprefix("gw")) :: int(os.environ["PYTEST_XDIST_WORKER_COUNT"])]:
+        part.entries()
+    kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 40.0
+    while not all(path.exists() for path in kept) and time.monotonic() < end:
+        time.sleep(0.1)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
