@@ -76,6 +76,8 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
     """Return the variational equations of a model; refuse models without them, or with too many."""
     if model.frictions:
         raise NotVariedError("friction elements slip or stick all the time")
+    if model.assemblies:
+        raise NotVariedError("impacts of many links have no map of states")
     if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
         raise NotVariedError(f"{BY_IMPULSES} has no events")
     if model.python_functions:

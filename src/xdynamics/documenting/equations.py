@@ -83,7 +83,7 @@ def _occasions(model: Model) -> Iterator[Formula]:
             else latex(event.function)
         )
         yield Formula(f"{body} = 0", f"event {name}, {event.direction}: {event.action}")
-    for name, contact in model.contacts.items():
+    for name, contact in (model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}).items():
         yield Formula(rf"{latex(contact.gap)} \geq 0", f"contact {name}, restitution {_short(contact.restitution)}")
     for name, friction in model.frictions.items():
         yield Formula(

@@ -79,7 +79,7 @@ def _occasions(model: Model) -> Iterator[str]:
     for name, event in model.events.items():
         body = event.function.name if isinstance(event.function, Function) else text_of(event.function)
         yield f"event     {name}: {body} = 0, {event.direction}: {event.action}{f' to {event.to}' if event.to else ''}"
-    for name, contact in model.contacts.items():
+    for name, contact in (model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}).items():
         yield (
             f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)},"
             f" {contact.tangential}"

@@ -97,6 +97,10 @@ class Path:
             raise NotVariedError("a state is no number")
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
+        if model.assemblies:
+            raise NotVariedError(
+                f"impacts of many links, like those of '{next(iter(model.assemblies))}', have no map of states"
+            )
         if model.contacts and run.attrs["solver_method"] == BY_IMPULSES:
             raise NotVariedError(f"{BY_IMPULSES} has no events")
         if held := touches(run):

@@ -14,6 +14,7 @@ from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
 from xdynamics.march import entries, loop, trial_step
+from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.contacts import dispatch as contact_dispatch
 from xdynamics.march.events import dispatch as event_dispatch
 from xdynamics.march.events import enclosures
@@ -100,7 +101,7 @@ _PARTS_OF_STEPS = types.void(
     _BLOCK,
 )
 
-PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, LANES = (
+PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "engine",
         "the engine",
@@ -131,6 +132,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, LANES = (
         ),
     ),
     EnginePart("contacts", "contacts and friction", 15, ((contact_dispatch.touch, _ENTERED),)),
+    EnginePart("assemblies", "contacts of many bodies", 15, ((assembly_dispatch.meet, _ENTERED),)),
     EnginePart(
         "lanes",
         "marches side by side",
@@ -180,6 +182,13 @@ def watchers() -> Watchers:
 def contacts() -> int:
     """Return the address of the contact code, made or loaded at the first call."""
     (address,) = _addresses(CONTACTS)
+    return address
+
+
+@lru_cache(maxsize=1)
+def assemblies() -> int:
+    """Return the address of the code of contacts of many bodies, made or loaded at the first call."""
+    (address,) = _addresses(ASSEMBLIES)
     return address
 
 

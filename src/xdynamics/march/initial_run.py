@@ -16,11 +16,13 @@ from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.program import AT
+from xdynamics.march.assembly.tables import assembled
+from xdynamics.march.engine import assemblies as meeting
 from xdynamics.march.engine import contacts, watchers
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
 from xdynamics.march.events.intervals import rules
-from xdynamics.march.log import Log
+from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
     BALANCE,
@@ -43,6 +45,7 @@ from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
+from xdynamics.model.assemblies import together
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
@@ -74,7 +77,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
-    return Run(
+    assembly, patterns = assembled(model, settings, law, _pattern)
+    run = Run(
         plan=plan,
         now=now,
         trial=np.zeros(1, TRIAL),
@@ -90,13 +94,27 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
-        **_watching(model, law, settings),
+        **_watching(model, law, settings) | assembly,
         w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
         law=np.append(addresses, solver.address()),
         **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
     )
+    run.holds = tuple(patterns)
+    return run
+
+
+def _pattern(model: Model, settings: Settings, law: Law) -> Run:
+    """Return the run of the pattern of an assembly."""
+    return posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+
+
+def _of_contacts(model: Model, layout: Layout) -> list[int]:
+    """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
+    if model.assemblies:
+        return [0, meeting()]
+    return [contacts()] if layout.reactions else []
 
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
@@ -179,6 +197,8 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
         "pressed": layout.state.size - layout.reactions.size,
+        "assemblies": len(model.assemblies),
+        "together": together(model),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -242,7 +262,7 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
             "numbers": intervals.numbers,
             "parts": np.array(intervals.parts, np.int64),
             "branches": np.zeros((depth, 1 + law.layout.record.size + events)),
-            "functions": np.array([*functions, contacts()] if law.layout.reactions else functions, np.int64),
+            "functions": np.array([*functions, *_of_contacts(model, law.layout)], np.int64),
         }
     )
 

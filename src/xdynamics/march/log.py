@@ -15,6 +15,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import noted
 from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
+from xdynamics.model.assemblies import slots_of, together
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which huge pages pay: a row then spans more pages than the processor's TLB holds
@@ -109,7 +110,7 @@ def has_room(run: Run) -> bool:
     return (
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
         and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
-        and now.events - base.events + events <= run.log_events.shape[0]
+        and now.events - base.events + events + run.plan[0].together <= run.log_events.shape[0]
         and now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1]
     )
 
@@ -216,7 +217,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) ->
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
-    event_rows = (min(rows, 4_000) if events else 0) + events
+    event_rows = (min(rows, 4_000) if events else 0) + events + together(layout.model)
     return Log(
         np.zeros(1, BASE),
         _pages((layout.row.size, rows), np.float64),
@@ -239,6 +240,8 @@ def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[n
 def _acting(layout: Layout) -> int:
     """Return the number of columns for an event's effect: impulses and energy of contacts, offsets of positions."""
     n = layout.coordinates.size
+    if layout.model.assemblies:  # at both ends of a link, the energy, and what is left unsolved
+        return 2 * slots_of(layout.model, layout.coordinates)[1] + 2 + (n if layout.resets else 0)
     return 2 * n + 1 if layout.reactions else n if layout.resets else 0
 
 

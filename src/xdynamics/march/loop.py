@@ -16,6 +16,7 @@ from xdynamics.kernels.lane_step import STRETCH
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
+from xdynamics.march.assembly.broad_phase import MEETS
 from xdynamics.march.calls import called, entered_by
 from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.events.event_free_region import end_region
@@ -32,12 +33,16 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
 )
 from xdynamics.march.run import (
+    ASSEMBLY_PHASE,
     BEGIN_CONTACTS,
     BEGIN_EVENTS,
+    BEGIN_LINKS,
     BEGUN,
     CONTACT_PHASE,
     EVENT_PHASE,
     FIND_EVENTS,
+    FIND_MEETING,
+    LAND_ON_MEETING,
     TAKE_SIDES,
     Run,
 )
@@ -85,14 +90,34 @@ def march(address: Any, rows: int) -> None:
             break
         propose(run, run.trial[0].t, run.trial[0].h)
         reason = judge(run)
+        together = reason == SOUND and meets(run)
         if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not quiet(run))):
             run.piece[0].verdict = reason
             entered_by(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
             reason = run.piece[0].verdict
+        reason = landed(run, reason, together)
         if reason == SOUND:
             accept(run)
         elif reason != REASON_EVENT:
             reject(run, reason)
+
+
+@compiled
+def meets(run: Run) -> bool:
+    """Whether bodies of an assembly meet in the trial, which then ends there, or cannot be watched."""
+    if run.plan[0].assemblies == 0:
+        return False
+    entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, FIND_MEETING)
+    return bool(run.tallies[MEETS] > 0)
+
+
+@compiled
+def landed(run: Run, reason: int, together: bool) -> int:
+    """Return the verdict on a trial: of one in which bodies meet, and nothing else came first, that after their impacts."""
+    if together and reason == SOUND:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, LAND_ON_MEETING)
+        return int(run.piece[0].verdict)
+    return reason
 
 
 @shared
@@ -116,6 +141,8 @@ def start(run: Run) -> None:
     copy(run.y, run.z)
     if run.detectors.shape[0] > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
+    if plan.assemblies > 0:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)

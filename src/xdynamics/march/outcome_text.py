@@ -8,6 +8,7 @@ from math import isfinite
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
+from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.chattering import NOWHERE, PASSAGES
 from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined
 from xdynamics.march.equation_solvers import solver_of
@@ -122,7 +123,8 @@ def diagnose(march: March) -> Failure:
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
     if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
-        say = inconsistency if status == CONTACT_INCONSISTENT else dispute
+        many = assembly_dispute if march.model.assemblies else dispute
+        say = inconsistency if status == CONTACT_INCONSISTENT else many
         return Failure(OUTCOMES[status], say(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
         return Failure(OUTCOMES[status], _cause(march))

@@ -24,14 +24,15 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
 # largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
-# are located one by one, as in version 0.2; `steps` are those of a trial, three with step doubling; `contacts` is what
+# are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
+# struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what
 # they do after one; `margin` is added to the rounding by which an interval is widened; `order`
 # is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
     "adaptive differences estimates steps extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart",
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -95,11 +96,19 @@ TOUCH = _record(
     " slack rate total",
     "state part place way hit near held",
 )
+# A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
+# which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;
+# whether its gap changes with time alone; where its leaves, its order of elements, its hulls begin, how many groups.
+ASSEMBLY = _record(
+    "tolerance",
+    "links elements paired leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
+)
 # Entries of the engine, after the operations on intervals in `functions`.
-ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE = (2 * len(RULES) + i for i in range(4))
+ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS = range(3)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
+BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING = range(3)  # what `assembly.dispatch` is to do
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
@@ -109,7 +118,8 @@ KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard failed,
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
-    "time left residual slope uncertainty murk interpolation", "row_before row_after detector kind direction substeps"
+    "time left residual slope uncertainty murk interpolation",
+    "row_before row_after detector kind direction substeps link",
 )
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
@@ -166,6 +176,7 @@ Bases = Annotated[NDArray[Any], Kind("Bases", BASE)]
 Reactions = Annotated[NDArray[Any], Kind("Reactions", REACTION)]
 Links = Annotated[NDArray[Any], Kind("Links", LINK)]
 Touches = Annotated[NDArray[Any], Kind("Touches", TOUCH)]
+Assemblies = Annotated[NDArray[Any], Kind("Assemblies", ASSEMBLY)]
 TrialRows = Annotated[NDArray[Any], Kind("TrialRows", TRIAL_ROW)]
 EventRows = Annotated[NDArray[Any], Kind("EventRows", EVENT_ROW)]
 
@@ -262,6 +273,25 @@ class Run:
     square: Passing[Floats]  # a linear system, and which reactions are in it
     column: Passing[Floats]
     chosen: Passing[Whole]
+    assemblies: Given[Assemblies]
+    leafs: Given[Lists]  # of patterns; see `march.assembly.links`
+    members: Given[Whole]  # the place of each leaf for every link, or element, among coordinates or parameters
+    slots: Given[Whole]  # of the impulse along each coordinate
+    handed: Given[Lists]  # pattern, place of a parameter there, place here
+    patterns: Address[Whole]  # two runs of one link for each assembly
+    tallies: Scratch[Whole]  # see `march.assembly.broad_phase`, where all is made anew when a march begins or goes on
+    spans: Scratch[Floats]
+    boxes: Scratch[Columns]  # bounds of every coordinate
+    renewed: Scratch[Whole]  # 1 where they are new
+    hulls: Scratch[Columns]  # of groups
+    order: Scratch[Whole]  # of elements, group by group
+    candidates: Scratch[Lists]  # links that boxes do not prove apart
+    close: Scratch[Whole]  # those that may meet in the trial
+    meets: Scratch[Whole]  # 1 where one does on the piece
+    touching: Scratch[Columns]  # links that are struck together, numbers of each; see `march.assembly.impact`
+    normals: Scratch[Columns]  # the derivative of each one's rate by velocities
+    replies: Scratch[Columns]  # effect of a unit of its impulse on them
+    reads: Scratch[Lists]  # which these are
     of_time: Given[Whole]  # drives of time
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
@@ -302,6 +332,7 @@ class Run:
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 
     def __init__(self, **arrays: NDArray[Any]) -> None:
+        self.holds: tuple[Any, ...] = ()  # what has to live as long as the run
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
         self.address = int(self._table.ctypes.data)
         self.put(**arrays)

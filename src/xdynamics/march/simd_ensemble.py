@@ -36,7 +36,8 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
     method, layout = law.scheme.method, law.layout
     solved = solver_of(method).in_lanes(law, settings)
     plain = solved and method.stepper.locates and law.scheme.steps == 1 and not isinstance(settings.step, tuple)
-    if not plain or layout.model.python_functions or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
+    plain = plain and not (layout.model.python_functions or layout.model.assemblies)
+    if not plain or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
         return 1
     if asked is not None:
         return max(1, asked)

@@ -10,12 +10,10 @@ from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.parts import APPROACH, Contact, Function
+from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
 from xdynamics.units import CONSTANTS, NONE, Dimension, constant
-
-MOST_REACTIONS = 24  # forces of contacts and friction: their equations are written out, and grow as the cube
 
 ROUNDING = 64 * 2.0**-52  # of the terms of a gap
 KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
@@ -25,12 +23,17 @@ Dimensions = Mapping[str, Dimension]
 
 def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
     """Check every contact and friction element."""
-    contacts, frictions = statement.contacts, statement.frictions
+    contacts, frictions = statement.contacts | statement.assemblies, statement.frictions
     if not contacts and not frictions:
         return
-    count = sum(2 if part.slip else 1 for part in contacts.values()) + len(frictions)
+    count = sum(2 if part.slip else 1 for part in statement.contacts.values()) + len(frictions)
     if count > MOST_REACTIONS:
-        ledger.note(f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most")
+        ledger.note(
+            f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most; many contacts are those of a"
+            " dimension or a relation"
+        )
+    if statement.assemblies:
+        _check_assemblies(statement, ledger)
     if APPROACH in known:
         ledger.note(f"'{APPROACH}' is what contacts call the speed at which a gap closes; choose another name")
     if len({part.law for part in contacts.values()}) > 1:
@@ -46,12 +49,30 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
     for name, contact in contacts.items():
         with ledger.entry(f"contact '{name}'"):
             _check_contact(contact, statement, known)
+            if name in statement.contacts:  # of many links, the march finds those that overlap
+                _check_start(expand(contact.gap, statement.definitions), statement)
     for name, friction in frictions.items():
         with ledger.entry(f"friction '{name}'"):
             slip = _check_slip(friction.slip, statement, known)
             for key in ("kinetic", "static"):
                 _needs(key, getattr(friction, key), statement, known, power / slip)
             _check_strengths("kinetic", friction.kinetic, friction.static, statement)
+
+
+def _check_assemblies(statement: Statement, ledger: Ledger) -> None:
+    """Refuse what contacts of many links cannot have."""
+    many = f"contacts have more than {MOST_REACTIONS} links together, and then"
+    for name, contact in statement.assemblies.items():
+        if contact.slip is not None:
+            ledger.note(f"{many} none has friction: remove slip and friction of contact '{name}'")
+        if contact.law == ENERGETIC:
+            ledger.note(
+                f"{many} law = '{ENERGETIC}' is not among their laws; choose 'newton', 'poisson' or 'sequential'"
+            )
+    if statement.frictions:
+        ledger.note(f"{many} there are no friction elements: remove '{next(iter(statement.frictions))}'")
+    if statement.mass_is_full or statement.lagrangian:
+        ledger.note(f"{many} the mass is diagonal: write [mass] with one entry for each coordinate")
 
 
 def _check_contact(contact: Contact, statement: Statement, dimensions: Dimensions) -> None:
@@ -81,7 +102,6 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
     size = _number(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:
         raise InputError(f"{_value_text('restitution', contact.restitution, size)}, needs to be from 0 to 1")
-    _check_start(tree, statement)
     if contact.position_tolerance is not None and contact.position_tolerance.unit.dimension != gap:
         raise InputError(f"position_tolerance is '{contact.position_tolerance}', needs the unit of the gap, '{gap}'")
     if contact.rest_height is not None and contact.rest_height.unit.dimension != gap:

@@ -17,8 +17,9 @@ from xdynamics.model.switches import LOCATED_EVERYWHERE, RegimeModel, side, wher
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
-# slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there
-OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK = range(8)
+# slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there; the gaps of many links,
+# which `march.assembly` looks for
+OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS = range(9)
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,10 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             )
             for role, tree, direction in watched
         ]
+    for name, contact in model.assemblies.items():
+        all_detectors.append(
+            Detector(name, ONE, LINKS, contact.time_tolerance, "falling", position_tolerance=contact.position_tolerance)
+        )
     return (*all_detectors, *_switching(model))
 
 
@@ -156,6 +161,8 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
         return NONE
     if detector.sampled:
         return detector.event.unit.dimension if detector.event.unit else NONE
+    if detector.role == LINKS:
+        return dimension_of(model.assemblies[detector.name].gap, model.dimensions)
     return dimension_of(detector.function, model.dimensions | reaction_dimensions(model))
 
 

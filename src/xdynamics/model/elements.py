@@ -18,7 +18,17 @@ from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential, Lazy
-from xdynamics.model.parts import Contact, Drive, Event, Force, Friction, Function, Parameter, Validation
+from xdynamics.model.parts import (
+    MOST_REACTIONS,
+    Contact,
+    Drive,
+    Event,
+    Force,
+    Friction,
+    Function,
+    Parameter,
+    Validation,
+)
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
@@ -181,7 +191,12 @@ class Elements:
                 for one, place in self._placed(name)
             },
             events={one: event for name, event in old.events.items() for one, event in self._event(name, event)},
-            contacts={one: part for name, part in old.contacts.items() for one, part in self._contact(name, part)},
+            contacts={}
+            if self._many
+            else {one: part for name, part in old.contacts.items() for one, part in self._contact(name, part)},
+            assemblies={name: next(self._contact(name, part))[1] for name, part in old.contacts.items()}
+            if self._many
+            else {},
             frictions={one: part for name, part in old.frictions.items() for one, part in self._friction(name, part)},
             observables=trees(old.observables),
             observed={
@@ -207,6 +222,13 @@ class Elements:
             starting={},
         )
         return replace(new, **self._start(parameters))
+
+    @property
+    def _many(self) -> bool:
+        """Whether contacts have more links than are written out."""
+        sizes = (math.prod(self.shapes.shape(self.shapes.dims.get(name, ()))) for name in self.statement.contacts)
+        doubled = (2 if part.slip else 1 for part in self.statement.contacts.values())
+        return sum(map(math.prod, zip(sizes, doubled, strict=True))) > MOST_REACTIONS
 
     def _names(self, name: str) -> list[str]:
         return self.shapes.elements(name)

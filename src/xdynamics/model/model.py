@@ -111,6 +111,7 @@ class Model:
     events: dict[str, Event]
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
+    assemblies: dict[str, Contact]
     regimes: dict[str, Regime]
     regime: str
     observables: dict[str, Node]
@@ -243,6 +244,13 @@ class Model:
     def _written(self) -> Statement:
         """The statement as it was written, perhaps with other numbers."""
         return self.statement if self._declared is None else self._declared
+
+    @classmethod
+    def of_elements(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:
+        """Return the model of a statement of single numbers that is known to be sound."""
+        model = object.__new__(cls)
+        model._hold(statement, dimensions, Shapes(), None)
+        return model
 
     def replace(self, **sections: Mapping[str, Any]) -> Model:
         """Return a model with some entries of some sections replaced.

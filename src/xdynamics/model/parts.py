@@ -162,6 +162,9 @@ class Event:
     position_tolerance: Quantity | None = None
 
 
+MOST_REACTIONS = 24  # forces of contacts and friction that are written out: their equations grow as the cube
+
+
 @dataclass(frozen=True)
 class Contact:
     """A unilateral contact: motion is possible only where its gap is not negative.

@@ -49,7 +49,7 @@ def changes_numbers_alone(old: Statement, new: Statement) -> bool:
     """Whether two statements differ in numbers of parameters and of the start alone, and no check depends on these."""
     starts: dict[str, Any] = {"initial": old.initial, "starts": old.starts, "at_rest": old.at_rest}
     alike = replace(new, parameters=old.parameters, **starts) == old and _units(new) == _units(old)
-    return alike and not (old.contacts or old.frictions or old.correlations)
+    return alike and not (old.contacts or old.assemblies or old.frictions or old.correlations)
 
 
 def _units(statement: Statement) -> tuple[Any, ...]:

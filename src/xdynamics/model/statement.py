@@ -70,6 +70,7 @@ class Statement:
     relations: dict[str, Links] = field(default_factory=dict)
     arrays: dict[str, Values] = field(default_factory=dict)  # parameters with dimensions
     starting: dict[str, Values] = field(default_factory=dict)  # values at the start with dimensions, or by expressions
+    assemblies: dict[str, Contact] = field(default_factory=dict)  # contacts of many links, each as it is of the first
 
     @cached_property
     def bare_shapes(self) -> Shapes:

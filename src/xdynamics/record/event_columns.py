@@ -19,6 +19,7 @@ from xdynamics.model import Function, Model
 from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.parts import Contact, Friction
+from xdynamics.record.assembly_columns import assembly_columns, impact_laws
 from xdynamics.record.column import About, Column, event_of, times
 from xdynamics.record.element_attributes import of_whole
 from xdynamics.schema import EVENTS, Variable
@@ -62,7 +63,7 @@ def event_columns(about: About) -> list[Column]:
     collected += _values(about)
     collected += _positions(about)
     collected += _observed(about, uncertainty)
-    return collected + _of_impacts(about)
+    return [*collected, *_of_impacts(about), *assembly_columns(about)]
 
 
 def _detector(about: About) -> Column:
@@ -77,7 +78,9 @@ def _detector(about: About) -> Column:
 
 def _of_impacts(about: About) -> list[Column]:
     """Return impulses, shifts of coordinates, and the energy that impacts took."""
-    model, collected = about.model, []
+    model, collected = about.model, list[Column]()
+    if model.assemblies and not about.layout.resets:
+        return collected
     for own in about.layout.coordinates.blocks:
         name, unit, impulse = own.name, about.units.known[own.name], _impulse_unit(about, own)
         long_name = (
@@ -94,7 +97,7 @@ def _of_impacts(about: About) -> list[Column]:
                     impulse.text,
                     f"contact impulse along {name}",
                     "event",
-                    _laws(model),
+                    impact_laws(model),
                 ),
                 _impulse(about, own, impulse),
             ),
@@ -138,16 +141,6 @@ def _lines(first: int, shape: tuple[int, ...], factor: float) -> Callable[[Block
         return times(lines.T.reshape(-1, *shape), factor)
 
     return take
-
-
-def _laws(model: Model) -> dict[str, str]:
-    """Return the law of impacts, and the order in which they are computed."""
-    if not model.contacts:
-        return {}
-    contacts = model.shaped.contacts
-    contact = next(iter(contacts.values()))
-    restitutions = "; ".join(f"{name}: {text_of(contact.restitution)}" for name, contact in contacts.items())
-    return {"impact_law": contact.law, "impact_order": " ".join(contacts), "restitution": restitutions}
 
 
 def _bracket(factor: float) -> Callable[[Block], Array]:

@@ -49,7 +49,7 @@ def folded(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
         elif name == DETECTOR:
             collected |= {one.variable.name: one for one in _detector(column, shapes)}
         elif whole is None:
-            collected[name] = column
+            collected[name] = _either(collected[name], column) if name in collected else column
     return [*collected.values()]
 
 
@@ -176,7 +176,7 @@ def _detector(column: Column, shapes: Shapes) -> list[Column]:
     more = dict(column.variable.more) | flags(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: along}
     collected = [_looked_up(column, replace(column.variable, dtype="i1", more=more), kind_of)]
     for dim in dims:
-        collected.append(_looked_up(column, _place_variable(dim, shapes.extent(dim)), number_of[dim]))
+        collected.append(_looked_up(column, place_variable(dim, shapes.extent(dim)), number_of[dim]))
         if dim in shapes.relations:
             collected += _ends(
                 column, shapes, dim, number_of[dim], single=sum(one in shapes.relations for one in dims) == 1
@@ -190,11 +190,21 @@ def _ends(column: Column, shapes: Shapes, dim: str, links: Array, *, single: boo
     for end, of, numbers in (("first", relation.source, relation.first), ("second", relation.target, relation.second)):
         places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
         name = end if single else f"{dim}_{end}"
-        collected.append(_looked_up(column, _place_variable(name, shapes.extent(of)), places.astype(np.int32)))
+        collected.append(_looked_up(column, place_variable(name, shapes.extent(of)), places.astype(np.int32)))
     return collected
 
 
-def _place_variable(name: str, extent: Extent) -> Variable:
+def _either(one: Column, other: Column) -> Column:
+    """Return a column of places that has those of two columns, each of which has none where the other has one."""
+
+    def take(block: Block) -> Array:
+        places = one.take(block)
+        return np.where(places == NOWHERE, other.take(block), places)
+
+    return Column(one.variable, take)
+
+
+def place_variable(name: str, extent: Extent) -> Variable:
     """Return the variable for an element at which an event was, as a flag where elements have labels."""
     long_name = f"{name} at which the event was, counted from 0; {NOWHERE} where its detector has none"
     if not extent.labels:

@@ -145,6 +145,8 @@ def _detectors(
         if (name := at_event(dim)) in variables:
             place = np.asarray(variables[name].values)
             inside = np.where(place == NOWHERE, inside, inside * len(labels.get(dim, ())) + place)
+    single = [number for number, word in zip(first, words, strict=True) if word not in along]
+    inside[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
     attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
     attributes |= flags(dict(enumerate(names)), "i4")
     return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes)}

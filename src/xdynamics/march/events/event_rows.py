@@ -61,7 +61,7 @@ def note_events(run: Run, row: int, substeps: int) -> None:
 def note_offsets(run: Run, before: int) -> None:
     """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
     n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, before)
-    if rows == 0:
+    if rows == 0 or run.targets.shape[0] + run.touches.shape[0] == 0:
         return
     owner, last = first, run.now[0].events - run.base[0].events
     for e in range(first, last):

@@ -1,0 +1,288 @@
+"""Which links may meet: each coordinate has a box, and a link is left out where its gap is positive all over its boxes.
+
+As long as every coordinate stays in its box, and `keep_boxes` proves that for every step, no link that was left out can
+meet. Elements near each other are in one group; a group whose hull proves that all its links are apart is left out whole
+(Ericson, Real-Time Collision Detection, 2005, chapter 6).
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from xdynamics.elementary.rounding_margins import SMOOTH
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.interval_program import VARIABLE
+from xdynamics.march.assembly.links import (
+    BASE,
+    FAMILY,
+    MOVES,
+    TARGET,
+    bound_leaf,
+    is_apart,
+    member,
+    pattern_at,
+)
+from xdynamics.march.calls import row_by
+from xdynamics.march.run import Run
+
+# of `tallies`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
+# arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses
+COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS = range(10)
+OVERLAP, CROWDED, UNSOLVED, RESTS = range(1, 5)  # what was wrong
+SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH = range(6)  # of `spans`
+GROUP = 16  # elements of a group
+AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
+LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates
+
+
+@shared
+def blame(run: Run, fault: int, c: int, link: int) -> None:
+    """Note what was wrong with which link."""
+    run.tallies[FAULT], run.tallies[CULPRIT], run.tallies[CULPRIT_LINK] = fault, c, link
+
+
+@shared
+def keep_boxes(run: Run) -> bool:
+    """Let every box contain its coordinate over the trial, and list the candidates anew where one did not.
+
+    Returns
+    -------
+    bool
+        False where there is no room for all candidates.
+    """
+    while fit_boxes(run):
+        if list_candidates(run):
+            run.tallies[BEGUN] = 1
+            return True
+        if run.spans[SHARE] < LEAST_SHARE:
+            return False
+        run.spans[SHARE] /= 2.0  # smaller boxes, fewer candidates
+        run.tallies[BEGUN] = 0
+    return True
+
+
+@shared
+def fit_boxes(run: Run) -> bool:
+    """Make new boxes of coordinates that leave theirs in the trial; whether any did."""
+    n, any_renewed = run.plan[0].coordinates, False
+    pattern, first = pattern_at(run.patterns[0]), run.assemblies[0]
+    own, piece = pattern.piece[0], run.piece[0]
+    own.start, own.end, own.width, own.wide, own.part, own.rough = piece.start, piece.end, piece.width, 0.0, 0, 0
+    row, leaf, count, accelerations = first.row, first.row_leaf, first.leaves, run.plan[0].used
+    target = run.leafs[first.first_leaf + leaf, TARGET]
+    for i in range(n):
+        pattern.y[leaf], pattern.z[leaf] = run.y[i], run.z[i]
+        pattern.y[count + leaf], pattern.z[count + leaf] = run.y[n + i], run.z[n + i]
+        pattern.y[2 * count + leaf], pattern.z[2 * count + leaf] = run.y[accelerations + i], run.z[accelerations + i]
+        row_by(pattern.functions[VARIABLE], pattern, pattern.y, pattern.z, row)
+        low, high = pattern.under[target], pattern.over[target]
+        run.renewed[i] = 0
+        if run.tallies[BEGUN] == 0 or not (run.boxes[0, i] <= low and high <= run.boxes[1, i]):
+            far = AHEAD * (high - low) * run.spans[SHARE]
+            run.boxes[0, i], run.boxes[1, i], run.renewed[i], any_renewed = low - far, high + far, 1, True
+    return any_renewed
+
+
+@shared
+def list_candidates(run: Run) -> bool:
+    """List the links that boxes which are new do not prove to be apart; whether there is room for them."""
+    drop_renewed(run)
+    for c in range(run.assemblies.shape[0]):
+        listed = list_pairs(run, c) if run.assemblies[c].paired else list_links(run, c)
+        if not listed:
+            return False
+    return True
+
+
+@shared
+def drop_renewed(run: Run) -> None:
+    """Leave out candidates of boxes that are new."""
+    kept = 0
+    if run.tallies[BEGUN] == 0:
+        run.tallies[COUNT] = 0
+    for k in range(run.tallies[COUNT]):
+        c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
+        if not is_renewed(run, c, link, first, second):
+            for j in range(4):
+                run.candidates[kept, j] = run.candidates[k, j]
+            kept += 1
+    run.tallies[COUNT] = kept
+
+
+@shared
+def is_renewed(run: Run, c: int, link: int, first: int, second: int) -> bool:
+    """Whether a coordinate that a link reads has a new box."""
+    assembly, new = run.assemblies[c], False
+    for k in range(assembly.leaves):
+        leaf = assembly.first_leaf + k
+        if run.leafs[leaf, MOVES] and run.renewed[member(run, leaf, link, first, second)]:
+            new = True
+    return new
+
+
+@shared
+def append(run: Run, c: int, link: int, first: int, second: int) -> bool:
+    """Add a candidate; whether there is room for it."""
+    count = run.tallies[COUNT]
+    if count >= run.candidates.shape[0]:
+        return False
+    run.candidates[count, 0], run.candidates[count, 1] = c, link
+    run.candidates[count, 2], run.candidates[count, 3] = first, second
+    run.tallies[COUNT] = count + 1
+    return True
+
+
+@shared
+def list_links(run: Run, c: int) -> bool:
+    """List candidates among links that are examined one by one."""
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    for link in range(assembly.links):
+        if not is_renewed(run, c, link, 0, 0) and run.tallies[BEGUN] == 1:
+            continue
+        apart = False
+        if not assembly.timed:
+            for k in range(assembly.leaves):
+                leaf = assembly.first_leaf + k
+                bound_leaf(run, pattern, leaf, member(run, leaf, link, 0, 0))
+            apart = is_apart(pattern)
+        if not apart and not append(run, c, link, 0, 0):
+            return False
+    return True
+
+
+@shared
+def list_pairs(run: Run, c: int) -> bool:
+    """List candidates among all pairs of elements, by groups."""
+    assembly = run.assemblies[c]
+    if run.tallies[BEGUN] == 0 or run.tallies[RENEWALS] > assembly.elements:
+        arrange(run, c)
+        run.tallies[RENEWALS] = 0
+    for g in range(assembly.groups):
+        stale = run.tallies[BEGUN] == 0
+        for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
+            stale = stale or entity_is_renewed(run, c, run.order[assembly.first_order + m])
+        if stale or run.tallies[RENEWALS] == 0:
+            span_group(run, c, g)
+    for e in range(assembly.elements):
+        if run.tallies[BEGUN] == 0 or entity_is_renewed(run, c, e):
+            run.tallies[RENEWALS] += 1
+            if not list_partners(run, c, e):
+                return False
+    return True
+
+
+@shared
+def entity_is_renewed(run: Run, c: int, e: int) -> bool:
+    """Whether an element of a relation has a new box, at either end."""
+    assembly, new = run.assemblies[c], False
+    for k in range(assembly.leaves):
+        leaf = assembly.first_leaf + k
+        if run.leafs[leaf, MOVES] and run.renewed[run.members[run.leafs[leaf, BASE] + e]]:
+            new = True
+    return new
+
+
+@shared
+def list_partners(run: Run, c: int, e: int) -> bool:
+    """List the candidates of one element: with each one that may meet it and is not listed with it elsewhere."""
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    for own in (1, 2):  # the end at which the element is
+        for k in range(assembly.leaves):
+            leaf = assembly.first_leaf + k
+            if run.leafs[leaf, FAMILY] == own:
+                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + e])
+        for g in range(assembly.groups):
+            if not is_apart_from_group(run, c, g, own) and not list_members(run, c, e, g, own):
+                return False
+    return True
+
+
+@shared
+def is_apart_from_group(run: Run, c: int, g: int, own: int) -> bool:
+    """Whether an element, whose bounds have been given, is apart from all of a group."""
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    for k in range(assembly.leaves):
+        leaf = assembly.first_leaf + k
+        target = run.leafs[leaf, TARGET]
+        if run.leafs[leaf, FAMILY] != own and target >= 0:
+            hull = assembly.first_hull + g * assembly.leaves + k
+            pattern.under[target], pattern.over[target] = run.hulls[0, hull], run.hulls[1, hull]
+            pattern.flaws[target] = SMOOTH
+    return is_apart(pattern)
+
+
+@shared
+def list_members(run: Run, c: int, e: int, g: int, own: int) -> bool:
+    """List the candidates of one element, at one end, with the elements of a group; whether there is room for them."""
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
+    size = assembly.elements
+    for m in range(g * GROUP, min((g + 1) * GROUP, size)):
+        other = run.order[assembly.first_order + m]
+        if (own == 1) != (e < other) or other == e:
+            continue
+        if own == 2 and (run.tallies[BEGUN] == 0 or entity_is_renewed(run, c, other)):
+            continue  # two that are both new are listed by the first
+        for k in range(assembly.leaves):
+            leaf = assembly.first_leaf + k
+            if run.leafs[leaf, FAMILY] != own:
+                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + other])
+        if not is_apart(pattern):
+            i, j = min(e, other), max(e, other)
+            if not append(run, c, i * size - i * (i + 1) // 2 + j - i - 1, i, j):
+                return False
+    return True
+
+
+@shared
+def span_group(run: Run, c: int, g: int) -> None:
+    """Compute the hull of the boxes, and parameters, of a group's elements at either end."""
+    assembly = run.assemblies[c]
+    for k in range(assembly.leaves):
+        leaf, low, high = assembly.first_leaf + k, inf, -inf
+        for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
+            place = run.members[run.leafs[leaf, BASE] + run.order[assembly.first_order + m]]
+            moves = run.leafs[leaf, MOVES]
+            low = min(low, run.boxes[0, place] if moves else run.p[place])
+            high = max(high, run.boxes[1, place] if moves else run.p[place])
+        hull = assembly.first_hull + g * assembly.leaves + k
+        run.hulls[0, hull], run.hulls[1, hull] = low, high
+
+
+@shared
+def arrange(run: Run, c: int) -> None:
+    """Order elements so that those of a group are near each other: halves along the longest extent, in turn."""
+    assembly = run.assemblies[c]
+    size, first = assembly.elements, assembly.first_order
+    for m in range(size):
+        run.order[first + m] = m
+    part = size
+    while part > GROUP:
+        groups = -(-part // GROUP)
+        for start in range(0, size, part):
+            halve(run, c, first + start, min(part, size - start))
+        part = -(-groups // 2) * GROUP
+
+
+@shared
+def halve(run: Run, c: int, start: int, count: int) -> None:
+    """Sort a stretch of elements along the coordinate in which they are farthest apart (Shell's method)."""
+    assembly, best, widest = run.assemblies[c], -1, -1.0
+    for k in range(assembly.leaves):
+        leaf = assembly.first_leaf + k
+        if run.leafs[leaf, MOVES] and run.leafs[leaf, FAMILY] == 1:
+            low, high = inf, -inf
+            for m in range(start, start + count):
+                q = run.y[run.members[run.leafs[leaf, BASE] + run.order[m]]]
+                low, high = min(low, q), max(high, q)
+            if high - low > widest:
+                widest, best = high - low, run.leafs[leaf, BASE]
+    gap = count // 2
+    while gap > 0:
+        for m in range(start + gap, start + count):
+            one = run.order[m]
+            q, j = run.y[run.members[best + one]], m
+            while j - gap >= start and run.y[run.members[best + run.order[j - gap]]] > q:
+                run.order[j] = run.order[j - gap]
+                j -= gap
+            run.order[j] = one
+        gap //= 2

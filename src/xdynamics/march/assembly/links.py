@@ -1,0 +1,114 @@
+"""One link of an assembly: its gap enclosed, or at a state, by the programs of its pattern.
+
+The pattern is a run of its own, of one link whose coordinates are what the gap reads; numbers of a link are copied there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.elementary.rounding_margins import SMOOTH
+from xdynamics.kernels.compiling import PLAIN, shared
+from xdynamics.kernels.law import DETECT, SLOPES, TOUCHING
+from xdynamics.kernels.program import T
+from xdynamics.march.calls import called, enclosed_by
+from xdynamics.march.handle import PLAINLY, run_at
+from xdynamics.march.run import ALL, ENCLOSE, Run
+
+State = NDArray[Any]
+# of a leaf: its first member, what they are counted by, whether it moves, the place of its interval, 1 at a second end
+BASE, FAMILY, MOVES, TARGET, END = range(5)
+ASSEMBLY, LINK, FIRST, SECOND = range(4)  # of a candidate
+
+pattern_at: Any = PLAIN.__getitem__ if PLAINLY else run_at
+
+
+@shared
+def member(run: Run, leaf: int, link: int, first: int, second: int) -> int:
+    """The place of what a leaf of a link reads, among coordinates or parameters."""
+    family = run.leafs[leaf, FAMILY]
+    entity = link if family == 0 else (first if family == 1 else second)
+    return int(run.members[run.leafs[leaf, BASE] + entity])
+
+
+@shared
+def gather(run: Run, state: State, target: State, c: int, link: int, first: int, second: int) -> None:
+    """Copy what a link reads of a state to a state of the pattern."""
+    assembly = run.assemblies[c]
+    n, count = run.plan[0].coordinates, assembly.leaves
+    for k in range(count):
+        leaf = assembly.first_leaf + k
+        place = member(run, leaf, link, first, second)
+        if run.leafs[leaf, MOVES]:
+            target[k], target[count + k] = state[place], state[n + place]
+            target[2 * count + k] = state[run.plan[0].used + place]
+        else:
+            target[k], target[count + k], target[2 * count + k] = run.p[place], 0.0, 0.0
+
+
+@shared
+def enclose_motion(run: Run, pattern: Run, y: State, z: State, k: int, slope: bool) -> None:
+    """Enclose the gap of a candidate, perhaps its rate too, between two states; `run.piece` has their times."""
+    c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
+    gather(run, y, pattern.y, c, link, first, second)
+    gather(run, z, pattern.z, c, link, first, second)
+    piece, own = run.piece[0], pattern.piece[0]
+    own.start, own.end, own.width, own.wide = piece.start, piece.end, piece.width, 0.0
+    own.part, own.rough = piece.part, 0
+    last = pattern.parts[2] if slope else pattern.parts[1]
+    enclosed_by(pattern.functions[ENCLOSE], pattern, pattern.y, pattern.z, pattern.parts[0], last, ALL)
+
+
+@shared
+def is_apart(pattern: Run) -> bool:
+    """Whether the gap is positive wherever the leaves, whose bounds have been given, may be."""
+    pattern.piece[0].rough = 2
+    y = pattern.y
+    enclosed_by(pattern.functions[ENCLOSE], pattern, y, y, pattern.parts[0], pattern.parts[1], ALL)
+    place = pattern.detectors[0].value
+    return bool(pattern.flaws[place] == SMOOTH and pattern.under[place] > 0.0)
+
+
+@shared
+def bound_leaf(run: Run, pattern: Run, leaf: int, place: int) -> None:
+    """Give the bounds of one leaf, those of the box of a coordinate, or a parameter."""
+    target = run.leafs[leaf, TARGET]
+    if target >= 0:
+        moves = run.leafs[leaf, MOVES]
+        pattern.under[target] = run.boxes[0, place] if moves else run.p[place]
+        pattern.over[target] = run.boxes[1, place] if moves else run.p[place]
+        pattern.flaws[target] = SMOOTH
+
+
+@shared
+def gap_at(run: Run, state: State, t: float, k: int) -> float:
+    """The gap of a candidate at a state."""
+    c = run.candidates[k, ASSEMBLY]
+    pattern = pattern_at(run.patterns[2 * c])
+    gather(run, state, pattern.y, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
+    pattern.at[T] = t
+    called(pattern.law[DETECT], pattern, pattern.y, pattern.g, 0)
+    return float(pattern.g[0])
+
+
+@shared
+def rate_at(run: Run, state: State, t: float, k: int) -> float:
+    """The rate of the gap of a candidate at a state."""
+    c = run.candidates[k, ASSEMBLY]
+    pattern = pattern_at(run.patterns[2 * c])
+    gather(run, state, pattern.y, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
+    pattern.at[T] = t
+    called(pattern.law[SLOPES], pattern, pattern.y, pattern.slopes, 0)
+    return float(pattern.slopes[0])
+
+
+@shared
+def touch(run: Run, state: State, t: float, k: int) -> None:
+    """Compute gap, rate, restitution and the directions of a candidate; they stand in the second pattern."""
+    c = run.candidates[k, ASSEMBLY]
+    pattern = pattern_at(run.patterns[2 * c + 1])
+    gather(run, state, pattern.z, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
+    pattern.at[T] = t
+    called(pattern.law[TOUCHING], pattern, pattern.z, pattern.contact_tables, 0)

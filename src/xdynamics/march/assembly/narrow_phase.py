@@ -1,0 +1,183 @@
+"""When the first links of a trial meet: pieces of the step are cut until every link is proven to stay apart, or meets.
+
+A link stays apart on a piece where its gap is positive, or its rate nowhere negative; it meets where its rate is
+negative all over a piece that ends with a gap that is not positive. States at cuts are those of shortened steps.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.elementary.rounding_margins import EPS, SMOOTH
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, WHOLE_STEP
+from xdynamics.march.assembly.links import ASSEMBLY, enclose_motion, gap_at, pattern_at, rate_at, touch
+from xdynamics.march.events.zero_tests import clears
+from xdynamics.march.log import MOST_SUBSTEPS
+from xdynamics.march.run import Run
+from xdynamics.march.trial_step import copy, keep, substep, take
+
+State = NDArray[Any]
+FREE, MEETS, OPEN = range(3)  # what is known of a link on a piece
+NOISE = 64.0 * EPS  # of the terms of a rate: what rounding may leave
+MOST_TURNS = 200
+INSIDE = 0.4  # of the time tolerance: how far beyond an estimated root the other side of it is looked for
+
+
+@shared
+def find_first(run: Run) -> bool:
+    """Shorten the trial to end just after links first meet; whether any do."""
+    piece, trial = run.piece[0], run.trial[0]
+    piece.part, run.tallies[CLOSE] = 0, 0
+    for k in range(run.tallies[COUNT]):
+        pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
+        enclose_motion(run, pattern, run.y, run.z, k, False)
+        place = pattern.detectors[0].value
+        if pattern.under[place] > 0.0 and pattern.flaws[place] == SMOOTH:
+            continue
+        run.close[run.tallies[CLOSE]] = k
+        run.tallies[CLOSE] += 1
+    if run.tallies[CLOSE] == 0:
+        return False
+    run.spans[FASTEST] = fastest(run)
+    run.spans[WHOLE_STEP] = trial.h
+    keep(run)
+    start, last, budget, found = 0.0, 0, MOST_SUBSTEPS, False
+    push(run, 0, trial.h)
+    copy(run.y, run.near)
+    while last >= 0 and not found:
+        end = run.branches[last, 0]
+        for i in range(run.far.shape[0]):
+            run.far[i] = run.branches[last, 1 + i]
+        finest = budget <= 0 or last + 1 >= run.branches.shape[0]
+        verdict = weigh(run, start, end, finest)
+        if verdict == OPEN:
+            middle = (start + end) / 2.0
+            substep(run, middle)
+            last, budget = last + 1, budget - 1
+            push(run, last, middle)
+        elif verdict == MEETS:
+            close_in(run, start, end)
+            found = True
+        else:
+            last, start = last - 1, end
+            copy(run.far, run.near)
+    if not found:
+        take(run)
+        run.piece[0].cut = int(run.piece[0].substeps > 0)
+    return found
+
+
+@shared
+def fastest(run: Run) -> float:
+    """The largest velocity at either end of the trial."""
+    n, most = run.plan[0].coordinates, 0.0
+    for i in range(n, 2 * n):
+        most = max(most, abs(run.y[i]), abs(run.z[i]))
+    return most
+
+
+@shared
+def push(run: Run, k: int, s: float) -> None:
+    """Keep the trial's state until the piece before it is done."""
+    run.branches[k, 0] = s
+    for i in range(run.z.shape[0]):
+        run.branches[k, 1 + i] = run.z[i]
+
+
+@shared
+def weigh(run: Run, start: float, end: float, finest: bool) -> int:
+    """What is known of the links that are close on a piece: none meets, one does, or the piece has to be cut."""
+    piece, t, verdict = run.piece[0], run.now[0].t, FREE
+    piece.start, piece.end, piece.width = t + start, t + end, end - start
+    piece.part = int(end - start < run.spans[WHOLE_STEP])
+    for m in range(run.tallies[CLOSE]):
+        one = judge_link(run, run.close[m], start, end, finest)
+        run.meets[m] = one == MEETS
+        if one == OPEN:
+            return OPEN
+        verdict = max(verdict, one)
+    return verdict
+
+
+@shared
+def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
+    """Classify a link on a piece."""
+    pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
+    enclose_motion(run, pattern, run.near, run.far, k, True)
+    value, slope = pattern.detectors[0].value, pattern.detectors[0].slope
+    smooth = pattern.flaws[value] == SMOOTH and pattern.flaws[slope] == SMOOTH
+    down, up = pattern.under[slope], pattern.over[slope]
+    if smooth and pattern.under[value] > 0.0:
+        return FREE
+    slack = noise(run, run.near, run.now[0].t + start, k)
+    if smooth and down >= -slack:
+        return FREE
+    before, after = gap_at(run, run.near, run.now[0].t + start, k), gap_at(run, run.far, run.now[0].t + end, k)
+    if smooth and up < 0.0:
+        return FREE if after > 0.0 else MEETS
+    if smooth and clears(before, after, down, up, end - start):
+        return FREE
+    if finest or end - start <= resolution_of(run, k, end):
+        return MEETS if after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack else FREE
+    return OPEN
+
+
+@shared
+def noise(run: Run, state: State, t: float, k: int) -> float:
+    """How far from zero rounding may leave the rate of a link."""
+    c = run.candidates[k, ASSEMBLY]
+    touch(run, state, t, k)
+    pattern, size = pattern_at(run.patterns[2 * c + 1]), 0.0
+    for i in range(run.assemblies[c].coordinates):
+        size += abs(pattern.directions[0, i])
+    return NOISE * size * run.spans[FASTEST]
+
+
+@shared
+def resolution_of(run: Run, k: int, s: float) -> float:
+    """The width below which a piece is not cut any further for the sake of a link."""
+    t = run.now[0].t
+    return max(run.assemblies[run.candidates[k, ASSEMBLY]].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
+
+
+@shared
+def close_in(run: Run, start: float, end: float) -> None:
+    """Shorten the trial to end just after the first of the links that meet on a piece; all their gaps shrink on it."""
+    low, high, s = start, end, end
+    t, tolerance = run.now[0].t, resolution_of(run, run.close[0], end)
+    run.spans[LEFT], earlier = start, 4.0 * (end - start)
+    copy(run.far, run.z)
+    at_low, at_high = least_gap(run, run.near, t + start), least_gap(run, run.far, t + end)
+    turns = 0
+    while high - low > tolerance and turns < MOST_TURNS:
+        turns += 1
+        low_is_nearer = abs(at_low) < abs(at_high)
+        width = high - low
+        s = low + at_low / (at_low - at_high) * width
+        s = s + INSIDE * tolerance if low_is_nearer else s - INSIDE * tolerance
+        if not low < s < high or width > earlier / 2.0:
+            s = (low + high) / 2.0
+        earlier = width if turns % 3 == 0 else earlier
+        substep(run, s)
+        value = least_gap(run, run.z, t + s)
+        if value > 0.0:
+            low, at_low = s, value
+        else:
+            high, at_high = s, value
+    if s != high or turns == 0:
+        substep(run, high)
+    run.spans[LEFT] = low
+
+
+@shared
+def least_gap(run: Run, state: State, t: float) -> float:
+    """The least gap of the links that meet on the piece."""
+    least = inf
+    for m in range(run.tallies[CLOSE]):
+        if run.meets[m]:
+            least = min(least, gap_at(run, state, t, run.close[m]))
+    return least

@@ -1,0 +1,199 @@
+"""The arrays of assemblies in a run: what each link reads, its patterns, and room for links that meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.kernels import Law, law_of
+from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.interval_program import VARIABLE, enclosing
+from xdynamics.march.assembly.broad_phase import GROUP, SLOTS
+from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
+from xdynamics.march.handle import PLAINLY
+from xdynamics.march.run import ASSEMBLY, Run
+from xdynamics.march.settings import EARLIEST_FIRST, Settings
+from xdynamics.model import Model
+from xdynamics.model.assemblies import SECOND, Assembly, Leaf, assemblies, slots_of, together
+from xdynamics.model.motion import constants
+from xdynamics.model.parts import IMPACT_LAWS
+from xdynamics.units import TIME
+
+Whole = NDArray[np.int64]
+Pose = Callable[[Model, Settings, Law], Run]
+
+CANDIDATES_EACH, FEWEST_CANDIDATES = 8, 4096  # room for candidates, for each coordinate
+_KEYS = count(-10_000_000, -1)  # of patterns where nothing is compiled
+
+
+def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[dict[str, NDArray[Any]], list[Run]]:
+    """Return the arrays of all assemblies, and the runs of their patterns, which have to live as long.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    law : Law
+        Of the model.
+    pose : callable
+        Makes the run of a pattern.
+
+    Raises
+    ------
+    InputError
+        If the model cannot have contacts of many links.
+    """
+    every, layout = assemblies(model), law.layout
+    if every and not law.scheme.method.stepper.locates:
+        raise InputError(
+            f"method '{law.scheme.method.name}' does not locate impacts, and contacts of more links than are written out"
+            " are impacts alone; choose another method"
+        )
+    if every and settings.apart:
+        raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
+    if every and any(detector.drive or detector.at_zero for detector in layout.switches):
+        raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
+    bare = replace(settings, tolerances=None, nodes=())
+    patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
+    parts = [_Part(assembly, law, settings) for assembly in every]
+    rows, leafs, members = np.zeros(len(every), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()
+    first_order, first_hull = 0, 0
+    for row, part in zip(rows, parts, strict=True):
+        row.first_leaf, row.first_order, row.first_hull = len(leafs), first_order, first_hull
+        for name, value in part.numbers.items():
+            setattr(row, name, value)
+        leafs += part.leafs(sum(len(places) for places in members))
+        members += part.members
+        first_order, first_hull = first_order + row.elements, first_hull + row.groups * row.leaves
+    n, most, widest = layout.coordinates.size, together(model), max((row.coordinates for row in rows), default=0)
+    slots, width = slots_of(model, layout.coordinates)
+    tallies = np.zeros(16, np.int64)
+    tallies[SLOTS] = width
+    room = min(sum(one.links for one in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n)) if every else 0
+    few = MOST_LEMKE if every else 0
+    arrays: dict[str, NDArray[Any]] = {
+        "assemblies": rows,
+        "leafs": np.array(leafs, np.int64).reshape(-1, 5),
+        "members": np.concatenate([*members, np.zeros(0, np.int64)]),
+        "slots": slots,
+        "handed": np.array(_handed(every, model, settings), np.int64).reshape(-1, 3),
+        "patterns": np.array(_addresses(patterns), np.int64),
+        "tallies": tallies,
+        "spans": np.zeros(8),
+        "boxes": np.zeros((2, n if every else 0)),
+        "renewed": np.zeros(n if every else 0, np.int64),
+        "hulls": np.zeros((2, first_hull)),
+        "order": np.zeros(first_order, np.int64),
+        "candidates": np.zeros((room, 4), np.int64),
+        "close": np.zeros(room, np.int64),
+        "meets": np.zeros(room, np.int64),
+        "touching": np.zeros((most, NUMBERS)),
+        "normals": np.zeros((most, widest)),
+        "replies": np.zeros((most, widest)),
+        "reads": np.zeros((most, widest), np.int64),
+    }
+    if every:
+        arrays |= {
+            "problem": np.zeros((few, 2 * few + 2)),
+            "basis": np.zeros(few, np.int64),
+            "solution": np.zeros(few),
+        }
+    return arrays, patterns
+
+
+class _Part:
+    """One assembly as numbers."""
+
+    def __init__(self, assembly: Assembly, law: Law, settings: Settings) -> None:
+        self._assembly, self._law, self._settings = assembly, law, settings
+        self._families = [_family(leaf) if assembly.paired else 0 for leaf in assembly.leaves]
+        layout = settings.layout(assembly.pattern[0])
+        rows = enclosing(layout).rows.tolist()
+        own = {place: (target, k) for k, (row, target, place, *_) in enumerate(rows) if row == VARIABLE}
+        self._targets = [own.get(k, (-1, -1)) for k in range(len(assembly.leaves))]
+        first = next(k for k, (target, _) in enumerate(self._targets) if target >= 0)
+        size = assembly.model.shapes.extent(assembly.relation.source).size if assembly.relation else 0
+        elements = size if assembly.paired else 0
+        watched = [detector.name for detector in law.layout.watched]
+        read = assembly.model.reads(assembly.contact.gap)
+        self.numbers: dict[str, Any] = {
+            "tolerance": settings.located_within(assembly.contact.time_tolerance) / settings.scales.of(TIME),
+            "links": assembly.links,
+            "elements": elements,
+            "paired": int(assembly.paired),
+            "leaves": len(assembly.leaves),
+            "coordinates": assembly.coordinates,
+            "row_leaf": first,
+            "row": self._targets[first][1],
+            "detector": watched.index(assembly.name),
+            "law": IMPACT_LAWS.index(assembly.contact.law),
+            "timed": int("t" in read),
+            "groups": -(-elements // GROUP),
+        }
+        if assembly.paired and "t" in read:
+            raise InputError(f"contact '{assembly.name}' of every two reads t, and may read positions and parameters")
+
+    @property
+    def members(self) -> list[Whole]:
+        """The place of each leaf for every link, or element."""
+        assembly, layout = self._assembly, self._law.layout
+        of_constant = {name: i for i, name in enumerate(constants(assembly.model, self._settings.scales))}
+        tables = []
+        links = np.arange(assembly.links)
+        elements = np.arange(self.numbers["elements"])
+        for k, leaf in enumerate(assembly.leaves):
+            if assembly.paired:
+                numbers = assembly.elements(leaf, elements, elements, {})
+            else:
+                numbers = assembly.elements(leaf, *assembly.ends(links), assembly.numbers(links))
+            start = assembly.model.shapes.first(leaf.quantity)
+            place = layout.coordinates.index(start) if k < assembly.coordinates else of_constant[start]
+            tables.append(place + numbers)
+        return tables
+
+    def leafs(self, first: int) -> list[tuple[int, int, int, int, int]]:
+        """Return the rows of its leaves, whose members begin at a place."""
+        rows = []
+        for k, leaf in enumerate(self._assembly.leaves):
+            moves, end = int(k < self._assembly.coordinates), int(leaf.end == SECOND)
+            rows.append((first, self._families[k], moves, self._targets[k][0], end))
+            first += self.numbers["elements"] if self._assembly.paired else self._assembly.links
+        return rows
+
+
+def _family(leaf: Leaf) -> int:
+    return 2 if leaf.end == SECOND else 1
+
+
+def _posed(model: Model, settings: Settings, pose: Pose) -> Run:
+    law = law_of(settings.layout(model), sampled=False)
+    run = pose(model, settings, law)
+    run.holds = (law,)  # its code lives as long as the run
+    return run
+
+
+def _addresses(patterns: Sequence[Run]) -> list[int]:
+    if not PLAINLY:
+        return [run.address for run in patterns]
+    keys = [next(_KEYS) for _ in patterns]
+    kept: dict[int, Any] = PLAIN
+    kept.update(zip(keys, patterns, strict=True))
+    return keys
+
+
+def _handed(every: Sequence[Assembly], model: Model, settings: Settings) -> list[tuple[int, int, int]]:
+    """List the parameters of patterns: the pattern, their place there, their place in the run."""
+    places = {name: i for i, name in enumerate(constants(model, settings.scales))}
+    return [
+        (2 * c + j, i, places[name])
+        for c, assembly in enumerate(every)
+        for j, own in enumerate(assembly.pattern)
+        for i, name in enumerate(constants(own, settings.scales))
+        if name in places
+    ]

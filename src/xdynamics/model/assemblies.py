@@ -1,0 +1,293 @@
+"""Contacts of many bodies: what the gap of a link reads, and where each link of an assembly has it.
+
+A contact over a dimension or a relation says one gap for all its links. Its first link is the pattern: the numbers that
+it reads are `Leaf`s, each of an element that is the same for all links, or follows the link or one of its two ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Name, Node, expand, free_names
+from xdynamics.expressions.calculus import ONE
+from xdynamics.faults import InputError
+from xdynamics.model.lazy_trees import Diagonal, Lazy
+from xdynamics.model.model import Model
+from xdynamics.model.parts import Contact, Coordinate, Event
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import velocity
+from xdynamics.shapes import Relation, Shapes, at
+from xdynamics.shapes.naming import parted
+from xdynamics.shapes.trees import expanded
+from xdynamics.units import Quantity
+
+Whole = NDArray[np.int64]
+FIRST, SECOND, LINK, FIXED = "first", "second", "link", "fixed"  # what the element that a leaf is of follows
+PATTERN = "pattern"  # the contact, or the event, of the model of one link
+MOST_TOGETHER = 4096  # links that may be struck at one time
+EXAMINED = 5  # links whose gaps are compared with the pattern
+
+
+class Leaf(NamedTuple):
+    """A number that the gap of a link reads.
+
+    Attributes
+    ----------
+    name : str
+        Of the element that the first link reads.
+    quantity : str
+    along : tuple of (str, str or int)
+        For every dimension of the quantity `FIRST` or `SECOND` and the relation, `LINK` and the dimension of the
+        contact, or `FIXED` and the number of the element.
+    """
+
+    name: str
+    quantity: str
+    along: tuple[tuple[str, str | int], ...]
+
+    @property
+    def end(self) -> str:
+        """The end of a link that the number belongs to; `FIRST` where there is but one body."""
+        return SECOND if any(follows == SECOND for follows, _ in self.along) else FIRST
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """One contact of many links.
+
+    Attributes
+    ----------
+    name : str
+    contact : Contact
+        Of its first link.
+    leaves : tuple of Leaf
+        Coordinates first.
+    coordinates : int
+        How many of the leaves are coordinates.
+    paired : bool
+        Whether its links are all pairs of elements of one dimension, each of which every leaf follows by one end.
+    """
+
+    name: str
+    contact: Contact
+    leaves: tuple[Leaf, ...]
+    coordinates: int
+    paired: bool
+    model: Model
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The dimensions of the contact."""
+        return self.model.shapes.dims.get(self.name, ())
+
+    @cached_property
+    def links(self) -> int:
+        """How many links there are."""
+        return int(np.prod(self.model.shapes.shape(self.dims), dtype=int))
+
+    def elements(self, leaf: Leaf, first: Whole, second: Whole, numbers: Mapping[str, Whole]) -> Whole:
+        """Return the number of the element, among all of its quantity, that each link reads.
+
+        Parameters
+        ----------
+        leaf : Leaf
+        first, second : ndarray of int64, shape (n,)
+            The ends of each link.
+        numbers : mapping of str to ndarray of int64
+            The number of each link along every dimension of the contact.
+        """
+        shape = self.model.shapes.shape(self.model.shapes.dims.get(leaf.quantity, ()))
+        size = len(first)
+        found = np.zeros(size, np.int64)
+        for (follows, what), length in zip(leaf.along, shape, strict=True):
+            place = {FIRST: first, SECOND: second}.get(follows)
+            if place is None:
+                place = numbers[str(what)] if follows == LINK else np.full(size, int(what), np.int64)
+            found = found * length + place
+        return found
+
+    def numbers(self, links: Whole) -> dict[str, Whole]:
+        """Return the numbers of links along every dimension of the contact."""
+        shape = self.model.shapes.shape(self.dims)
+        return dict(zip(self.dims, map(np.asarray, np.unravel_index(links, shape)), strict=True)) if shape else {}
+
+    def ends(self, links: Whole) -> tuple[Whole, Whole]:
+        """Return the elements at both ends of links; zeros where there is no relation."""
+        relation, numbers = self.relation, self.numbers(links)
+        if relation is None:
+            return np.zeros_like(links), np.zeros_like(links)
+        return relation.first[numbers[relation.name]], relation.second[numbers[relation.name]]
+
+    @property
+    def relation(self) -> Relation | None:
+        """The relation that its links are of, if any."""
+        found = [self.model.shapes.relations[dim] for dim in self.dims if dim in self.model.shapes.relations]
+        return found[0] if found else None
+
+    @cached_property
+    def pattern(self) -> tuple[Model, Model]:
+        """Models of one link, whose coordinates are the leaves: with its gap as an event, and as a contact."""
+        old, names = self.model, {leaf.name: Name(leaf_name(k)) for k, leaf in enumerate(self.leaves)}
+        units = old.statement.coordinates | old.statement.parameters
+        dimensions = {name: old.dimensions[name] for name in (*old.parameters,) if name not in names}
+        coordinates, masses, initial = {}, {}, {"t": old.initial["t"]}
+        for k, leaf in enumerate(self.leaves):
+            own, part = leaf_name(k), units[leaf.name]
+            unit = part.unit if isinstance(part, Coordinate) else part.quantity.unit
+            coordinates[own] = Coordinate(unit)
+            initial |= {own: Quantity(0.0, unit), velocity(own): Quantity(0.0, unit.per(old.time_unit))}
+            dimensions |= {own: unit.dimension, velocity(own): unit.per(old.time_unit).dimension}
+            place = [*old.coordinates].index(leaf.name) if k < self.coordinates else -1
+            masses[own] = expand(old.expanded(old.mass[place][place]), names) if place >= 0 else ONE
+        contact = replace(
+            self.contact,
+            gap=expand(old.expanded(self.contact.gap), names),
+            restitution=expand(old.expanded(self.contact.restitution), names),
+        )
+        event = Event(contact.gap, time_tolerance=contact.time_tolerance)
+        bare = replace(
+            old.statement,
+            coordinates=coordinates,
+            parameters={name: part for name, part in old.parameters.items() if name in dimensions},
+            mass=Diagonal([*coordinates], Lazy[Node](masses)),
+            initial=initial,
+            definitions={}, forces={}, drives={}, states={}, starts={}, events={}, contacts={}, frictions={}, regimes={},
+            regime="", observables={}, observed={}, run={}, validation={}, correlations={}, discrepancy={}, at_rest=(),
+            lagrangian=None, fit=None, assemblies={},
+        )  # fmt: skip
+        known = old.dimensions | dimensions
+        return (
+            Model.of_elements(replace(bare, events={PATTERN: event}), known),
+            Model.of_elements(replace(bare, contacts={PATTERN: contact}), known),
+        )
+
+
+def leaf_name(k: int) -> str:
+    """Name the coordinate that stands for a leaf."""
+    return f"leaf{k}"
+
+
+@lru_cache(maxsize=16)
+def assemblies(model: Model) -> tuple[Assembly, ...]:
+    """Return the contacts of many bodies.
+
+    Raises
+    ------
+    InputError
+        If a gap reads elements that are not those of its link.
+    """
+    return tuple(_assembly(model, name, contact) for name, contact in model.assemblies.items())
+
+
+def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
+    shapes, dims = model.shapes, model.shapes.dims.get(name, ())
+    trees = [contact.gap, contact.restitution]
+    read = sorted(set[str]().union(*(free_names(model.expanded(tree)) for tree in trees)) & _elements(model))
+    masses = [model.mass[i][i] for i, one in enumerate(model.coordinates) if one in read]
+    read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & _elements(model)})
+    ordered = [one for one in model.coordinates if one in read]
+    ordered += [one for one in read if one not in model.coordinates]
+    leaves = tuple(_leaf(one, dims, shapes) for one in ordered)
+    relation = shapes.relations.get(dims[0]) if len(dims) == 1 else None
+    paired = (
+        relation is not None
+        and _is_every_two(relation, shapes)
+        and all(follows != LINK for leaf in leaves for follows, _ in leaf.along)
+    )
+    coordinates = sum(leaf.name in model.coordinates for leaf in leaves)
+    assembly = Assembly(name, contact, leaves, coordinates, paired, model)
+    _compare(assembly)
+    return assembly
+
+
+def _elements(model: Model) -> set[str]:
+    """Return the coordinates and parameters that are elements."""
+    return {one for one in (*model.coordinates, *model.parameters) if parted(one)[1]}
+
+
+def _leaf(name: str, dims: tuple[str, ...], shapes: Shapes) -> Leaf:
+    quantity, labels = parted(name)
+    along: list[tuple[str, str | int]] = []
+    for dim, label in zip(shapes.dims[quantity], labels, strict=True):
+        number = shapes.extent(dim).number(int(label) if label.isdigit() else label)
+        relations = [shapes.relations[one] for one in dims if one in shapes.relations]
+        if dim in dims and number == 0:
+            along.append((LINK, dim))
+        elif one := next((one for one in relations if one.source == dim and one.first[0] == number), None):
+            along.append((FIRST, one.name))
+        elif one := next((one for one in relations if one.target == dim and one.second[0] == number), None):
+            along.append((SECOND, one.name))
+        else:
+            along.append((FIXED, number))
+    return Leaf(name, quantity, tuple(along))
+
+
+def _compare(assembly: Assembly) -> None:
+    """Refuse a gap that is not that of the first link with other elements."""
+    model, shapes = assembly.model, assembly.model.shapes
+    declared, statement = model.shaped.contacts[assembly.name], model.shaped
+    pattern = {leaf.name: Name(leaf_name(k)) for k, leaf in enumerate(assembly.leaves)}
+    wanted = np.unique(np.linspace(0, assembly.links - 1, EXAMINED).astype(np.int64))
+    numbers, (first, second) = assembly.numbers(wanted), assembly.ends(wanted)
+    names = {leaf: shapes.elements(leaf.quantity) for leaf in assembly.leaves}
+    places = {leaf: assembly.elements(leaf, first, second, numbers) for leaf in assembly.leaves}
+    for i in range(len(wanted)):
+        renamed = {names[leaf][places[leaf][i]]: Name(leaf_name(k)) for k, leaf in enumerate(assembly.leaves)}
+        here = {dim: int(numbers[dim][i]) for dim in assembly.dims}
+        for tree, own in ((declared.gap, assembly.contact.gap), (declared.restitution, assembly.contact.restitution)):
+            said = at(expanded(tree, statement.definitions, shapes), here, shapes)
+            if expand(said, renamed) != expand(model.expanded(own), pattern):
+                raise InputError(
+                    f"contact '{assembly.name}' reads something else at each of its {assembly.links} links than values"
+                    " of its own elements; of many links all read the same, so write what differs as a parameter with"
+                    " that dimension"
+                )
+
+
+def _is_every_two(relation: Relation, shapes: Shapes) -> bool:
+    size = shapes.extent(relation.source).size
+    if relation.source != relation.target or relation.size != size * (size - 1) // 2:
+        return False
+    first, second = np.triu_indices(size, 1)
+    return bool((relation.first == first).all() and (relation.second == second).all())
+
+
+def together(model: Model) -> int:
+    """Return how many links may be struck at one time."""
+    return min(MOST_TOGETHER, sum(assembly.links for assembly in assemblies(model)))
+
+
+def slots_of(model: Model, coordinates: Sequence[str]) -> tuple[Whole, int]:
+    """Return the slot of the impulse along each coordinate, and how many slots a body has.
+
+    A body is what links are between: the coordinates of all bodies share slots.
+    """
+    slots, width = np.zeros(len(coordinates) if assemblies(model) else 0, np.int64), 0
+    for quantity, body in bodies(model).items():
+        shapes, dims = model.shapes, model.shapes.dims[quantity]
+        rest = tuple(dim for dim in dims if dim != body)
+        numbers = np.arange(int(np.prod(shapes.shape(rest), dtype=int))).reshape(shapes.shape(rest))
+        place = [*coordinates].index(shapes.first(quantity))
+        spread = np.broadcast_to(np.expand_dims(numbers, dims.index(body)), shapes.shape(dims)).ravel()
+        slots[place : place + spread.size] = width + spread
+        width += numbers.size
+    return slots, width
+
+
+def bodies(model: Model) -> dict[str, str]:
+    """Return the quantities along which impulses of links are, each with the dimension that links are between."""
+    found: dict[str, str] = {}
+    for assembly in assemblies(model):
+        for leaf in assembly.leaves[: assembly.coordinates]:
+            dims = model.shapes.dims[leaf.quantity]
+            ends = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows in (FIRST, SECOND)]
+            links = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows == LINK]
+            fixed = [dim for dim, (follows, _) in zip(dims, leaf.along, strict=True) if follows == FIXED]
+            found.setdefault(leaf.quantity, (ends + links + fixed)[0])
+    return found
