@@ -27,6 +27,8 @@ def assembly_dispute(march: March) -> str:
         case broad_phase.OVERLAP:
             size = run.spans[broad_phase.DEPTH] * march.settings.scales.of(gap)
             return f"the gap of {name} is {size:.6g} {gap} at the start: one body is inside the other; begin apart"
+        case broad_phase.BOUNCED:
+            return f"the restitution of {name} is {run.spans[broad_phase.DEPTH]:.6g}, and needs to be from 0 to 1"
         case broad_phase.CROWDED:
             return (
                 f"more than {run.candidates.shape[0]} links are so near each other that they may meet in one step, or"

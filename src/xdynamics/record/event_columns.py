@@ -15,8 +15,20 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.blocks import Block as Quantity
 from xdynamics.march import Block
 from xdynamics.march.events.zero_tests import LOOKS
-from xdynamics.model import Function, Model
-from xdynamics.model.detectors import GAP, GRIP, KINK, LIMIT, OCCASION, PULL, SLIP, SWITCH, function_dimension, labels
+from xdynamics.model import Function
+from xdynamics.model.detectors import (
+    GAP,
+    GRIP,
+    KINK,
+    LIMIT,
+    LINKS,
+    OCCASION,
+    PULL,
+    SLIP,
+    SWITCH,
+    function_dimension,
+    labels,
+)
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.record.assembly_columns import assembly_columns, impact_laws
@@ -233,6 +245,7 @@ def _text(function: Node | Function) -> str:
 _WATCHED = {
     OCCASION: "",
     GAP: " (gap)",
+    LINKS: " (gap)",
     PULL: " (normal force)",
     LIMIT: " (time to rest)",
     SLIP: " (slip)",

@@ -26,10 +26,11 @@ from xdynamics.march.calls import row_by
 from xdynamics.march.run import Run
 
 # of `tallies`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
-# arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses
-COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS = range(10)
-OVERLAP, CROWDED, UNSOLVED, RESTS = range(1, 5)  # what was wrong
-SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH = range(6)  # of `spans`
+# arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses, where the
+# trial was to land
+COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING = range(11)
+OVERLAP, CROWDED, UNSOLVED, RESTS, BOUNCED = range(1, 6)  # what was wrong
+SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM = range(7)  # of `spans`
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates

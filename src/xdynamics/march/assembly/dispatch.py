@@ -9,13 +9,15 @@ import numpy as np
 from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, move_apart, nonfinite
+from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
 from xdynamics.march.assembly.broad_phase import (
+    AIM,
     BEGUN,
     COUNT,
     CROWDED,
     DEPTH,
     FAULT,
+    LANDING,
     LEFT,
     MEETS,
     OVERLAP,
@@ -138,9 +140,10 @@ def find(run: Run) -> None:
         end(run, REASON_CONTACT)
         run.tallies[MEETS] = AT_A_LOSS
         return
-    landing = run.trial[0].landing
+    landing, target = run.trial[0].landing, run.trial[0].t
     if find_first(run):
-        run.tallies[MEETS] = FREELY if landing == AT_GRID else CUT
+        run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
+        run.spans[AIM] = target
         run.trial[0].landing = AT_BORDER
 
 
@@ -158,6 +161,8 @@ def land(run: Run) -> None:
         run.piece[0].verdict = reason
         return
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
+    reached = trial.h == run.spans[WHOLE_STEP] or trial.t >= run.spans[AIM]
+    trial.t = run.spans[AIM] if reached else trial.t
     before = now.rows
     if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
@@ -181,6 +186,9 @@ def land(run: Run) -> None:
         end(run, NONFINITE_OBSERVABLE)
         return
     now.on_grid = 0
+    if reached:
+        trial.landing = run.tallies[LANDING]
+        land_apart(run)
     move_apart(run)
     run.kept[0].since = STARTED
     end_region(run)

@@ -9,7 +9,17 @@ from __future__ import annotations
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import CLOSE, CROWDED, FASTEST, RESIDUAL, TOGETHER, UNSOLVED, blame
+from xdynamics.march.assembly.broad_phase import (
+    BOUNCED,
+    CLOSE,
+    CROWDED,
+    DEPTH,
+    FASTEST,
+    RESIDUAL,
+    TOGETHER,
+    UNSOLVED,
+    blame,
+)
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
 from xdynamics.march.contacts.complementarity import prepare, solve_complementarity
@@ -63,6 +73,10 @@ def list_touching(run: Run, t: float) -> bool:
             continue
         if count >= run.touching.shape[0]:
             blame(run, CROWDED, c, link)
+            return False
+        if not 0.0 <= pattern.links[0].coefficient <= 1.0:
+            blame(run, BOUNCED, c, link)
+            run.spans[DEPTH] = pattern.links[0].coefficient
             return False
         place = count
         while place > 0 and follows(run, place - 1, c, link):
