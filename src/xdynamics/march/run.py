@@ -284,7 +284,7 @@ class Run:
     boxes: Scratch[Columns]  # bounds of every coordinate
     renewed: Scratch[Whole]  # 1 where they are new
     hulls: Scratch[Columns]  # of groups
-    order: Scratch[Whole]  # of elements, group by group
+    grouped: Scratch[Whole]  # elements, group by group
     candidates: Scratch[Lists]  # links that boxes do not prove apart
     close: Scratch[Whole]  # those that may meet in the trial
     meets: Scratch[Whole]  # 1 where one does on the piece

@@ -161,7 +161,7 @@ def list_pairs(run: Run, c: int) -> bool:
     for g in range(assembly.groups):
         stale = run.tallies[BEGUN] == 0
         for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
-            stale = stale or entity_is_renewed(run, c, run.order[assembly.first_order + m])
+            stale = stale or entity_is_renewed(run, c, run.grouped[assembly.first_order + m])
         if stale or run.tallies[RENEWALS] == 0:
             span_group(run, c, g)
     for e in range(assembly.elements):
@@ -218,7 +218,7 @@ def list_members(run: Run, c: int, e: int, g: int, own: int) -> bool:
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
     size = assembly.elements
     for m in range(g * GROUP, min((g + 1) * GROUP, size)):
-        other = run.order[assembly.first_order + m]
+        other = run.grouped[assembly.first_order + m]
         if (own == 1) != (e < other) or other == e:
             continue
         if own == 2 and (run.tallies[BEGUN] == 0 or entity_is_renewed(run, c, other)):
@@ -241,7 +241,7 @@ def span_group(run: Run, c: int, g: int) -> None:
     for k in range(assembly.leaves):
         leaf, low, high = assembly.first_leaf + k, inf, -inf
         for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
-            place = run.members[run.leafs[leaf, BASE] + run.order[assembly.first_order + m]]
+            place = run.members[run.leafs[leaf, BASE] + run.grouped[assembly.first_order + m]]
             moves = run.leafs[leaf, MOVES]
             low = min(low, run.boxes[0, place] if moves else run.p[place])
             high = max(high, run.boxes[1, place] if moves else run.p[place])
@@ -255,7 +255,7 @@ def arrange(run: Run, c: int) -> None:
     assembly = run.assemblies[c]
     size, first = assembly.elements, assembly.first_order
     for m in range(size):
-        run.order[first + m] = m
+        run.grouped[first + m] = m
     part = size
     while part > GROUP:
         groups = -(-part // GROUP)
@@ -273,17 +273,17 @@ def halve(run: Run, c: int, start: int, count: int) -> None:
         if run.leafs[leaf, MOVES] and run.leafs[leaf, FAMILY] == 1:
             low, high = inf, -inf
             for m in range(start, start + count):
-                q = run.y[run.members[run.leafs[leaf, BASE] + run.order[m]]]
+                q = run.y[run.members[run.leafs[leaf, BASE] + run.grouped[m]]]
                 low, high = min(low, q), max(high, q)
             if high - low > widest:
                 widest, best = high - low, run.leafs[leaf, BASE]
     gap = count // 2
     while gap > 0:
         for m in range(start + gap, start + count):
-            one = run.order[m]
+            one = run.grouped[m]
             q, j = run.y[run.members[best + one]], m
-            while j - gap >= start and run.y[run.members[best + run.order[j - gap]]] > q:
-                run.order[j] = run.order[j - gap]
+            while j - gap >= start and run.y[run.members[best + run.grouped[j - gap]]] > q:
+                run.grouped[j] = run.grouped[j - gap]
                 j -= gap
-            run.order[j] = one
+            run.grouped[j] = one
         gap //= 2

@@ -89,7 +89,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "boxes": np.zeros((2, n if every else 0)),
         "renewed": np.zeros(n if every else 0, np.int64),
         "hulls": np.zeros((2, first_hull)),
-        "order": np.zeros(first_order, np.int64),
+        "grouped": np.zeros(first_order, np.int64),
         "candidates": np.zeros((room, 4), np.int64),
         "close": np.zeros(room, np.int64),
         "meets": np.zeros(room, np.int64),
