@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.fields import Field, Grid, product
 from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
 from xdynamics.expressions.tracing import Traced, called, rounded
+from xdynamics.expressions.tree import Number
 
 FOREIGN = ("numpy", "scipy", "math", "builtins", "numba")  # whose functions are not substituted inside
 # math's names that numpy spells otherwise
@@ -25,15 +27,21 @@ _OF_MATH = {
 class Substitution:
     """Functions with numpy's, math's and Python's own in place of which stand those for traced numbers.
 
+    Parameters
+    ----------
+    grid : Grid, optional
+        The dimension of arrays that are traced as a whole: those that the function makes are rows of it.
+
     Attributes
     ----------
     tables : dict
         What `numpy.interp` was asked for, by the names that stand for its values.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, grid: Grid | None = None) -> None:
         self.tables: dict[str, Points] = {}
         self._interp = table_reader(self.tables)
+        self._grid = grid
         self._known: dict[int, tuple[Any, Any]] = {}  # with what they are of, which lives as long
         self._builtins = {**vars(builtins), **self._of_python()}
 
@@ -52,6 +60,8 @@ class Substitution:
                 return _Module(self, value)
         if hasattr(value, "py_func"):  # compiled by numba
             return self.of(value.py_func)
+        if hasattr(value, "toarray"):
+            return _Sparse(value)
         return self._of_library(value)
 
     def _function(self, function: FunctionType) -> FunctionType:
@@ -76,7 +86,7 @@ class Substitution:
         if value is np.interp:
             return self._interp
         if id(value) in _MAKERS:
-            return _MAKERS[id(value)]
+            return partial(self._made, value)
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "math":
             return self._of_math(value)
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "builtins":
@@ -87,6 +97,16 @@ class Substitution:
         ):
             return partial(of_numpy, value)
         return value
+
+    def _made(self, maker: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Return a new array: a row, where arrays are traced as a whole and it fits."""
+        size = arguments[0][0] if isinstance(arguments[0], tuple) and len(arguments[0]) == 1 else arguments[0]
+        grid = self._grid
+        if maker in (np.array, np.asarray) and isinstance(arguments[0], Field):
+            return arguments[0].copy()
+        if grid and maker in (np.zeros, np.empty, np.ones) and isinstance(size, int) and 1 < size <= grid.size:
+            return Field(grid, Traced(Number(float(maker is np.ones))), size)
+        return _MAKERS[id(maker)](*arguments, **options)
 
     def _of_math(self, function: Any) -> Any:
         counterpart = _OF_MATH.get(function.__name__, getattr(np, function.__name__, None))
@@ -137,6 +157,23 @@ class _Module:
 
     def __getattr__(self, word: str) -> Any:
         return self._substitution.of(getattr(self._module, word))
+
+
+class _Sparse:
+    """A sparse matrix, which multiplies traced arrays too."""
+
+    def __init__(self, matrix: Any) -> None:
+        self._matrix = matrix
+
+    def __matmul__(self, other: Any) -> Any:
+        if isinstance(other, Field):
+            return product(self._matrix, other)
+        return self._matrix.toarray().astype(object) @ other if is_traced(other) else self._matrix @ other
+
+    dot = __mul__ = __matmul__
+
+    def __getattr__(self, word: str) -> Any:
+        return getattr(self._matrix, word)
 
 
 class _OfFloat(type):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.fields import fields_in, of_rows
 from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError
@@ -82,6 +83,8 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
     InputError
         If it is none that can be traced.
     """
+    if fields_in((*arguments, *options.values())):
+        return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):
         numbers = [_of_floats(value) for value in arguments]
         return function(*numbers, **{key: _of_floats(value) for key, value in options.items()})

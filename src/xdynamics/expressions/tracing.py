@@ -53,6 +53,10 @@ class WholeNumberError(InputError):
     """An unknown number stands where Python needs a whole one: as an index, or in `range`."""
 
 
+class Row:
+    """An array that is traced as a whole; it joins numbers by its own rules."""
+
+
 class Traced:
     """An unknown number that records the operations on it."""
 
@@ -160,9 +164,12 @@ class Traced:
 
     def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **_: Any) -> Any:
         """Apply a function of numpy element by element."""
-        if how != "__call__":
+        if how != "__call__" or any(isinstance(value, Row) for value in given):
             return NotImplemented
         return each(ufunc.__name__, given)
+
+
+_ARRAYS = (np.ndarray, Row)
 
 
 def traced(function: Callable[..., Any], *given: Any) -> Any:
@@ -227,7 +234,7 @@ def _as(value: Any) -> Traced:
 
 
 def _joined(operator: str, left: Any, right: Any) -> Any:
-    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+    if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     first, second = _as(left), _as(right)
     nodes = first.nodes + second.nodes + 1
@@ -241,7 +248,7 @@ def _joined(operator: str, left: Any, right: Any) -> Any:
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    if isinstance(base, np.ndarray) or isinstance(exponent, np.ndarray):
+    if isinstance(base, _ARRAYS) or isinstance(exponent, _ARRAYS):
         return NotImplemented
     if isinstance(exponent, Traced) or abs(float(exponent)) > LARGEST_EXPONENT:
         return called("exp", _joined("*", exponent, called("log", base)))
@@ -250,13 +257,13 @@ def _power(base: Any, exponent: Any) -> Any:
 
 
 def _remainder(left: Any, right: Any) -> Any:
-    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+    if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     return called("mod", left, right)
 
 
 def _whole_quotient(left: Any, right: Any) -> Any:
-    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+    if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     return called("floor", _joined("/", left, right))
 
@@ -275,7 +282,7 @@ def heaviside(x: Any, at_zero: Any) -> Traced:
 
 
 def _compared(operator: str, left: Any, right: Any) -> Any:
-    if isinstance(right, np.ndarray):
+    if isinstance(right, _ARRAYS):
         return NotImplemented
     first, second = _as(left), _as(right)
     return Traced(Compare(operator, first.node, second.node), first.nodes + second.nodes + 1)
@@ -293,7 +300,7 @@ def each(ufunc: str, given: Sequence[Any]) -> Any:
     arrays = np.broadcast_arrays(*map(_boxed, given))
     results = np.empty(arrays[0].shape, object)
     for place in np.ndindex(results.shape):
-        results[place] = _applied(ufunc, [array[place] for array in arrays])
+        results[place] = applied(ufunc, [array[place] for array in arrays])
     return results if results.shape else results[()]
 
 
@@ -339,7 +346,14 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
 }
 
 
-def _applied(ufunc: str, arguments: Sequence[Any]) -> Any:
+def applied(ufunc: str, arguments: Sequence[Any]) -> Any:
+    """Trace a function of numpy, by its name, of single numbers.
+
+    Raises
+    ------
+    InputError
+        If the language has none for it.
+    """
     if ufunc in _OPERATORS:
         return _OPERATORS[ufunc](*arguments)
     if ufunc in COMPARED:

@@ -16,7 +16,6 @@ from xdynamics.expressions import (
     Binary,
     Call,
     Compare,
-    Element,
     Name,
     Negative,
     Node,
@@ -364,8 +363,13 @@ def _may_switch(model: Model) -> bool:
     trees = [*whole.definitions.values(), *(state.rate for state in whole.states.values())]
     parts = [part for force in whole.forces.values() for part in (force.potential, *force.components.values())]
     trees += [part for part in parts if part is not None and not isinstance(part, Function)]
-    calls = (one for tree in trees for one in every(tree) if isinstance(one, Call | Along | Element))
-    return bool(whole.drives) or any(isinstance(one, Element) or one.function in SWITCHING for one in calls)
+    calls = (one for tree in trees for one in every(tree) if isinstance(one, Call | Along))
+    return bool(whole.drives) or any(one.function in SWITCHING and not _of_numbers(one) for one in calls)
+
+
+def _of_numbers(node: Call | Along) -> bool:
+    """Whether it is a `where` with a condition on numbers of elements alone, which never changes."""
+    return node.function == "where" and not free_names(node.arguments[0])
 
 
 Kink = tuple[str, Node, bool, int, Path, int]

@@ -245,10 +245,9 @@ def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
         case Compare():
             return replace(node, left=at(node.left, place, shapes), right=at(node.right, place, shapes))
         case Call():
-            arguments = tuple(at(one, place, shapes) for one in node.arguments)
-            if node.function == "where" and not free_names(arguments[0]):
-                return arguments[1] if evaluate(arguments[0], {}) else arguments[2]
-            return replace(node, arguments=arguments)
+            if node.function == "where" and not free_names(condition := at(node.arguments[0], place, shapes)):
+                return at(node.arguments[1 if evaluate(condition, {}) else 2], place, shapes)
+            return replace(node, arguments=tuple(at(one, place, shapes) for one in node.arguments))
         case Along():
             return _at_along(node, place, shapes)
     return node

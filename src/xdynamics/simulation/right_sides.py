@@ -1,0 +1,219 @@
+"""Python functions of t and y as `solve` takes them: what they are called with, what they return, their events."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Node, text_of
+from xdynamics.expressions.repeating import check_repeats
+from xdynamics.expressions.substitution import Substitution
+from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
+from xdynamics.faults import InputError
+from xdynamics.model.consistency import RESERVED
+from xdynamics.units import parse_quantity, parse_time, parse_unit
+
+DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
+TIMES = ("t", "time", "tau", "_t", "times")  # what functions call it
+RightSide = Callable[..., Any]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Written:
+    """A function of t and y, what each of its values is, and the values that it returned for names."""
+
+    function: RightSide
+    words: tuple[str, ...]
+    values: tuple[Any, ...]
+
+    @property
+    def nodes(self) -> list[Node]:
+        """The values as expressions."""
+        return [node_of(value) for value in self.values]
+
+
+def called(fun: RightSide) -> str:
+    """Return the name of a function, as messages and models have it."""
+    word = str(getattr(fun, "__name__", "right_side"))
+    return word if word.isidentifier() else "right_side"
+
+
+def listed(events: Any) -> list[RightSide]:
+    """Return events as functions."""
+    row = [] if events is None else [events] if callable(events) else list(events)
+    for i, event in enumerate(row):
+        if not callable(event):
+            raise InputError(f"events[{i}] is {repr(event)[:40]}, needs a function of t and y")
+    return row
+
+
+def check_order(fun: RightSide) -> None:
+    """Refuse a function of y and t, as odeint takes it.
+
+    Raises
+    ------
+    InputError
+        If its arguments are named so.
+    """
+    named = _argument_names(fun)
+    if len(named) > 1 and named[1] in TIMES and named[0] not in TIMES:
+        label = "fun" if called(fun) == "right_side" else called(fun)
+        raise InputError(
+            f"{label} is {label}({', '.join(named)}), y before t, as odeint takes it; here t comes first, as in solve_ivp:"
+            f" write xd.solve(lambda t, y, *args: {label}(y, t, *args), …)"
+        )
+
+
+def _argument_names(fun: RightSide) -> list[str]:
+    try:
+        return [argument.name for argument in inspect.signature(fun).parameters.values()]
+    except (TypeError, ValueError):
+        return []
+
+
+def check_span(t_span: Any) -> None:
+    """Refuse a span that goes back.
+
+    Raises
+    ------
+    InputError
+        With the span to take in its place.
+    """
+    begin, end = (parse_time(one, "t_span") for one in t_span)
+    if end < begin:
+        raise InputError(
+            f"t_span goes back, from {begin:g} to {end:g} s, and until has to lie after the start; integrate -f over the"
+            f" mirrored span: xd.solve(lambda t, y: -np.asarray(fun(-t, y)), ({0 - begin:g}, {0 - end:g}), y0)"
+        )
+
+
+def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
+    """Return initial values with their units, and the units."""
+    row = [y0] if isinstance(y0, str | int | float) else list(y0)
+    declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
+    if declared is not None and len(declared) != len(row):
+        raise InputError(f"units are {len(declared)}, and y0 has {len(row)} numbers")
+    quantities, own = [], []
+    for i, start in enumerate(row):
+        if isinstance(start, complex) or np.ndim(start):
+            raise InputError(f"y0[{i}] is {start!r}, needs a real number; write real and imaginary parts apart")
+        quantity = parse_quantity(start if isinstance(start, str) else float(start))
+        unit = parse_unit(declared[i]) if declared is not None else quantity.unit
+        bare = not isinstance(start, str)
+        if not bare and quantity.unit.dimension != unit.dimension:
+            raise InputError(f"y0[{i}] is {start!r}, and its unit '{unit.text}'")
+        quantities.append(f"{quantity.value!r} {unit.text if bare else quantity.unit.text}")
+        own.append(unit.text)
+    return quantities, own
+
+
+def numbers_of(starts: list[str], own: list[str]) -> Floats:
+    """Return initial values as numbers of their units."""
+    return np.array(
+        [parse_quantity(start).si / float(parse_unit(unit).factor) for start, unit in zip(starts, own, strict=True)]
+    )
+
+
+def with_arguments(
+    write: Callable[[list[Any]], list[Written]], fun: RightSide, args: Any, taken: list[str]
+) -> tuple[list[Written], list[Any], dict[str, str]]:
+    """Write functions down with single numbers of `args` as parameters, with their names and values."""
+    try:
+        given, parameters = arguments_of(fun, args, taken, float)
+        return write(given), given, parameters
+    except WholeNumberError:  # an argument is how many there are of something, or an index
+        given, parameters = arguments_of(fun, args, taken, int)
+        return write(given), given, parameters
+
+
+def arguments_of(fun: RightSide, args: Any, taken: list[str], left: type) -> tuple[list[Any], dict[str, str]]:
+    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `left` is int."""
+    row = [*args] if isinstance(args, list | tuple) else [args]
+    words = _argument_names(fun)[2:]
+    words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
+    words = [f"{word}_" if word in (*RESERVED, *taken) else word for word in words]
+    arguments: list[Any] = []
+    parameters = {}
+    for word, argument in zip(words, row, strict=True):
+        number = is_number(argument) and not (left is int and isinstance(argument, int | np.integer))
+        arguments.append(name(word) if number else argument)
+        if number:
+            parameters[word] = f"{float(argument)!r} 1"
+    return arguments, parameters
+
+
+def is_number(argument: Any) -> bool:
+    """Whether an argument is a single number."""
+    return isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
+
+
+def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
+    if rates is None:
+        raise InputError(f"{called(fun)} returns nothing; it has to return {n} rates")
+    row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
+    if len(row) != n:
+        raise InputError(f"{called(fun)} returns {len(row)} rates, and y0 has {n} numbers")
+    return row
+
+
+def written_down(
+    functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
+) -> list[Written]:
+    """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
+    first, second = ([*each_written(functions, tables, words, y, arguments)] for _ in range(2))
+    check_repeating(first, second)
+    return first
+
+
+def check_repeating(first: list[Written], second: list[Written]) -> None:
+    """Refuse functions that write something else when they are called again.
+
+    Raises
+    ------
+    InputError
+        With both expressions, from where they differ.
+    """
+    for written, again in zip(first, second, strict=True):
+        check_repeats(called(written.function), written.words, written.nodes, again.nodes)
+
+
+def each_written(
+    functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
+) -> Iterator[Written]:
+    """Write the right-hand side down, and then every event."""
+    fun, *events = functions
+    arguments = [tables.of(argument) for argument in arguments]
+    t = name("t") / name("second")
+    rates = _as_many(fun, traced(tables.of(fun), t, y.copy(), *arguments), len(words))
+    yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
+    for event in events:
+        yield Written(event, ("its value",), (traced(tables.of(event), t, y.copy(), *arguments),))
+
+
+def drive(word: str, times: Any, values: Any) -> dict[str, Any]:
+    """Return a table that a function read by `numpy.interp`."""
+    table = {"t [s]": np.array(times), f"{word} [1]": np.array(values)}
+    return {"table": table, "interpolation": "linear", "outside": "hold"}
+
+
+def events_of(written: list[Written]) -> dict[str, dict[str, Any]]:
+    """Return events as a model has them, with scipy's attributes."""
+    events: dict[str, dict[str, Any]] = {}
+    for i, event in enumerate(written):
+        label = called(event.function) if called(event.function) not in events else f"{called(event.function)}_{i}"
+        terminal, direction = (
+            getattr(event.function, "terminal", False),
+            int(np.sign(getattr(event.function, "direction", 0))),
+        )
+        entry: dict[str, Any] = {"function": text_of(event.nodes[0])}
+        entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
+        if terminal and int(terminal) > 1:
+            entry["count"] = int(terminal)
+        events[label] = entry
+    return events

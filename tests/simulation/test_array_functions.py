@@ -1,0 +1,150 @@
+# ruff: noqa: ARG001, ARG005 - functions of t and y, as scipy takes them
+"""Functions written with arrays stay so: one state along a dimension, one expression, however many numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse
+from scipy.integrate import solve_ivp
+
+import xdynamics as xd
+from cases import scipy_scripts as scripts
+from xdynamics.expressions import text_of
+from xdynamics.simulation.scipy_interface import model_of
+
+
+def bump(n: int) -> Any:
+    """A hill in a row of n numbers."""
+    return np.exp(-(((np.arange(n) - n / 2) / (n / 10)) ** 2))
+
+
+def heat(t: Any, u: Any) -> Any:
+    """Slices, and ends by themselves."""
+    d = np.zeros_like(u)
+    d[1:-1] = u[2:] - 2 * u[1:-1] + u[:-2]
+    d[0], d[-1] = u[1] - u[0], u[-2] - u[-1]
+    return d
+
+
+def advected(t: Any, u: Any) -> Any:
+    """A ring."""
+    return -(u - np.roll(u, 1)) - 0.1 * u * (np.roll(u, -2) + 1)
+
+
+def two_fields(t: Any, y: Any) -> Any:
+    """Two halves, which react."""
+    n = len(y) // 2
+    u, v = y[:n], y[n:]
+    reaction = u * v**2
+    return np.concatenate([0.16 * np.roll(u, 1) - reaction, 0.08 * np.roll(v, -1) + reaction - 0.1 * v])
+
+
+def wave(t: Any, y: Any) -> Any:
+    """Second differences."""
+    u, v = y.reshape(2, -1)
+    a = np.zeros(len(u))
+    a[1:-1] = np.diff(u, 2)
+    return np.hstack((v, a))
+
+
+def burgers(t: Any, u: Any) -> Any:
+    """Slopes, limits, choices."""
+    return (
+        -u * np.gradient(u, 0.5)
+        + np.clip(np.where(u > 0.5, 0.5 - u, 0.0), -0.2, 0.2)
+        + 0.1 * np.pad(u, 1, "edge")[1:-1]
+    )
+
+
+def mean_field(t: Any, theta: Any, K: Any) -> Any:
+    """Sums over all, and a row of numbers."""
+    return np.linspace(-1, 1, len(theta)) + K * (
+        np.sin(theta).mean() * np.cos(theta) - np.mean(np.cos(theta)) * np.sin(theta)
+    )
+
+
+def shortened(t: Any, y: Any) -> Any:
+    """A length, a largest number, a product of rows, part of a row."""
+    return -y / np.linalg.norm(y) + 0.1 * np.max(y[2:]) - 0.01 * (y @ y) + y[:3].sum()
+
+
+SECOND = np.eye(14, k=1) + np.eye(14, k=-1) - 2 * np.eye(14)
+DENSE = np.random.default_rng(1).normal(size=(14, 14)) / 9
+CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
+    "heat": (heat, bump(30), ()), "ring": (advected, bump(30), ()), "two fields": (two_fields, np.r_[bump(9), 1 - bump(9)], ()),
+    "wave": (wave, np.r_[bump(12), 0 * bump(12)], ()), "burgers": (burgers, bump(20), ()),
+    "mean field": (mean_field, np.linspace(0, 3, 15), (1.5,)), "shortened": (shortened, bump(12) + 1, ()),
+    "diagonals": (lambda t, y, A: A @ y, bump(14), (SECOND,)),
+    "sparse": (lambda t, y, A: A @ y, bump(14), (scipy.sparse.csr_matrix(SECOND),)),
+    "dense": (lambda t, y: DENSE.dot(y), bump(14), ()),
+    "three bodies": (scripts.three_bodies_broadcast, [0.97, -0.243, -0.97, 0.243, 0, 0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865], ()),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*switches are hidden")  # one for each element
+@pytest.mark.parametrize("name", CASES)
+def test_rows_have_scipys_numbers(name: str) -> None:
+    """Assert one variable along y_index, one expression of the model, and the state at the end."""
+    fun, y0, args = CASES[name]
+    run = xd.solve(fun, (0, 1), y0, "DOP853", args=args, rtol=1e-9, atol=1e-11, switches="stepped over", max_step=0.05)
+    assert run.y.dims == ("step", "y_index")
+    right = solve_ivp(fun, (0, 1), y0, "DOP853", args=args, rtol=1e-9, atol=1e-11, max_step=0.05)
+    assert run.y.values[-1] == pytest.approx(right.y[:, -1], rel=1e-6, abs=1e-7)
+    assert run.dynamics.solution.y.shape == (len(y0), run.sizes["step"])
+
+
+@pytest.mark.parametrize("fun", [heat, advected, wave])
+def test_a_model_is_as_long_for_any_number(fun: Any) -> None:
+    """Assert that the expression of a thousand numbers is that of forty."""
+    models = [model_of(fun, (0, 1), bump(n), (), None, None, None) for n in (40, 1000)]
+    rates = [text_of(model.shaped.states["y"].rate) for model in models]
+    assert len(rates[1]) < len(rates[0]) + 30
+
+
+def test_events_units_and_names_of_rows() -> None:
+    """Assert an event of elements, a unit, a name, and an archive that is one of a model with a dimension."""
+
+    def cooled(t: Any, T: Any) -> Any:
+        return T.max() - 40.0
+
+    cooled.terminal = True  # type: ignore[attr-defined]
+    run = xd.solve(
+        lambda t, T: -0.5 * T, (0, 9), 80 * bump(12), "dop853", units="K", names="T", events=cooled, rtol=1e-9
+    )
+    assert (run.T.dims, run.T.attrs["units"]) == (("step", "T_index"), "K")
+    assert float(run.event_time[0]) == pytest.approx(2 * np.log(2.0), rel=1e-8)
+    again = xd.simulate(xd.Model.from_text(run.model_toml.item()), method="dop853", rtol=1e-9, until="9 s")
+    assert np.array_equal(again.T, run.T)
+
+
+def test_what_is_no_row_is_written_out() -> None:
+    """Assert views that are filled, elements by a list, loops, and numbers by name where a list is returned."""
+
+    def filled(t: Any, y: Any) -> Any:
+        d = np.zeros(12)
+        first = d[:6]
+        first[:] = y[6:]
+        d[6:] = -y[[0, 1, 2, 5, 4, 3]]
+        return d
+
+    for fun in (filled, lambda t, y: np.array([y[i - 1] - y[i] for i in range(12)]), lambda t, y: -y[::-1][::-1]):
+        run = xd.solve(fun, (0, 1), bump(12), "DOP853", rtol=1e-9)
+        right = solve_ivp(fun, (0, 1), bump(12), "DOP853", rtol=1e-10, atol=1e-12)
+        assert run.y.values[-1] == pytest.approx(right.y[:, -1], rel=1e-7, abs=1e-9)
+    listed = xd.solve(lambda t, y: [-one for one in y], (0, 1), bump(12), rtol=1e-6)
+    assert {"y0", "y11"} <= {*listed.data_vars}
+
+
+@pytest.mark.parametrize(
+    ("fun", "said"),
+    [(lambda t, y: y[1:], "returns 11 rates, and y0 has 12 numbers"), (lambda t, y: y[12] * y, "index 12 is out of bounds"),
+     (lambda t, y: y[1:] + y, "broadcast"), (lambda t, y: y * np.nan, "needs finite numbers"),
+     (lambda t, y: np.fft.fft(y), "calls numpy.fft"), (lambda t, y: y if y[0] > 1 else -y, "write numpy.where")],
+)  # fmt: skip
+def test_faults_of_arrays_are_named(fun: Any, said: str) -> None:
+    """Assert one sentence for each."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.solve(fun, (0, 1), bump(12))
