@@ -138,6 +138,16 @@ def test_what_is_no_row_is_written_out() -> None:
     assert {"y0", "y11"} <= {*listed.data_vars}
 
 
+def test_tolerances_and_events_of_another_length() -> None:
+    """Assert that as many tolerances as numbers are taken, and no others; an event is one number."""
+    run = xd.solve(heat, (0, 1), bump(12), atol=[1e-9] * 11 + [1e-7])
+    assert run.y.attrs["units"] == "1"
+    with pytest.raises(xd.InputError, match="atol has 3 numbers, and y0 12"):
+        xd.solve(heat, (0, 1), bump(12), atol=[1e-9] * 3)
+    with pytest.raises(xd.InputError, match="returns 12 numbers, needs one; write an event for each"):
+        xd.solve(heat, (0, 1), bump(12), events=lambda t, y: y - 0.5)
+
+
 @pytest.mark.parametrize(
     ("fun", "said"),
     [(lambda t, y: y[1:], "returns 11 rates, and y0 has 12 numbers"), (lambda t, y: y[12] * y, "index 12 is out of bounds"),

@@ -107,7 +107,10 @@ def _once(functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, 
     written = [Written(fun, (f"the rate of '{grid.name}'",), (rate,))]
     for event in events:
         value = traced(tables.of(event), t, y.copy(), *arguments)
-        written.append(Written(event, ("its value",), (value[0] if isinstance(value, Field) else value,)))
+        if isinstance(value, Field | np.ndarray) and value.size != 1:
+            raise InputError(f"event {called(event)} returns {value.size} numbers, needs one; write an event for each")
+        one = value[0] if isinstance(value, Field) else np.asarray(value, object).item()
+        written.append(Written(event, ("its value",), (one,)))
     return written
 
 

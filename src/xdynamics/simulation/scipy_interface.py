@@ -120,7 +120,12 @@ def solve(
         del settings["max_step"]
     model = model_of(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
-        settings["atol"] = dict(zip(model.states, map(float, settings["atol"]), strict=False))
+        tolerances = [float(number) for number in settings["atol"]]
+        if len(tolerances) != len(model.states):
+            raise InputError(
+                f"atol has {len(tolerances)} numbers, and y0 {len(model.states)}; give one, or one for each"
+            )
+        settings["atol"] = dict(zip(model.states, tolerances, strict=True))
     end = t_span[1] if isinstance(t_span[1], str) else float(t_span[1])
     return simulate(model, method=_method(method), until=end, times=t_eval, path=path, **settings)
 
