@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,6 +84,7 @@ def _simplified_arrays(law: Law) -> Arrays:
     return _NOTHING | arrays | system | {"pivots": np.zeros(6 * size, np.int64)}
 
 
+@lru_cache(maxsize=16)
 def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
     if not is_compressed(layout):
