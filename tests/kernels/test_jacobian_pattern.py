@@ -38,7 +38,7 @@ def by_groups(model: Model, *, machine: bool) -> Floats:
     at[0] = 0.25
     run(model_programs.forces(layout))(**given, z=y)
     found, w, z = np.zeros((used - n, used)), np.zeros(3 + used), np.zeros(layout.record.size)
-    rows, columns, groups = pattern_of(layout)
+    rows, columns, groups, _ = pattern_of(layout)
     product = run(model_programs.changes(layout, 3))
     for begin, end in pairwise(groups.tolist()):
         w[:] = 0.0

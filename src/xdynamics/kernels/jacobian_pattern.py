@@ -30,22 +30,6 @@ TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
 Whole = NDArray[np.int64]
 
 
-class Pattern(NamedTuple):
-    """The entries of a Jacobian: derivatives of accelerations and rates by all that a force evaluation uses.
-
-    Attributes
-    ----------
-    rows, columns : ndarray of int64, shape (entries,)
-        Among accelerations and rates, and among coordinates, velocities and states; group by group.
-    groups : ndarray of int64, shape (groups + 1,)
-        Where the entries of each group begin, and where the last one's end.
-    """
-
-    rows: Whole
-    columns: Whole
-    groups: Whole
-
-
 class Band(NamedTuple):
     """An order of unknowns in which a matrix has entries near its diagonal alone.
 
@@ -67,6 +51,25 @@ class Band(NamedTuple):
         return 2 * self.lower + self.upper + 1
 
 
+class Pattern(NamedTuple):
+    """The entries of a Jacobian: derivatives of accelerations and rates by all that a force evaluation uses.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int64, shape (entries,)
+        Among accelerations and rates, and among coordinates, velocities and states; group by group.
+    groups : ndarray of int64, shape (groups + 1,)
+        Where the entries of each group begin, and where the last one's end.
+    band : Band, optional
+        Of a matrix of accelerations and rates, with the coordinates eliminated; None where it is as well kept whole.
+    """
+
+    rows: Whole
+    columns: Whole
+    groups: Whole
+    band: Band | None
+
+
 def is_compressed(layout: Layout) -> bool:
     """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
     by_motion = any(drive.argument != "t" for drive in layout.model.drives.values())
@@ -86,10 +89,14 @@ def pattern_of(layout: Layout) -> Pattern:
             found.append((begin + elements, numbers))
             begin += math.prod(shapes.shape(dims))
     every_row, every_column = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    group = _grouped(every_row, every_column)
-    order = np.lexsort((every_row, every_column, group))
+    n = layout.coordinates.size
+    unknown = np.where(every_column < n, every_column, every_column - n)  # q is eliminated by v
+    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving(layout.model)], every_row, unknown)
+    group = _grouped(every_row, 2 * band.order[unknown] + (every_column >= n))
+    order = np.argsort((group * used.size + every_column) * band.order.size + every_row, kind="stable")
     sizes = np.bincount(group)
-    return Pattern(every_row[order], every_column[order], np.concatenate([[0], np.cumsum(sizes)]))
+    narrow = band if band.height < band.order.size else None
+    return Pattern(every_row[order], every_column[order], np.concatenate([[0], np.cumsum(sizes)]), narrow)
 
 
 def moving(model: Model) -> list[str]:
@@ -100,9 +107,10 @@ def moving(model: Model) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------- groups
 
 
-def _grouped(rows: Whole, columns: Whole) -> Whole:
-    """Return for every entry the group of its column; columns of a group share no row."""
-    present, ranks = np.unique(columns, return_inverse=True)
+def _grouped(rows: Whole, places: Whole) -> Whole:
+    """Return for every entry the group of its column, which has a place; columns of a group share no row."""
+    present = np.flatnonzero(np.bincount(places))
+    ranks = np.searchsorted(present, places)
     fullest = int(np.bincount(rows).max(initial=1))
     for count in range(fullest, min(fullest + TRIED, present.size)):
         dealt = ranks % count
@@ -133,8 +141,8 @@ def _greedily(rows: Whole, ranks: Whole, count: int) -> list[int]:
 # ------------------------------------------------------------------------------------------------------------------ band
 
 
-def band_of(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, columns: Whole) -> Band | None:
-    """Return an order of unknowns in which a matrix is a band; None where it is as well kept whole.
+def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, columns: Whole) -> Band:
+    """Return an order of unknowns in which a matrix is a band, as narrow as is found.
 
     Parameters
     ----------
@@ -148,7 +156,7 @@ def band_of(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, co
     best, count = min((_banded(order, rows, columns) for order in orders), key=_height), orders[0].size
     if best.height > min(WIDE, count):
         best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_height)
-    return best if best.height < count else None
+    return best
 
 
 def _height(band: Band) -> int:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.jacobian_pattern import band_of, is_compressed, moving, pattern_of
+from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY
@@ -20,7 +19,6 @@ from xdynamics.methods import Method
 from xdynamics.methods.radau import SHARE
 from xdynamics.methods.scheme import EMBEDDED
 from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SIMPLIFIED
-from xdynamics.model.whole import shapes_of
 
 Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
@@ -84,14 +82,12 @@ def _simplified_arrays(law: Law) -> Arrays:
     return _NOTHING | arrays | system | {"pivots": np.zeros(6 * size, np.int64)}
 
 
-@lru_cache(maxsize=16)
 def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
     """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
     if not is_compressed(layout):
         return {"entries": np.array(layout.couplings, np.int64).reshape(-1, 2), "order": np.arange(size)}, size
-    n, pattern, shapes = layout.coordinates.size, pattern_of(layout), shapes_of(layout.model)
-    columns = np.where(pattern.columns < n, pattern.columns, pattern.columns - n)  # q is eliminated by v
-    band = band_of(shapes, [shapes.dims.get(name, ()) for name in moving(layout.model)], pattern.rows, columns)
+    pattern = pattern_of(layout)
+    band = pattern.band
     system: Arrays = {"entries": np.stack([pattern.rows, pattern.columns], axis=1), "groups": pattern.groups}
     if band is None:
         return system | {"order": np.arange(size)}, size

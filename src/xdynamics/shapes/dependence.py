@@ -209,9 +209,8 @@ class Dependence:
         if not codes.size:
             return codes
         wanted = self._flat(dims, grid)
-        elements = codes // self._count
-        begins = np.searchsorted(elements, wanted)
-        lengths = np.searchsorted(elements, wanted, side="right") - begins
+        every = np.bincount(codes // self._count, minlength=math.prod(self._shapes.shape(dims)))
+        lengths, begins = every[wanted], (np.cumsum(every) - every)[wanted]
         before = np.cumsum(lengths) - lengths
         places = np.repeat(begins - before, lengths) + np.arange(lengths.sum())
         found: Whole = np.repeat(np.arange(wanted.size), lengths) * self._count + codes[places] % self._count
@@ -219,7 +218,7 @@ class Dependence:
 
     def _moved_to(self, codes: Whole, elements: Whole) -> Whole:
         """Return codes whose elements have other numbers, several of them perhaps the same."""
-        return np.unique(elements[codes // self._count] * self._count + codes % self._count)
+        return _ascending(elements[codes // self._count] * self._count + codes % self._count)
 
 
 def _union(codes: list[Whole]) -> Whole:
@@ -227,4 +226,11 @@ def _union(codes: list[Whole]) -> Whole:
     some = [one for one in codes if one.size]
     if not some:
         return _NONE
-    return some[0] if len(some) == 1 else np.unique(np.concatenate(some))
+    return some[0] if len(some) == 1 else _ascending(np.concatenate(some))
+
+
+def _ascending(codes: Whole) -> Whole:
+    """Sort codes, which mostly ascend in stretches, and leave out what is there twice."""
+    found = np.sort(codes, kind="stable")
+    distinct: Whole = found[np.concatenate([[True], found[1:] != found[:-1]])]
+    return distinct
