@@ -113,8 +113,9 @@ def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion
 
 
 def _accelerations(statement: Statement, dimensions: Mapping[str, Dimension]) -> dict[str, Dimension]:
-    time = statement.time_unit.dimension
-    return {acceleration(name): dimensions[name] / time**2 for name in statement.coordinates}
+    square = statement.time_unit.dimension**2
+    known = {own: own / square for own in {dimensions[name] for name in statement.coordinates}}
+    return {acceleration(name): known[dimensions[name]] for name in statement.coordinates}
 
 
 def _check_event(

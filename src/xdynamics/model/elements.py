@@ -9,10 +9,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Node, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
-from xdynamics.expressions.evaluation import evaluate, evaluate_many
+from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
@@ -33,6 +34,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, at, dims_of, gradient, written
+from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
 from xdynamics.units import CONSTANTS, Dimension, Quantity, Unit, constant
@@ -178,7 +180,10 @@ class Elements:
         new = replace(
             old,
             coordinates={
-                one: replace(part, dims=()) for name, part in old.coordinates.items() for one in self._names(name)
+                one: bare
+                for name, part in old.coordinates.items()
+                for bare in (replace(part, dims=()),)
+                for one in self._names(name)
             },
             parameters=parameters,
             mass=self._mass(),
@@ -254,9 +259,8 @@ class Elements:
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
             return values.numbers, values.unit
-        known = _constants()
-        trees = [at(values.tree, place, self.shapes) for place in self.shapes.places(values.dims)]
-        return tuple(evaluate(tree, known) for tree in trees), unit_of(values)
+        numbers = evaluate_elements(values.tree, values.dims, _constants(), self.shapes)
+        return tuple(numbers.ravel().tolist()), unit_of(values)
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
         old, names = self.statement, [*self.statement.coordinates]
@@ -414,10 +418,22 @@ class Elements:
             names = self._names(name)
             return {one: Quantity(values.numbers[i], values.unit) for i, one in enumerate(names)}
         unit = self._units()[name]
-        known = _constants() | {one: part.quantity.si for one, part in parameters.items()}
+        numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters)) / float(unit.factor)
         return {
-            one: Quantity(self._evaluated(values.tree, place, known, unit), unit) for one, place in self._placed(name)
+            one: Quantity(number, unit) for one, number in zip(self._names(name), numbers.ravel().tolist(), strict=True)
         }
+
+    def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+        """Return the values that an expression may read, in SI units: parameters and constants."""
+        known: dict[str, Any] = _constants()
+        for name in free_names(tree):
+            if dims := self.shapes.dims.get(name, ()):
+                if name in self.statement.arrays:
+                    numbers = [parameters[one].quantity.si for one in self._names(name)]
+                    known[name] = np.array(numbers).reshape(self.shapes.shape(dims))
+            elif name in parameters:
+                known[name] = parameters[name].quantity.si
+        return known
 
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
@@ -454,13 +470,12 @@ class Elements:
         units = {name: part.unit for name, part in (old.coordinates | old.states).items()}
         return units | {velocity(name): part.unit.per(time) for name, part in old.coordinates.items()}
 
-    def _evaluated(self, tree: Node, place: Place, known: Mapping[str, float], unit: Unit) -> float:
-        scalar = at(tree, place, self.shapes)
-        if missing := sorted(free_names(scalar) - known.keys()):
+    def _evaluated(self, tree: Node, dims: tuple[str, ...], known: Mapping[str, Any]) -> NDArray[np.float64]:
+        if missing := sorted(free_names(tree) - known.keys()):
             raise InputError(
                 f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
             )
-        return evaluate(scalar, known) / float(unit.factor)
+        return evaluate_elements(tree, dims, known, self.shapes)
 
 
 def _constants() -> dict[str, float]:

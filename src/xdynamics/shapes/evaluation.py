@@ -1,0 +1,160 @@
+"""Values of expressions with dimensions, for all elements at once: the bits that each element has by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, chain
+from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.shapes.extents import Shapes
+from xdynamics.shapes.trees import OF_CROSS, element_numbers
+
+Array = NDArray[np.float64]
+
+_VALUE = "_value_{}"  # of a part that goes along dimensions
+
+
+def evaluate_elements(node: Node, dims: tuple[str, ...], values: Mapping[str, Any], shapes: Shapes) -> Array:
+    """Return the values of an expression at every element.
+
+    Parameters
+    ----------
+    node : Node
+        As `prepared` returns it, with dimensions among `dims`, and definitions expanded.
+    dims : tuple of str
+        The dimensions of the result.
+    values : mapping of str to float or ndarray
+        A number for every name; of one with dimensions an array along them.
+    shapes : Shapes
+
+    Returns
+    -------
+    ndarray, shape of `dims`
+
+    Raises
+    ------
+    InputError
+        If a name has no value.
+    """
+    walk = _Walk(values, shapes)
+    whole = np.asarray(walk.value(node), float)
+    shape = [shapes.extent(dim).size if dim in dims else 1 for dim in walk.axes]
+    spread = np.broadcast_to(whole, shape).reshape(
+        [size for dim, size in zip(walk.axes, shape, strict=True) if dim in dims]
+    )
+    order = [dim for dim in walk.axes if dim in dims]
+    return spread.transpose([order.index(dim) for dim in dims]).copy()
+
+
+class _Walk:
+    """Evaluates parts as arrays with an axis for each dimension and relation, of length 1 where they do not vary."""
+
+    def __init__(self, values: Mapping[str, Any], shapes: Shapes) -> None:
+        self.values, self.shapes = dict(values), shapes
+        self.axes = (*shapes.relations, *shapes.extents)
+
+    def value(self, node: Node) -> Any:
+        """Return the value of an expression."""
+        return evaluate_many(self._replaced(node), self.values)
+
+    def _replaced(self, node: Node) -> Node:
+        """Return an expression in which whatever has dimensions by itself is the name of its value."""
+        match node:
+            case Name() if node.name in self.shapes.dims and node.name in self.values:
+                return self._kept(self._placed(np.asarray(self.values[node.name]), self.shapes.dims[node.name]))
+            case Element() if node.name in self.values:
+                place = tuple(element_numbers(node, self.shapes).values())
+                return self._kept(np.asarray(self.values[node.name])[place])
+            case Negative():
+                return replace(node, operand=self._replaced(node.operand))
+            case Binary():
+                first, links = chain(node)
+                tree = self._replaced(first)
+                for link in links:
+                    right = link.right if link.operator == "**" else self._replaced(link.right)
+                    tree = Binary(link.operator, tree, right, link.column)
+                return tree
+            case Compare():
+                return replace(node, left=self._replaced(node.left), right=self._replaced(node.right))
+            case Call():
+                return replace(node, arguments=tuple(map(self._replaced, node.arguments)))
+            case Along():
+                return self._kept(self._along(node))
+        return node
+
+    def _kept(self, value: Any) -> Name:
+        name = _VALUE.format(len(self.values))
+        self.values[name] = value
+        return Name(name)
+
+    def _placed(self, values: Any, dims: tuple[str, ...]) -> Any:
+        """Return values along some dimensions with every axis."""
+        order = sorted(range(len(dims)), key=lambda i: self.axes.index(dims[i]))
+        shape = [self.shapes.extent(dim).size if dim in dims else 1 for dim in self.axes]
+        return values.transpose(order).reshape(shape)
+
+    def _along(self, node: Along) -> Any:
+        """Return the value of a function along dimensions."""
+        dim = node.dims[0]
+        extent, axis = self.shapes.extent(dim), self.axes.index(dim)
+        match node.function:
+            case "size":
+                return float(extent.size)
+            case "index":
+                return self._placed(np.arange(float(extent.size)), (dim,))
+            case "first" | "second":
+                relation, whole = self.shapes.relations[dim], np.asarray(self.value(node.arguments[0]))
+                is_first = node.function == "first"
+                end = self.axes.index(relation.source if is_first else relation.target)
+                return np.take(whole, relation.first if is_first else relation.second, end).swapaxes(end, axis)
+            case "shift" | "roll":
+                moved = np.roll(np.asarray(self.value(node.arguments[0])), node.places, axis)
+                if node.function == "roll":
+                    return moved
+                origin = self._placed(np.arange(extent.size) - node.places, (dim,))
+                return np.where((origin >= 0) & (origin < extent.size), moved, self.value(node.arguments[1]))
+            case "cross":
+                a, b = (self._full(one, node.dims) for one in node.arguments)
+                next_, last = ([(k + step) % OF_CROSS for k in range(OF_CROSS)] for step in (1, 2))
+                return np.take(a, next_, axis) * np.take(b, last, axis) - np.take(a, last, axis) * np.take(
+                    b, next_, axis
+                )
+        return self._reduced(node)
+
+    def _full(self, node: Node, dims: tuple[str, ...]) -> Any:
+        """Return a value that has all elements along some dimensions."""
+        whole = np.asarray(self.value(node))
+        whole = whole.reshape(whole.shape or (1,) * len(self.axes))
+        sizes = zip(self.axes, whole.shape, strict=True)
+        return np.broadcast_to(whole, [self.shapes.extent(dim).size if dim in dims else size for dim, size in sizes])
+
+    def _reduced(self, node: Along) -> Any:
+        """Reduce a value along dimensions, the last of them fastest, one element after the other."""
+        parts = [self._full(one, node.dims) for one in node.arguments]
+        with np.errstate(all="ignore"):
+            if node.function == "dot":
+                parts = [parts[0] * parts[1]]
+            elif node.function == "norm":
+                parts = [parts[0] * parts[0]]
+            axes = [self.axes.index(dim) for dim in node.dims]
+            rows = np.moveaxis(parts[0], axes, range(len(axes))).reshape(-1, *self._others(parts[0], axes))
+            if node.function in ("min", "max"):
+                choice = Call(node.function, (Name("a"), Name("b")))
+                total = reduce(lambda a, b: evaluate_many(choice, {"a": a, "b": b}), rows)
+            else:
+                total = np.add.accumulate(rows, axis=0)[-1]  # ascending, where a sum by numpy goes in pairs
+            if node.function == "mean":
+                total = total / float(len(rows))
+            elif node.function == "norm":
+                total = np.sqrt(total)
+        return np.expand_dims(total, sorted(axes))
+
+    @staticmethod
+    def _others(whole: Any, axes: list[int]) -> list[int]:
+        return [size for axis, size in enumerate(whole.shape) if axis not in axes]

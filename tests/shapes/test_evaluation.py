@@ -1,0 +1,42 @@
+"""Values of expressions with dimensions, for all elements at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from xdynamics.expressions import parse
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, prepared
+from xdynamics.shapes.evaluation import evaluate_elements
+
+PAIR = Relation("pair", "body", "body", *np.triu_indices(5, 1))
+WALL = Relation("wall", "body", "axis", np.arange(4), np.array([2, 1, 0, 0]))
+DIMS = {"r": ("body", "axis"), "m": ("body",), "w": ("axis", "body"), "k": ("pair",)}
+EXTENTS = {"body": Extent("body", 5, ("a", "b", "c", "d", "e")), "axis": Extent("axis", 3)}
+SHAPES = Shapes(EXTENTS, {"pair": PAIR, "wall": WALL}, DIMS)
+TEXTS = (
+    "g", "m*r", "r + w", "sum(r, axis)", "sum(r, body, axis)", "sum(w, axis, body)", "mean(r, body)", "norm(r, axis)",
+    "dot(r, w, axis)", "dot(r, m, body)", "min(r, body)", "max(r, axis)", "cross(r, w, axis)",
+    "cross(r, index(axis), axis)", "shift(r, body, 1, 0)", "shift(m, body, -2, g*index(body))", "roll(r, axis, 2)",
+    "first(m, pair)*second(r, pair)", "k/norm(second(r, pair) - first(r, pair), axis)", "second(w, wall) - first(m, wall)",
+    "r[b, 1]*m", "m[-1]", "where(index(body) < 2, 1/(index(body) + 1), sin(m)**2)", "exp(-m**2)*size(axis)",
+    "-r**3 + abs(w)", "sum(k, pair)", "second(shift(m, body, 1, g), pair)", "max(m, 2*g*m[a])", "m**-1",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_elements_have_the_bits_that_each_has_alone(text: str) -> None:
+    """Assert that the value of every element is that of its own expression, whatever the order of dimensions."""
+    random = np.random.default_rng(1)
+    arrays = {name: random.normal(size=SHAPES.shape(own)) for name, own in DIMS.items()}
+    alone = {"g": 1.7}
+    for name, values in arrays.items():
+        alone |= dict(zip(SHAPES.elements(name), values.ravel().tolist(), strict=True))
+    tree = prepared(parse(text), SHAPES)
+    own = dims_of(tree, SHAPES)
+    for dims in (own, own[::-1]):
+        values = evaluate_elements(tree, dims, arrays | {"g": 1.7}, SHAPES)
+        expected = [evaluate(at(tree, place, SHAPES), alone) for place in SHAPES.places(dims)]
+        assert values.shape == SHAPES.shape(dims)
+        assert values.tobytes() == np.array(expected).tobytes()
