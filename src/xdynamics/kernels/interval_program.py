@@ -153,7 +153,7 @@ class _Printer:
         self._rows: list[tuple[int, ...]] = []
         self._constants = {name: i for i, name in enumerate(constants(layout.model))}
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
-        self._moving = self._variables()
+        self._moving = self._variables() if layout.watched else {}
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
 
     def printed(self) -> Enclosing:

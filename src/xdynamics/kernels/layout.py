@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
-from xdynamics.kernels.blocks import Blocks
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives

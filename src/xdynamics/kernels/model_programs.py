@@ -10,7 +10,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.blocks import Blocks
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests

@@ -46,6 +46,7 @@ from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
+from xdynamics.model.elementwise import in_si
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
@@ -135,7 +136,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    arrays["y"][:n] = np.array([model.initial[name].si for name in layout.used]) / sizes
+    arrays["y"][:n] = in_si(model.initial, layout.used) / sizes
     # without tolerances an error may have any size
     wider = widened(law, tolerances.rtol) if tolerances else 1.0
     atols = np.full(n, np.inf) if tolerances is None else tolerances.of_all(layout.used)

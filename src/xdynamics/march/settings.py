@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
-from xdynamics.kernels.blocks import Blocks
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.keywords import FULL
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme

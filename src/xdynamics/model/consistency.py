@@ -104,8 +104,10 @@ def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     if motion:
         _check_motion(statement, dimensions, ledger)
-    check_validation(statement, dimensions, ledger)
-    _check_spreads(statement, dimensions | _accelerations(statement, dimensions), ledger)
+    if statement.validation:
+        check_validation(statement, dimensions, ledger)
+    known = dimensions | _accelerations(statement, dimensions) if statement.discrepancy else dimensions
+    _check_spreads(statement, known, ledger)
     ledger.raise_faults()
     with ledger.entry("contacts"):
         check_contacts(statement, dimensions, ledger)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.lagrangian import Lagrangian
-from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential, Lazy
+from xdynamics.model.elementwise import Elementwise, Numbers, always
+from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
     MOST_REACTIONS,
     Contact,
@@ -27,19 +28,23 @@ from xdynamics.model.parts import (
     Force,
     Friction,
     Function,
+    Observable,
     Parameter,
+    State,
     Validation,
 )
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, at, dims_of, gradient, written
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
 from xdynamics.units import CONSTANTS, Dimension, Quantity, Unit, constant
 
 Place = Mapping[str, int]
+Part = TypeVar("Part")
 
 
 def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
@@ -122,7 +127,7 @@ def _check(what: str, tree: Node | Function | None, allowed: Iterable[str], shap
 
 def dimensions_of(dimensions: Mapping[str, Dimension], shapes: Shapes) -> dict[str, Dimension]:
     """Return the physical dimension of every element from those of the quantities."""
-    return {one: dimension for name, dimension in dimensions.items() for one in shapes.elements(name)}
+    return Elementwise(shapes, {name: always(dimension) for name, dimension in dimensions.items()})
 
 
 def _check_force(term: str, force: Force, statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
@@ -175,26 +180,17 @@ class Elements:
             With every fault of values at the start that are expressions.
         """
         old, trees = self.statement, self._trees
-        parameters = dict(old.parameters) | self._parameters()
+        parameters = self._parameters()
         forces = {name: self._force(force) for name, force in old.forces.items()}
         new = replace(
             old,
-            coordinates={
-                one: bare
-                for name, part in old.coordinates.items()
-                for bare in (replace(part, dims=()),)
-                for one in self._names(name)
-            },
+            coordinates=self._each({name: always(replace(part, dims=())) for name, part in old.coordinates.items()}),
             parameters=parameters,
             mass=self._mass(),
             definitions=trees(old.definitions),
             forces=forces,
             drives={one: drive for name, drive in old.drives.items() for one, drive in self._drive(name, drive)},
-            states={
-                one: replace(part, rate=at(part.rate, place, self.shapes), dims=())
-                for name, part in old.states.items()
-                for one, place in self._placed(name)
-            },
+            states=self._each({name: partial(self._state, part) for name, part in old.states.items()}),
             events={one: event for name, event in old.events.items() for one, event in self._event(name, event)},
             contacts={}
             if self._many
@@ -204,11 +200,7 @@ class Elements:
             else {},
             frictions={one: part for name, part in old.frictions.items() for one, part in self._friction(name, part)},
             observables=trees(old.observables),
-            observed={
-                one: replace(part, expression=at(part.expression, place, self.shapes))
-                for name, part in old.observed.items()
-                for one, place in self._placed(name)
-            },
+            observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
             validation={
                 one: form for name, form in old.validation.items() for one, form in self._closed_form(name, form)
             },
@@ -244,15 +236,32 @@ class Elements:
             yield self.shapes.element(name, place), place
 
     def _trees(self, trees: Mapping[str, Node]) -> dict[str, Node]:
-        return {one: at(tree, place, self.shapes) for name, tree in trees.items() for one, place in self._placed(name)}
+        return self._each({name: partial(self._at, tree) for name, tree in trees.items()})
+
+    def _each(self, makers: Mapping[str, Callable[[Place], Part]]) -> dict[str, Part]:
+        """Return what makers make for every element, where it is asked for."""
+        return Elementwise(self.shapes, makers)
+
+    def _at(self, tree: Node, place: Place) -> Node:
+        return at(tree, place, self.shapes)
+
+    def _state(self, part: State, place: Place) -> State:
+        return replace(part, rate=self._at(part.rate, place), dims=())
+
+    def _observable(self, part: Observable, place: Place) -> Observable:
+        return replace(part, expression=self._at(part.expression, place))
 
     def _parameters(self) -> dict[str, Parameter]:
-        parts = {}
+        makers: dict[str, Callable[[Place], Parameter]] = {
+            name: always(part) for name, part in self.statement.parameters.items()
+        }
         for name, values in self.statement.arrays.items():
-            numbers, unit = self._numbers(values)
-            for i, one in enumerate(self._names(name)):
-                parts[one] = Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
-        return parts
+            makers[name] = partial(self._parameter, values, *self._numbers(values))
+        return self._each(makers)
+
+    def _parameter(self, values: Values, numbers: tuple[float, ...], unit: Unit, place: Place) -> Parameter:
+        i = int(np.ravel_multi_index([*place.values()], self.shapes.shape(values.dims)))
+        return Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
 
     def _numbers(self, values: Values) -> tuple[tuple[float, ...], Unit]:
         """Return the numbers of a parameter with dimensions; those of an expression in SI units."""
@@ -266,10 +275,10 @@ class Elements:
         old, names = self.statement, [*self.statement.coordinates]
         if not old.mass:
             return ()
-        places = [(i, one, place) for i, name in enumerate(names) for one, place in self._placed(name)]
         if not old.mass_is_full:
-            entries = {one: partial(at, old.mass[i][i], place, self.shapes) for i, one, place in places}
-            return Diagonal([*entries], Lazy[Node](entries))
+            entries = Elementwise(self.shapes, {name: partial(self._at, old.mass[i][i]) for i, name in enumerate(names)})
+            return Diagonal(entries.names, entries)
+        places = [(i, one, place) for i, name in enumerate(names) for one, place in self._placed(name)]
         return tuple(
             tuple(
                 at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, _, other in places
@@ -279,11 +288,10 @@ class Elements:
 
     def _force(self, force: Force) -> Force:
         """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""
-        components = Lazy[Node | Function](
+        components = self._each(
             {
-                one: tree if isinstance(tree, Function) else partial(at, tree, place, self.shapes)
+                name: always(tree) if isinstance(tree, Function) else partial(self._at, tree)
                 for name, tree in self.acting(force).items()
-                for one, place in self._placed(name)
             }
         )
         if force.potential is None:
@@ -385,43 +393,39 @@ class Elements:
     def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return values at the start."""
         old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
-        initial, starts = dict(old.initial), dict(old.starts)
+        initial: dict[str, Callable[[Place], Quantity]] = {name: always(quantity) for name, quantity in old.initial.items()}
+        starts = dict(old.starts)
         for name, values in old.starting.items():
             with ledger.entry(f"initial value of '{name}'"):
-                started = self._started(name, values, parameters)
-                initial |= started
-                for i, one in enumerate(started):
-                    if (spread := values.spread(i)) or values.description:
-                        starts[one] = Parameter(started[one], spread, values.description)
+                made = initial[name] = self._started(name, values, parameters)
+                if values.spreads or values.description:
+                    for i, (one, place) in enumerate(self._placed(name)):
+                        if (spread := values.spread(i)) or values.description:
+                            starts[one] = Parameter(made(place), spread, values.description)
         ledger.raise_faults()
-        at_rest = []
-        for name in old.at_rest:
-            quantity = initial.pop(name)
-            for one in self._names(name):
-                initial[one] = quantity
-                at_rest.append(one)
-        order = ["t", *(one for q in old.coordinates for word in (q, velocity(q)) for one in self._names(word))]
-        order += [one for name in old.states for one in self._names(name)]
+        order = ["t", *(word for q in old.coordinates for word in (q, velocity(q))), *old.states]
         ranked = {name: initial[name] for name in order if name in initial}
-        return {"initial": ranked | initial, "starts": starts, "at_rest": tuple(at_rest)}
+        at_rest = Blocks.of("velocity", old.at_rest, self.shapes)
+        return {"initial": self._each(ranked | initial), "starts": starts, "at_rest": at_rest}
 
     def started(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
         """Return every value at the start that is an array or an expression, by element."""
-        started: dict[str, Quantity] = {}
-        for name, values in self.statement.starting.items():
-            started |= self._started(name, values, parameters)
-        return started
+        return {
+            one: made(place)
+            for name, values in self.statement.starting.items()
+            for made in (self._started(name, values, parameters),)
+            for one, place in self._placed(name)
+        }
 
-    def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
+    def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
+        """Return what makes the values of a quantity at the start."""
+        shape = self.shapes.shape(self.shapes.dims.get(name, ()))
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
-            names = self._names(name)
-            return {one: Quantity(values.numbers[i], values.unit) for i, one in enumerate(names)}
+            return Numbers(np.reshape(values.numbers, shape), values.unit)
         unit = self._units()[name]
-        numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters)) / float(unit.factor)
-        return {
-            one: Quantity(number, unit) for one, number in zip(self._names(name), numbers.ravel().tolist(), strict=True)
-        }
+        numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
+        return Numbers(numbers / float(unit.factor), unit)
 
     def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return the values that an expression may read, in SI units: parameters and constants."""
@@ -526,13 +530,19 @@ def in_units_of(statement: Statement, old: Statement) -> Statement:
 
 def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
     """Return a statement with dimensions and the numbers of its elements."""
-    start = Elements(declared, shapes).started(elements.parameters)
     arrays, starting = {}, {}
     for name, values in declared.arrays.items():
+        if values.tree is None and _is_as_read(elements.parameters, name):
+            arrays[name] = values
+            continue
         parts = [elements.parameters[one] for one in shapes.elements(name)]
         numbers = tuple(part.quantity for part in parts)
         arrays[name] = _filled(values, numbers, tuple(part.spread for part in parts))
+    start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
     for name, values in declared.starting.items():
+        if _is_as_read(elements.initial, name) and not (start and values.tree):
+            starting[name] = values
+            continue
         names = shapes.elements(name)
         spreads = tuple(elements.starts[one].spread if one in elements.starts else None for one in names)
         numbers = tuple(elements.initial[one] for one in names)
@@ -548,6 +558,11 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         description=elements.description,
         fit=elements.fit,
     )
+
+
+def _is_as_read(parts: Mapping[str, Any], name: str = "") -> bool:
+    """Whether no element of a quantity, or of any, has another value than the statement had it first."""
+    return isinstance(parts, Elementwise) and (name not in parts.changed if name else not parts.changed)
 
 
 def _filled(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:

@@ -15,6 +15,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
+from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.elements import (
     Elements,
     check_shapes,
@@ -379,9 +380,11 @@ class Model:
     @cached_property
     def units(self) -> dict[str, Unit]:
         """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
-        coordinate_units = {name: part.unit for name, part in self.coordinates.items()}
+        written = self._written
+        coordinate_units = {name: part.unit for name, part in written.coordinates.items()}
         velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
-        return coordinate_units | velocity_units | {name: part.unit for name, part in self.states.items()}
+        units = coordinate_units | velocity_units | {name: part.unit for name, part in written.states.items()}
+        return Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()}) if self.shapes.dims else units
 
     @cached_property
     def force_components(self) -> dict[str, Mapping[str, Node | Function]]:

@@ -64,7 +64,7 @@ class Statement:
     time_unit: Unit = SECONDS
     pictured: Pictured = field(default_factory=Pictured)  # what figures show
     fit: Fitted | None = None  # where the parameters come from
-    at_rest: tuple[str, ...] = ()  # velocities without an initial value: 0
+    at_rest: Sequence[str] = ()  # velocities without an initial value: 0
     lagrangian: Lagrangian | None = None  # from which the mass and some forces are derived
     extents: dict[str, Extent] = field(default_factory=dict)  # dimensions
     relations: dict[str, Links] = field(default_factory=dict)

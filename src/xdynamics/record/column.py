@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
-from xdynamics.kernels.blocks import Block as Quantity
+from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.march import Block, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.lazy_trees import own_mass

@@ -14,8 +14,8 @@ from xdynamics import schema
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
-from xdynamics.kernels.blocks import Block as Quantity
-from xdynamics.kernels.blocks import Blocks
+from xdynamics.shapes.blocks import Block as Quantity
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
-from xdynamics.kernels.blocks import Block as Quantity
+from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.march import Block
 from xdynamics.march.events.zero_tests import LOOKS
 from xdynamics.model import Function

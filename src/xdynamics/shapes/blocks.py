@@ -9,8 +9,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes import Extent, Shapes
-from xdynamics.shapes.extents import element_name, element_names, number_of_element
+from xdynamics.shapes.extents import Extent, Shapes, element_name, element_names, number_of_element, place_of_element
 from xdynamics.shapes.naming import DOT, parted
 
 
@@ -64,6 +63,10 @@ class Block(NamedTuple):
     def number(self, name: str) -> int | None:
         """Return the number of an element by its name; None if it is none of this block."""
         return number_of_element(name, self._along)
+
+    def places(self, name: str) -> dict[str, int]:
+        """Return the place of an element along each dimension by its name."""
+        return dict(zip(self.dims, place_of_element(name, self._along) or (), strict=True))
 
     @property
     def _along(self) -> tuple[Extent, ...]:
@@ -142,6 +145,10 @@ class Blocks(Sequence[str]):
     def size(self) -> int:
         """How many numbers the array has."""
         return sum(block.size for block in self.blocks)
+
+    def block(self, name: str) -> Block:
+        """Return the block that has a number of some name."""
+        return self._by_name[parted(name)[0] if name not in self._by_name else name]
 
     def _find(self, name: str) -> int | None:
         """Return the place of a number by its own name."""

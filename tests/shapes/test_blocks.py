@@ -9,7 +9,7 @@ import numpy as np
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.kernels import layout_of
-from xdynamics.kernels.blocks import Block, Blocks
+from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes import Extent
 
 

@@ -1,0 +1,156 @@
+"""What a model says of its elements, by their names: made where somebody asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.blocks import Block, Blocks
+from xdynamics.shapes.naming import parted
+from xdynamics.units import Quantity, Unit
+
+Part = TypeVar("Part")
+Make = Callable[[Mapping[str, int]], Part]
+
+
+def always(part: Part) -> Make[Part]:
+    """Return what makes the same for every element."""
+    return lambda place: part
+
+
+class Numbers:
+    """Makes the quantity of an element from the numbers of all.
+
+    Parameters
+    ----------
+    numbers : array_like
+        Along the quantity's dimensions, in the unit.
+    unit : Unit
+    """
+
+    def __init__(self, numbers: Any, unit: Unit) -> None:
+        self.numbers, self.unit = np.asarray(numbers, float), unit
+
+    def __call__(self, place: Mapping[str, int]) -> Quantity:
+        """Return the quantity of an element."""
+        return Quantity(float(self.numbers[tuple(place.values())]), self.unit)
+
+    @cached_property
+    def si(self) -> NDArray[np.float64]:
+        """All numbers in SI units, in a row."""
+        if self.unit.factor == 1:
+            return self.numbers.ravel()
+        return np.array([self.unit.to_si(number) for number in self.numbers.ravel().tolist()])
+
+
+def in_si(quantities: Mapping[str, Quantity], blocks: Blocks) -> NDArray[np.float64]:
+    """Return quantities in SI units, in the order of some blocks."""
+    parts = []
+    for block in blocks.blocks:
+        if isinstance(quantities, Elementwise) and block.dims and block.name not in quantities.changed:
+            made = quantities.makers[block.name]
+            parts.append(made.si if isinstance(made, Numbers) else np.full(block.size, quantities[block.first].si))
+        else:
+            parts.append(np.array([quantities[name].si for name in block.elements()]))
+    return np.concatenate(parts)
+
+
+class Elementwise(dict[str, Part]):
+    """A dictionary by names of elements, whose names and values are made when they are asked for.
+
+    A model of a million elements is read without one of them. What is asked for is kept as in any dictionary.
+
+    Parameters
+    ----------
+    shapes : Shapes
+        Which quantity has which dimensions.
+    makers : mapping of str to callable
+        By the name of each quantity, what makes the value at a place: a number for each of its dimensions.
+    """
+
+    def __init__(self, shapes: Shapes, makers: Mapping[str, Make[Part]]) -> None:
+        super().__init__()
+        self.names = Blocks.of("", makers, shapes)
+        self.makers = dict(makers)
+        self.changed: frozenset[str] = frozenset()  # quantities of which elements were replaced
+
+    @classmethod
+    def _joined(cls, names: Iterable[Block], makers: Mapping[str, Make[Part]], values: Mapping[str, Part]) -> Any:
+        joined = cls.__new__(cls)
+        dict.__init__(joined)
+        dict.update(joined, values)
+        joined.names, joined.makers, joined.changed = Blocks(names), dict(makers), frozenset()
+        return joined
+
+    def __missing__(self, name: str) -> Part:
+        if name not in self.names:
+            raise KeyError(name)
+        block = self.names.block(name)
+        value = self.makers[block.name](block.places(name) if block.dims else {})
+        self[name] = value
+        return value
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the value of an element."""
+        return self[name] if name in self else default
+
+    def __contains__(self, name: object) -> bool:
+        return dict.__contains__(self, name) or name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return self.names.size
+
+    def __bool__(self) -> bool:
+        return bool(self.names.blocks)
+
+    def keys(self) -> Any:
+        """Return the names."""
+        return KeysView(self)
+
+    def values(self) -> Any:
+        """Return the values."""
+        return [self[name] for name in self]
+
+    def items(self) -> Any:
+        """Return names with values."""
+        return [(name, self[name]) for name in self]
+
+    def __or__(self, other: Mapping[str, Any]) -> Any:  # type: ignore[override]
+        known = other.names.blocks if isinstance(other, Elementwise) else [Block(name, "") for name in other]
+        new = [block for block in known if block.name not in self.makers and block.first not in self.names]
+        if isinstance(other, Elementwise):
+            joined = self._joined((*self.names.blocks, *new), self.makers | other.makers, self._kept() | other._kept())
+            joined.changed = self.changed | other.changed
+            return joined
+        joined = self._joined((*self.names.blocks, *new), self.makers, self._kept() | dict(other))
+        joined.changed = self.changed | {parted(name)[0] for name in other if name in self.names}
+        return joined
+
+    def __ror__(self, other: Mapping[str, Any]) -> Any:  # type: ignore[override]
+        first = [Block(name, "") for name in other if name not in self.names]
+        joined = self._joined((*first, *self.names.blocks), self.makers, dict(other) | self._kept())
+        joined.changed = self.changed
+        return joined
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or dict(self) == other
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    __hash__ = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
+
+    def _kept(self) -> dict[str, Part]:
+        """Return what was made so far."""
+        return dict(zip(dict.keys(self), dict.values(self), strict=True))
