@@ -9,8 +9,8 @@ import numpy as np
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.kernels import layout_of
-from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes import Extent
+from xdynamics.shapes.blocks import Block, Blocks
 
 
 def test_blocks_stand_one_after_another() -> None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
-from xdynamics.shapes.blocks import Blocks
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
@@ -25,6 +24,7 @@ from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.model.whole import acting, energies_of_wholes, has_wholes, shapes_of, written_out
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes, at
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
 
 Floats = NDArray[np.float64]

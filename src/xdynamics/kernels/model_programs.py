@@ -10,7 +10,6 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.shapes.blocks import Blocks
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
@@ -31,6 +30,7 @@ from xdynamics.model.whole import (
     shapes_of_changes,
 )
 from xdynamics.shapes import at
+from xdynamics.shapes.blocks import Blocks
 
 PYTHON = "python_"  # prefix of the names of functions passed in
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.keywords import FULL, KEYWORDS, columns_of, number
+from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
 from xdynamics.march.settings import EARLIEST_FIRST, TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
@@ -27,6 +27,7 @@ from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, ti
 
 FORCE_SAMPLES = ("all", "none")
 DEFAULT_RTOL = 1e-6
+MOST_LOGGED = 1000  # numbers of a state of a model with dimensions up to which all columns are logged
 THINNING = ("keep_every", "log")  # settings that leave rows or columns out of a record
 RECORDING: dict[str, Any] = {
     "keep_every": 1,
@@ -85,12 +86,18 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _time_tolerance(model, read),
         read.get("math_functions", NAME),
         read.get("keep_every", 1),
-        columns_of(read.get("log", FULL)),
+        columns_of(read.get("log", _default_log(model))),
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
     )
     settings.check(model)
     return settings
+
+
+def _default_log(model: Model) -> str:
+    """Return what is logged where nothing is asked for: of a large model with dimensions its states alone."""
+    large = bool(model.shapes.dims) and 2 * len(model.coordinates) + len(model.states) > MOST_LOGGED
+    return STATES if large else FULL
 
 
 def unthinned_settings_for(model: Model, **asked: Any) -> Settings:

@@ -46,8 +46,8 @@ from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
-from xdynamics.model.elementwise import in_si
 from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
 from xdynamics.model.reactions import DRY, NORMAL, modes, reactions

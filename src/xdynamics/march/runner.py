@@ -40,6 +40,7 @@ SHORTEST_PART = 1 << 12
 FIRST_PART = 1 << 6  # rows, where the clock matters and the time of one is unknown
 FIRST_BLOCK = 1 << 9  # rows, where their number is unknown
 THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
+RECYCLED_NUMBERS = 1 << 22  # of a block that is filled again and again, where rows are wide
 COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each in memory that goes back to the system
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
@@ -141,7 +142,9 @@ class March:
             After about this time a block is yielded as it is.
         """
         thinning = self.thinning
-        rows = rows or (THINNED_BLOCK if thinning else COPIED_BLOCK if self.settings.partial else None)
+        if rows is None and (thinning or self.settings.partial):
+            most = THINNED_BLOCK if thinning else COPIED_BLOCK
+            rows = min(most, max(2, RECYCLED_NUMBERS // self.layout.row.size))
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
-from xdynamics.shapes.blocks import Blocks
 from xdynamics.keywords import FULL
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
@@ -21,6 +20,7 @@ from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
 EPS = float(np.finfo(float).eps)

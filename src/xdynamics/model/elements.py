@@ -17,8 +17,8 @@ from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
-from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.elementwise import Elementwise, Numbers, always
+from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
     MOST_REACTIONS,
@@ -276,7 +276,9 @@ class Elements:
         if not old.mass:
             return ()
         if not old.mass_is_full:
-            entries = Elementwise(self.shapes, {name: partial(self._at, old.mass[i][i]) for i, name in enumerate(names)})
+            entries = Elementwise(
+                self.shapes, {name: partial(self._at, old.mass[i][i]) for i, name in enumerate(names)}
+            )
             return Diagonal(entries.names, entries)
         places = [(i, one, place) for i, name in enumerate(names) for one, place in self._placed(name)]
         return tuple(
@@ -393,7 +395,9 @@ class Elements:
     def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return values at the start."""
         old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
-        initial: dict[str, Callable[[Place], Quantity]] = {name: always(quantity) for name, quantity in old.initial.items()}
+        initial: dict[str, Callable[[Place], Quantity]] = {
+            name: always(quantity) for name, quantity in old.initial.items()
+        }
         starts = dict(old.starts)
         for name, values in old.starting.items():
             with ledger.entry(f"initial value of '{name}'"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +21,7 @@ Make = Callable[[Mapping[str, int]], Part]
 
 def always(part: Part) -> Make[Part]:
     """Return what makes the same for every element."""
-    return lambda place: part
+    return lambda _: part
 
 
 class Numbers:
@@ -97,7 +98,10 @@ class Elementwise(dict[str, Part]):
 
     def get(self, name: str, default: Any = None) -> Any:
         """Return the value of an element."""
-        return self[name] if name in self else default
+        try:
+            return self[name]
+        except KeyError:
+            return default
 
     def __contains__(self, name: object) -> bool:
         return dict.__contains__(self, name) or name in self.names
@@ -117,11 +121,20 @@ class Elementwise(dict[str, Part]):
 
     def values(self) -> Any:
         """Return the values."""
-        return [self[name] for name in self]
+        return [value for _, value in self._walked()]
 
     def items(self) -> Any:
         """Return names with values."""
-        return [(name, self[name]) for name in self]
+        return [*self._walked()]
+
+    def _walked(self) -> Iterator[tuple[str, Part]]:
+        """Yield names with values; those that are missing are made and kept."""
+        for block in self.names.blocks:
+            numbers = product(*map(range, block.shape))
+            for name, place in zip(block.elements(), numbers, strict=True):
+                if not dict.__contains__(self, name):
+                    self[name] = self.makers[block.name](dict(zip(block.dims, place, strict=True)))
+                yield name, self[name]
 
     def __or__(self, other: Mapping[str, Any]) -> Any:  # type: ignore[override]
         known = other.names.blocks if isinstance(other, Elementwise) else [Block(name, "") for name in other]

@@ -15,7 +15,6 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
-from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.elements import (
     Elements,
     check_shapes,
@@ -26,6 +25,7 @@ from xdynamics.model.elements import (
     in_units_of,
     of_elements,
 )
+from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -384,7 +384,11 @@ class Model:
         coordinate_units = {name: part.unit for name, part in written.coordinates.items()}
         velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
         units = coordinate_units | velocity_units | {name: part.unit for name, part in written.states.items()}
-        return Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()}) if self.shapes.dims else units
+        return (
+            Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()})
+            if self.shapes.dims
+            else units
+        )
 
     @cached_property
     def force_components(self) -> dict[str, Mapping[str, Node | Function]]:

@@ -105,9 +105,10 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 
     They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
-    sizes = {name: scales.of(dimension) for name, dimension in model.dimensions.items()}
-    values = {name: parameter.quantity.si / sizes[name] for name, parameter in model.parameters.items()}
-    values |= {name: float(constant(name).factor) / sizes[name] for name in CONSTANTS} | {"pi": math.pi}
+    dimensions = model.dimensions
+    values = {name: part.quantity.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
+    values |= {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
+    values["pi"] = math.pi
     return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
 
 

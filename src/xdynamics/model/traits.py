@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import Node, free_names
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, reactions
-from xdynamics.model.whole import acting, written_out
+from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.schema import velocity
 
 if TYPE_CHECKING:
@@ -71,7 +71,10 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         if term not in apart
         for coordinate, expression in components.items()
     ]
-    masses = [("the mass", model.reads(entry)) for entry in model.statement.mass_entries.values()]
+    shaped = model.shaped.mass if has_wholes(model) else ()
+    plain = bool(shaped) and all(_is_plain(model, row[i]) for i, row in enumerate(shaped))
+    entries = () if plain else model.statement.mass_entries.values()
+    masses = [("the mass", model.reads(entry)) for entry in entries]
     pressed = [
         (
             f"'{reaction.name}'",

@@ -9,7 +9,7 @@ import numpy as np
 
 from xdynamics import schema
 from xdynamics.elementary import kept_set
-from xdynamics.keywords import KEYWORDS
+from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods.scheme import STEP_DOUBLING
@@ -92,10 +92,10 @@ def root_method_of(used: Mapping[str, Any]) -> str:
     return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
 
 
-def _log_asked(used: Mapping[Any, Any]) -> str | list[str] | None:
-    """Return the choice of log columns that a record was made with; None if it has all."""
+def _log_asked(used: Mapping[Any, Any]) -> str | list[str]:
+    """Return the choice of log columns that a record was made with."""
     if schema.LOG not in used:
-        return None
+        return FULL
     return str(used.get(schema.LOGGED, "")).split() if used[schema.LOG] == schema.CHOSEN else str(used[schema.LOG])
 
 

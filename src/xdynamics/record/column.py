@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
-from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.march import Block, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
+from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
 
 Array = NDArray[Any]

@@ -14,8 +14,6 @@ from xdynamics import schema
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
-from xdynamics.shapes.blocks import Block as Quantity
-from xdynamics.shapes.blocks import Blocks
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import Block, March, Settings
 from xdynamics.march.memory import numbers_at_end
@@ -31,6 +29,8 @@ from xdynamics.record.folded_columns import dimensions, folded, folded_constants
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
+from xdynamics.shapes.blocks import Block as Quantity
+from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.naming import DOT
 from xdynamics.units import Scales, Unit
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
-from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.march import Block
 from xdynamics.march.events.zero_tests import LOOKS
 from xdynamics.model import Function
@@ -35,6 +34,7 @@ from xdynamics.record.assembly_columns import assembly_columns, impact_laws
 from xdynamics.record.column import About, Column, event_of, times
 from xdynamics.record.element_attributes import of_whole
 from xdynamics.schema import EVENTS, Variable
+from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.units import Dimension, Unit, spell
 
 Array = NDArray[Any]

@@ -128,6 +128,7 @@ def simulate(
     log : {"full", "states"} or list of str
         Which columns to record: all; times, steps, flags, coordinates, velocities, states and their errors; or beside
         times, steps and flags those that are named, ``["x", "total_energy"]``. Events and rejected trials are whole.
+        By default all; of a model with dimensions whose state has over 1,000 numbers the second.
         `complete` adds the rest, to the bits.
     compress : bool
         Whether an archive of the run is compressed, by zlib with shuffled bytes: the same numbers and digests, in half of
