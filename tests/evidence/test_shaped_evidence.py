@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.figures.scenes import Bodies, Profile, scene_of
+from xdynamics.record import unfold
 
 # oscillators of their own, of which everything is known in closed form
 SPRINGS = """
@@ -137,10 +140,34 @@ def test_dimensions_of_evidence_are_taken() -> None:
         xd.Model.from_text(SPRINGS.replace("body", "turn"))
 
 
-def test_films_of_trusses(tmp_path: Path) -> None:
-    """Assert that bodies of a model with dimensions have a film of their plane."""
-    model = xd.Model.from_toml(MODELS / "truss.toml")
-    film = xd.animate(xd.simulate(model, until="0.1 s"), tmp_path / "truss.gif", seconds=0.3, rate=10)
+@pytest.mark.parametrize(("name", "lines"), [("truss", 6), ("figure_eight", 0)])
+def test_bodies_move_with_their_links(name: str, lines: int) -> None:
+    """Assert that links of a table are lines between bodies, where these are, and that every two bodies have none."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    run = xd.simulate(model, until="0.1 s")
+    scene = scene_of(unfold(run), None)
+    assert isinstance(scene, Bodies)
+    axes = Figure().subplots()
+    scene.start(axes)
+    scene.at(float(run.time[-1]))
+    ends = {tuple(np.round(line.get_xydata().ravel(), 12)) for line in axes.lines if line.get_color() == "0.5"}
+    r = run.r.values[-1]
+    bars = np.stack([run.bar_first, run.bar_second], axis=-1).tolist() if lines else []
+    wanted = {tuple(np.round(r[bar].ravel(), 12)) for bar in bars}
+    assert (len(ends), ends) == (lines, wanted)
+
+
+def test_a_field_has_a_film(tmp_path: Path) -> None:
+    """Assert that a field is drawn between recorded states, and that its film is written."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "heat.toml"), until="100 s")
+    scene = scene_of(unfold(run), None)
+    assert isinstance(scene, Profile)
+    axes = Figure().subplots()
+    scene.start(axes)
+    times = run.time.values
+    (line,) = scene.at(0.25 * times[2] + 0.75 * times[3])
+    assert line.get_ydata() == pytest.approx(0.25 * run["T"].values[2] + 0.75 * run["T"].values[3])
+    film = xd.animate(run, tmp_path / "heat.gif", seconds=0.3, rate=10, dpi=40)
     assert Path(str(film)).stat().st_size > 1000
 
 

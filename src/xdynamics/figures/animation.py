@@ -1,4 +1,4 @@
-"""The motion in the plane as a film: bodies with their trails, and the time."""
+"""A run as a film: bodies in the plane with their trails, or a quantity along a dimension, and the time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, at_time, words
-from xdynamics.figures.plane import MOST_BODIES, left_out, views
+from xdynamics.figures.marks import at_time, words
+from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
 
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 GIF = ".gif"
 FORMATS = (GIF, ".mp4")
 MOST_FRAMES = 3000
-MARGIN = 0.06  # of the larger side
+NO_SCENE = (
+    'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]'
+)
 
 
 @of_elements
@@ -36,12 +38,14 @@ def animate(
     dpi: int = 90,
     dark: bool = False,
 ) -> Place:
-    """Write the motion of a run in its plane as a film.
+    """Write the motion of a run in its plane as a film; without a plane, a quantity along a dimension.
 
     Parameters
     ----------
     run : xarray.Dataset
-        A run record whose model names a plane in `[figure]`, or that has two or three coordinates of one length.
+        A run record whose model names a plane in `[figure]`, or that has two or three coordinates of one length, or
+        bodies with positions along a dimension of two or three elements: links of a relation that is a table, or of
+        neighbours, are lines between them. Else the first coordinate or state along a dimension of many elements.
     path : str or Path
         GIF, or MP4 where ffmpeg is installed.
     seconds : float, optional
@@ -63,59 +67,41 @@ def animate(
     Raises
     ------
     InputError
-        If the run has no plane, or the film cannot be written.
+        If the run has neither, or the film cannot be written.
     """
-    target, shown = placed(path), views(run.copy(deep=False))
-    _check(target, shown, seconds, rate, dpi)
+    target, scene = placed(path), scene_of(run.copy(deep=False), trail)
+    _check(target, seconds, rate, dpi)
+    if scene is None:
+        raise InputError(NO_SCENE)
     if trail is not None and not (isinstance(trail, int | float) and 0.0 <= trail < float("inf")):
         raise InputError(f"trail is {trail!r}, needs a non-negative time of the run")
-    view = shown[0]
-    begin, end = float(view[0].times[0]), float(view[0].times[-1])
+    begin, end = float(scene.times[0]), float(scene.times[-1])
     span = end - begin
     lasting = seconds if seconds is not None else span if 3.0 <= span <= 20.0 else 10.0
     frames = max(2, round(lasting * rate))
-    back = 0.1 * span if trail is None else float(trail)
     with lit(dark=dark), TemporaryDirectory(prefix="xdynamics-") as folder:
         part = Path(folder) / f"film{target.suffix.lower()}"
-        _film(run, view, np.linspace(begin, end, frames), back).save(part, writer=_writer(part, rate), dpi=dpi)
+        _film(run, scene, np.linspace(begin, end, frames)).save(part, writer=_writer(part, rate), dpi=dpi)
         with kept("film", target) as place:
             shutil.copyfile(part, place)
     return target
 
 
-def _film(run: xr.Dataset, view: list[Any], times: Any, back: float) -> Any:
-    """Return the film of a view: dots, trails, the time."""
+def _film(run: xr.Dataset, scene: Scene, times: Any) -> Any:
+    """Return the film of a scene, with the time."""
     from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 6), layout="constrained")
     axes = figure.subplots()
-    low = np.array([min(body.x.min() for body in view), min(body.y.min() for body in view)])
-    high = np.array([max(body.x.max() for body in view), max(body.y.max() for body in view)])
-    half, middle = (0.5 + MARGIN) * float(max(high - low)) or 1.0, (low + high) / 2.0
-    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
-    axes.set(xlabel=f"across ({view[0].units})", ylabel=f"up ({view[0].units})")
     axes.grid(linewidth=0.6)
-    axes.set_title(words(f"{run.attrs.get('title', 'run')}{left_out(view)}"), loc="left", fontsize=10)
-    view = view[:MOST_BODIES]
+    beside = scene.start(axes)
+    axes.set_title(words(f"{run.attrs.get('title', 'run')}{beside}"), loc="left", fontsize=10)
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
-    artists = [
-        (
-            axes.plot([], [], "-", color=COLOURS[k % len(COLOURS)], linewidth=1.2, alpha=0.6)[0],
-            axes.plot([], [], "o", color=COLOURS[k % len(COLOURS)], markersize=8)[0],
-        )
-        for k in range(len(view))
-    ]
 
     def at(frame: int) -> list[Any]:
-        now = times[frame]
-        for (line, dot), body in zip(artists, view, strict=True):
-            past = np.linspace(max(times[0], now - back), now, 120)
-            x, y = np.interp(past, body.times, body.x), np.interp(past, body.times, body.y)
-            line.set_data(x, y)
-            dot.set_data(x[-1:], y[-1:])
-        clock.set_text(at_time(run["time"], now, 4))
-        return [*(artist for pair in artists for artist in pair), clock]
+        clock.set_text(at_time(run["time"], times[frame], 4))
+        return [*scene.at(float(times[frame])), clock]
 
     return FuncAnimation(figure, at, frames=len(times))
 
@@ -130,13 +116,8 @@ def _writer(path: Path, rate: int) -> Any:
     return animation.FFMpegWriter(fps=rate)
 
 
-def _check(target: Place, shown: list[Any], seconds: Any, rate: Any, dpi: Any) -> None:
+def _check(target: Place, seconds: Any, rate: Any, dpi: Any) -> None:
     check_path(target, FORMATS, "film")
-    if not shown or not shown[0]:
-        raise InputError(
-            'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)",'
-            ' "-l*cos(theta)"]'
-        )
     if seconds is not None and not (isinstance(seconds, int | float) and 0.0 < seconds <= 600.0):
         raise InputError(f"seconds are {seconds!r}, need a number up to 600")
     if isinstance(rate, int) and seconds is not None and seconds * rate > MOST_FRAMES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -28,15 +29,19 @@ def shapes_of(run: xr.Dataset) -> Shapes:
 
 def profiles(run: xr.Dataset) -> list[tuple[list[str], Panel]]:
     """Return a panel for each coordinate and state with one dimension of many elements, and what it draws."""
-    shapes = shapes_of(run)
-    panels: list[tuple[list[str], Panel]] = []
+    return [
+        (elements, partial(profile, run, name, dim, elements)) for name, dim, elements in profiled(run, shapes_of(run))
+    ]
+
+
+def profiled(run: xr.Dataset, shapes: Shapes) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield coordinates and states with one dimension of many elements, with it and the names of the elements."""
     for name, dims in shapes.dims.items():
         if len(dims) != 1 or shapes.extent(dims[0]).size < FEWEST_ELEMENTS:
             continue
         elements = shapes.elements(name)
         if all(one in run and run[one].attrs.get("role") in ("coordinate", "state") for one in elements):
-            panels.append((elements, partial(profile, run, name, dims[0], elements)))
-    return panels
+            yield name, dims[0], elements
 
 
 def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axes) -> None:

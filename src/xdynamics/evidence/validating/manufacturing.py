@@ -90,6 +90,7 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model")
     kinds = {
+        "dimensions": model.shapes.extents,
         "contacts": model.contacts,
         "frictions": model.frictions,
         "regimes": model.regimes,
