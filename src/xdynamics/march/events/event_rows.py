@@ -12,6 +12,7 @@ from xdynamics.march.log import first_of_group
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GRIP, PULL, SLIP
 
+NO_LINK = -1  # of an event that is of no contact of many links
 STATE = 2  # of a row of the log, after time and step
 
 
@@ -48,7 +49,7 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         event.interpolation = watch.drift / abs(event.slope) if watch.drift > 0.0 else 0.0
         event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
         event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
-        event.direction = -watch.armed
+        event.direction, event.link = -watch.armed, NO_LINK
         watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
