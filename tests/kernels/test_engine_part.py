@@ -198,7 +198,7 @@ def test_what_the_cache_keeps_is_not_compiled_again(monkeypatch: pytest.MonkeyPa
 def test_the_texts_of_the_engine_stand_alone() -> None:
     """Assert that all parts are under 1 MB, call only LLVM and three C functions of numba, and name no folder."""
     packed = {part.name: part.packed_text() for part in (*PARTS, GROWTH)}
-    assert set(packed) == {"engine", "solvers", "watchers", "contacts", "lanes", "growth"}
+    assert set(packed) == {"engine", "solvers", "watchers", "contacts", "assemblies", "lanes", "growth"}
     assert sum(map(len, packed.values())) < 1_000_000
     for text in (lzma.decompress(content).decode() for content in packed.values()):
         assert text.startswith(f"; {made_by()}\n; ")

@@ -45,6 +45,7 @@ from xdynamics.kernels.program import (
 
 UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
+MOST_ON_STACK = 10_000  # numbers of an array; larger ones are on the heap
 UNSOUND = "unsound"
 LOOKED_UP = ("piece_of", "find_piece", *POLYNOMIALS)  # in tables: the piece of a drive of time, of an argument, …
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
@@ -86,11 +87,18 @@ class ProgramText:
 
     def body(self) -> str:
         """Print the lines of the function."""
-        for name, count in self._program.local.items():
-            self._put(f"%{name} = alloca double, i64 {max(1, count) * self._runs}, align 8")
+        sizes = {name: max(1, count) * self._runs for name, count in self._program.local.items()}
+        on_heap = [name for name, numbers in sizes.items() if numbers > MOST_ON_STACK]
+        for name, numbers in sizes.items():
+            where = (
+                f"call ptr @malloc(i64 {8 * numbers})" if name in on_heap else f"alloca double, i64 {numbers}, align 8"
+            )
+            self._put(f"%{name} = {where}")
         self._print(self._program.body)
         if self._program.sound:
             self._answer(*self._program.sound)
+        for name in on_heap:
+            self._put(f"call void @free(ptr %{name})")
         self._put("ret void")
         return "\n".join(self._lines.lines)
 

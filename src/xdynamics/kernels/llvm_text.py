@@ -45,6 +45,8 @@ def llvm_of(
     text = [declarations(*{lanes, wide})]
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
     bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}
+    if any("@malloc(" in body for body in bodies.values()):
+        text.append("declare noalias ptr @malloc(i64)\ndeclare void @free(ptr)")
     used = {name: called_in(body) for name, body in bodies.items()}
     sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
     inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}

@@ -15,7 +15,7 @@ from xdynamics.shapes import Shapes
 from xdynamics.shapes.parts import Parts
 
 SMALL = 4  # elements up to which a dimension is written out
-LARGEST_LOCAL = 500_000  # numbers on the stack
+LARGEST_LOCAL = 20_000_000  # numbers of all arrays of a program
 
 
 class NestedLoops:

@@ -121,6 +121,7 @@ EVENT_ROW = _record(
     "time left residual slope uncertainty murk interpolation",
     "row_before row_after detector kind direction substeps link",
 )
+NO_LINK = -1  # of an event that is of no contact of many links
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
 

@@ -37,7 +37,7 @@ OF_RECORD = {
     "step", "trial", "event", "sample", "bound", "at", "level", "occurrence", "cycle", "case", "exponent", "given",
     "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
     "residual", "first", "second", "turn", "variable", "draw", "method", "rtol", "eigenvalue", "start", "other", "gate",
-    "row", "sweep_axis",
+    "sweep_axis",
 }  # fmt: skip
 RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
 

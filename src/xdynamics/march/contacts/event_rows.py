@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.events.zero_tests import NONE
-from xdynamics.march.run import SKIPPED, Run
+from xdynamics.march.run import NO_LINK, SKIPPED, Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import NORMAL, TANGENT
 from xdynamics.schema import CLOSED, IMPACT, LOOSE, OPEN, REST, STICKING, TAKEOFF, TOUCH
@@ -87,6 +87,7 @@ def another_row(run: Run, k: int, first: int) -> int:
     event.residual, event.slope, event.uncertainty, event.murk, event.substeps = 0.0, 0.0, 0.0, 0.0, 0
     event.interpolation = 0.0
     event.row_before, event.row_after, event.direction = run.now[0].rows - 1, run.now[0].rows, -1
+    event.link = NO_LINK
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].reaction == k:
             event.detector = i

@@ -9,10 +9,9 @@ from xdynamics.march.calls import called
 from xdynamics.march.events.root_finding import kind_of
 from xdynamics.march.events.zero_tests import NONE, uncertainty
 from xdynamics.march.log import first_of_group
-from xdynamics.march.run import Run
+from xdynamics.march.run import NO_LINK, Run
 from xdynamics.model.detectors import GRIP, PULL, SLIP
 
-NO_LINK = -1  # of an event that is of no contact of many links
 STATE = 2  # of a row of the log, after time and step
 
 
