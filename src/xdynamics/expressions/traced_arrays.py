@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.fields import fields_in, of_rows
+from xdynamics.expressions.lines import lines_in
+from xdynamics.expressions.numpy_rules import of_rows
 from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError
@@ -83,7 +84,7 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
     InputError
         If it is none that can be traced.
     """
-    if fields_in((*arguments, *options.values())):
+    if lines_in((*arguments, *options.values())):
         return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):
         numbers = [_of_floats(value) for value in arguments]

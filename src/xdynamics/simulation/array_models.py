@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions import Call, Compare, Element, Name, Node, Number, text_of
-from xdynamics.expressions.fields import Field, Grid, IrregularError, moved
+from xdynamics.expressions.fields import Field, unknown
+from xdynamics.expressions.grid import Grid, IrregularError, moved
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
 from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
@@ -47,7 +48,7 @@ def array_sections(
     for whole in (True, False):
         grid = Grid(word, len(starts), leaf)
         tables = Substitution(grid if whole else None)
-        y = grid.whole() if whole else array_of([_element(grid, k, unit) for k in range(grid.size)])
+        y = unknown(grid) if whole else array_of([_element(grid, k, unit) for k in range(grid.size)])
         write = partial(_written_down, functions, tables, y, grid)
         try:
             written, given, parameters = with_arguments(write, functions[0], args, [word])
