@@ -15,6 +15,33 @@ from xdynamics.stability import surely_stable
 
 CHAINED = 1000
 
+CHAIN = """
+name = "A long chain"
+[dimensions]
+site = {n}
+[relations.spring]
+of = "site"
+neighbours = 1
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[parameters]
+m = "1 kg"
+k = "1 N m-1"
+A = "1 m"
+[mass]
+u = "m"
+[forces.springs]
+over = "spring"
+potential = "k*(second(u, spring) - first(u, spring))**2/2"
+[initial]
+u = "A*sin(2*pi*index(site)/1000)"
+v_u = "0*A/second"
+[run]
+method = "velocity_verlet"
+step = "0.05 s"
+until = "0.15 s"
+"""
+
 
 def drift(run: xr.Dataset, name: str) -> float:
     """The largest change of a quantity over its size at the start."""
@@ -105,3 +132,25 @@ def test_a_chain_is_stable_without_eigenvalues(step: float, sure: bool) -> None:
     assert surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step) is sure
     jacobian[CHAINED, CHAINED] = -0.1
     assert not surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step)
+
+
+def test_rows_longer_than_the_stack_holds() -> None:
+    """Assert that 150,000 sites of a chain are marched as NumPy marches them: arrays of a law this long are on the heap."""
+    n, steps, h = 150_000, 3, 0.05
+    model = xd.Model.from_text(CHAIN.format(n=n))
+    run = xd.simulate(model, log="states")
+    u, v = np.sin(2.0 * np.pi * np.arange(n) / 1000.0), np.zeros(n)
+
+    def force(u: np.ndarray) -> np.ndarray:
+        pull = np.diff(u)
+        return np.append(pull, 0.0) - np.append(0.0, pull)
+
+    a = force(u)
+    for _ in range(steps):
+        v = v + h / 2 * a
+        u = u + h * v
+        a = force(u)
+        v = v + h / 2 * a
+    assert run.sizes["step"] == steps + 1
+    assert np.abs(run.u.values[-1] - u).max() < 1e-13
+    assert np.abs(run.v_u.values[-1] - v).max() < 1e-13

@@ -158,3 +158,15 @@ def test_faults_of_arrays_are_named(fun: Any, said: str) -> None:
     """Assert one sentence for each."""
     with pytest.raises(xd.InputError, match=said):
         xd.solve(fun, (0, 1), bump(12))
+
+
+def test_a_shape_is_given_by_name() -> None:
+    """Assert `np.zeros(shape=…)`, of a row and of a few numbers."""
+
+    def decay(t: float, y: Any) -> Any:
+        a = np.zeros(shape=len(y))
+        a[:] = -y
+        return a
+
+    assert xd.solve(decay, (0, 1), np.ones(12), rtol=1e-8).y.values[-1] == pytest.approx(np.exp(-1.0), rel=1e-7)
+    assert float(xd.solve(decay, (0, 1), [1.0, 2.0], rtol=1e-8).y1[-1]) == pytest.approx(2.0 * np.exp(-1.0), rel=1e-7)

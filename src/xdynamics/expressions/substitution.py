@@ -102,10 +102,10 @@ class Substitution:
 
     def _made(self, maker: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Return a new array: a row, where arrays are traced as a whole and it fits."""
-        size = arguments[0][0] if isinstance(arguments[0], tuple) and len(arguments[0]) == 1 else arguments[0]
-        grid = self._grid
-        if maker in (np.array, np.asarray) and isinstance(arguments[0], Field):
-            return arguments[0].copy()
+        first, grid = arguments[0] if arguments else options.get("shape", options.get("object")), self._grid
+        size = first[0] if isinstance(first, tuple) and len(first) == 1 else first
+        if maker in (np.array, np.asarray) and isinstance(first, Field):
+            return first.copy()
         if grid and maker in (np.zeros, np.empty, np.ones) and isinstance(size, int) and 1 < size <= grid.size:
             return Field(grid, Traced(Number(float(maker is np.ones))), size)
         return _MAKERS[id(maker)](*arguments, **options)
