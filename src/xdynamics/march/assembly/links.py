@@ -83,12 +83,19 @@ def bound_leaf(run: Run, pattern: Run, leaf: int, place: int) -> None:
 
 
 @shared
-def gap_at(run: Run, state: State, t: float, k: int) -> float:
-    """The gap of a candidate at a state."""
+def candidate_at(run: Run, state: State, t: float, k: int) -> Run:
+    """Return the first pattern of a candidate, at a state."""
     c = run.candidates[k, ASSEMBLY]
     pattern = pattern_at(run.patterns[2 * c])
     gather(run, state, pattern.y, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
     pattern.at[T] = t
+    return pattern
+
+
+@shared
+def gap_at(run: Run, state: State, t: float, k: int) -> float:
+    """The gap of a candidate at a state."""
+    pattern = candidate_at(run, state, t, k)
     called(pattern.law[DETECT], pattern, pattern.y, pattern.g, 0)
     return float(pattern.g[0])
 
@@ -96,10 +103,7 @@ def gap_at(run: Run, state: State, t: float, k: int) -> float:
 @shared
 def rate_at(run: Run, state: State, t: float, k: int) -> float:
     """The rate of the gap of a candidate at a state."""
-    c = run.candidates[k, ASSEMBLY]
-    pattern = pattern_at(run.patterns[2 * c])
-    gather(run, state, pattern.y, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
-    pattern.at[T] = t
+    pattern = candidate_at(run, state, t, k)
     called(pattern.law[SLOPES], pattern, pattern.y, pattern.slopes, 0)
     return float(pattern.slopes[0])
 
