@@ -12,12 +12,20 @@ from cases.command_line import call
 from cases.problems import MODELS, ROOT
 from xdynamics.documenting.guide import SAID, STARTER, guide
 from xdynamics.documenting.shapes_page import MEANINGS, MODEL
+from xdynamics.expressions.lines import MOST_PIECES
 from xdynamics.expressions.parser import FORMS
+from xdynamics.expressions.reductions import LARGEST_DENSE, MOST_DIAGONALS
+from xdynamics.expressions.traced_arrays import LARGEST_SOLVED, MOST_KINKS
+from xdynamics.expressions.tracing import MOST_NODES
 from xdynamics.expressions.tree import ALONG, FUNCTIONS
 from xdynamics.model.grammar import SECTIONS
+from xdynamics.simulation.array_models import MOST_WRITTEN_OUT
+from xdynamics.simulation.scipy_interface import MOST_NAMED
 
 
-@pytest.mark.parametrize("topic", ["model", "language", "shapes", "units", "record", "cluster", "stores", *SECTIONS])
+@pytest.mark.parametrize(
+    "topic", ["model", "language", "shapes", "units", "record", "cluster", "files", "solve", "stores", *SECTIONS]
+)
 def test_topics(topic: str) -> None:
     """Assert that every topic has lines, and each section all its keys with what they take."""
     done = call("help", topic)
@@ -35,6 +43,14 @@ def test_the_guide_knows_the_language() -> None:
     assert "topics" in call("help").output
     done = call("help", "drive")
     assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
+
+
+def test_the_page_on_solve_has_its_limits() -> None:
+    """Assert that the numbers that the page names are those that are kept to."""
+    limits = (MOST_NODES, MOST_WRITTEN_OUT, MOST_NAMED, MOST_KINKS, LARGEST_SOLVED, MOST_DIAGONALS, MOST_PIECES)
+    named = [line.split()[0] for line in guide("solve") if line.split()[0].isdigit()]
+    assert named == [*map(str, limits)]
+    assert f"{LARGEST_DENSE} rows at most" in "\n".join(guide("solve"))
 
 
 def test_the_page_on_shapes_is_true() -> None:

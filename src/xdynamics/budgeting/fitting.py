@@ -45,6 +45,7 @@ def fit(
     *,
     bounds: Mapping[str, Sequence[Any]] | None = None,
     gaps: str = "refuse",
+    reading: Mapping[str, Any] | None = None,
     starts: int = STARTS,
     seed: int = 0,
     compute: bool = True,
@@ -63,6 +64,8 @@ def fit(
     gaps : {"refuse", "skip"}
         Whether rows of the data in which a number is missing are refused or skipped; columns that the model does not
         have are skipped.
+    reading : mapping, optional
+        How a file is read that does not say it, as for `compare`.
     bounds : mapping of str to (lowest, highest), optional
         ``{"k": ("0 N m-1", "10 N m-1")}``.
     starts : int
@@ -127,6 +130,7 @@ def fit(
         data,
         parameters,
         gaps,
+        reading,
         {name: plain(name, entry) for name, entry in settings.items() if entry is not None},
     )
     start = np.array([asked.declared(name).value for name in asked.names])
@@ -150,7 +154,7 @@ def fit(
     return evidence
 
 
-def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str, Any]) -> Asked:
+def _asked(model: Any, data: Any, parameters: Any, gaps: str, reading: Any, settings: dict[str, Any]) -> Asked:
     """Check the arguments of a fit against model and data."""
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
@@ -164,7 +168,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, settings: dict[str
     for name in names:
         if name not in available:
             raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
-    table = measured(data, comparable(model), gaps, model.time_unit, model.shapes)
+    table = measured(data, comparable(model), gaps, model.time_unit, model.shapes, reading)
     march_settings = settings_for(model, **settings)
     columns = {
         column.variable.name: column.variable.units

@@ -111,7 +111,7 @@ class Declared:
             raise InputError(
                 f"term '{self.name}' is of {description}, and the budget of {target.description}: propagate it there first"
             )
-        size = self.standard if isinstance(self.standard, Quantity) else parse_quantity(self.standard)
+        size = self.standard if isinstance(self.standard, Quantity) else parse_quantity(self.standard, difference=True)
         if size.unit.dimension != unit.dimension:
             raise InputError(f"term '{self.name}' is {size}, and {target.description} has the unit '{unit.text}'")
         if self.kind not in KINDS:

@@ -11,6 +11,7 @@ import click
 from xdynamics.cli.clustering import clustered, made
 from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
+from xdynamics.cli.measuring import measured_data, reading_of, without
 from xdynamics.cli.settings import OF_RECORDS, asked, settings
 from xdynamics.cli.sweeping import ends_of
 from xdynamics.keywords import KEYWORDS
@@ -153,7 +154,7 @@ def _evidence(
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.argument("data", metavar="DATA.csv")
+@click.argument("data", metavar="DATA")
 @click.option(
     "--parameter",
     "parameters",
@@ -172,12 +173,7 @@ def _evidence(
     help="The most searches; the first whose residuals are no more than noise is the last.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of randomly drawn starting points.")
-@click.option(
-    "--gaps",
-    type=click.Choice(["refuse", "skip"]),
-    default="refuse",
-    help="What to do with rows in which a number is missing.",
-)
+@measured_data
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @settings(without=OF_RECORDS)
@@ -213,9 +209,10 @@ def fit(
         parameters,
         bounds=ends_of(bounds, "--bounds"),
         gaps=gaps,
+        reading=reading_of(named),
         starts=starts,
         seed=seed,
-        **asked(named),
+        **asked(without(named)),
     )
     if output:
         archive.save(result, output)

@@ -10,6 +10,7 @@ import click
 from xdynamics.cli.clustering import clustered, made
 from xdynamics.cli.command import BADLY, DONE, main, say
 from xdynamics.cli.marching import changed_model
+from xdynamics.cli.measuring import TABLES, measured_data, reading_of
 from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
 
 if TYPE_CHECKING:
@@ -223,32 +224,30 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
 
 @main.command()
 @click.argument("first", metavar="RUN.nc")
-@click.argument("second", metavar="OTHER.nc|DATA.csv")
+@click.argument("second", metavar="OTHER.nc|DATA")
 @click.option(
     "--at", "times", multiple=True, metavar="TIME", help="A time at which to compare; by default every accepted step."
 )
-@click.option(
-    "--gaps",
-    type=click.Choice(["refuse", "skip"]),
-    default="refuse",
-    help="What to do with rows in which a number is missing.",
-)
+@measured_data
 @click.option("-o", "--output", metavar="C.nc", help="Where to write the comparison.")
-def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None) -> None:
+def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None, **named: Any) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
+
+    Data are a table, a file of an instrument, a workbook or a netCDF file: `xdynamics help files`.
 
     Exit code 1 if two runs are not the same, bit for bit.
     """
     from xdynamics.archive import open_run
     from xdynamics.evidence.comparing.comparison import compare as compared
     from xdynamics.evidence.comparing.comparison_summary import lines_of
+    from xdynamics.evidence.comparing.measured import is_foreign
     from xdynamics.record.flag_words import time_unit
     from xdynamics.units import time_in
 
     _check(output)
-    other = second if second.lower().endswith((".csv", ".txt", ".tsv")) else open_run(second)
+    other = second if second.lower().endswith(TABLES) or is_foreign(second) else open_run(second)
     run = open_run(first)
     at = [time_in(time_unit(run), text, "--at") for text in times] or None
-    table = compared(run, other, at, gaps=gaps)
+    table = compared(run, other, at, gaps=gaps, reading=reading_of(named))
     _kept(table, lines_of, output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

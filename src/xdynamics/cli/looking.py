@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
     from xdynamics.methods import Method
 
+MORE = (
+    "`xdynamics methods NAME` describes one: its equations, where they stand in the literature, how long a step may be."
+)
+
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
@@ -84,7 +88,11 @@ def _size(text: str | None) -> tuple[float, float] | None:
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 @click.option(
-    "-o", "--output", required=True, metavar="FILM", help="The film to write: GIF, or MP4 if ffmpeg is installed."
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILM",
+    help="The film to write: GIF, HTML with a slider, or MP4 if ffmpeg is installed.",
 )
 @click.option("--seconds", type=float, help="Duration of the film in seconds.")
 @click.option("--trail", type=float, help="Length of the trail, in the run's own time.")
@@ -126,30 +134,19 @@ def methods(name: str | None) -> None:
     from xdynamics.methods import METHODS
 
     if name is None:
-        say(_table(METHODS.values()))
+        say([*repr(METHODS).splitlines(), MORE])
     elif name in METHODS:
         say(_page(METHODS[name]))
     else:
         raise InputError(f"there is no method '{name}'; there are {', '.join(METHODS)}")
 
 
-def _table(listed: Iterable[Method]) -> Iterable[str]:
-    """Yield a line for each method, under a header."""
-    yield f"{'method':26}order  kind                       evaluations  estimate   refuses"
-    for method in listed:
-        work = f"{method.evaluations} {'an iteration' if method.solves else 'a step'}"
-        estimate = f"order {method.estimate_order}" if method.estimate else "doubling"
-        refused = ", ".join(method.refuses) or "nothing"
-        yield f"{method.name:26}{method.order:5}  {_kind(method):25}  {work:>11}  {estimate:9}  {refused}"
-    yield (
-        "`xdynamics methods NAME` describes one: its equations, where they stand in the literature, how long a step may be."
-    )
-
-
 def _page(method: Method) -> Iterable[str]:
     """Yield all that is known of a method."""
+    from xdynamics.methods.table import kind_of
+
     work = "an iteration" if method.solves else "a step"
-    yield f"{method.name}: order {method.order}, {_kind(method)}, {method.evaluations} force evaluations {work}"
+    yield f"{method.name}: order {method.order}, {kind_of(method)}, {method.evaluations} force evaluations {work}"
     yield f"    update    {method.equations()}"
     yield f"    in words  {method.words}"
     yield (
@@ -164,19 +161,6 @@ def _page(method: Method) -> Iterable[str]:
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
     yield f"    also      {', '.join(method.synonyms) or 'no other name'}"
     yield f"    source    {method.reference}"
-
-
-def _kind(method: Method) -> str:
-    return (
-        ", ".join(
-            [
-                *["symplectic"] * method.symplectic,
-                *["symmetric"] * method.symmetric,
-                *["implicit"] * bool(method.solves),
-            ]
-        )
-        or "plain"
-    )
 
 
 def _limits(method: Method) -> Iterable[str]:

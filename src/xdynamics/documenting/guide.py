@@ -107,6 +107,46 @@ method = "dop853"
 rtol = 1e-9
 until = "20 s"
 """
+FILES = """\
+A drive, `compare` and `fit` read tables: a header with names and units, rows of numbers; commas, semicolons, tabs.
+  time [ms],x [mm],u(x) [mm]      also  time (ms);x (mm)  and  time/ms, with decimal commas where cells are not split by commas
+  u(x) is the standard uncertainty of x row by row, u_common(x) one that all rows share. Columns nobody asks for may be anything.
+Files of instruments are read as they come:
+  phyphox      exports of the phone (CSV or Excel): column = "Acceleration x"
+  Vernier      "Data Set 1:Position(m)" or "Latest: Position (m)": column = "Position"; the first data set is taken
+  Tracker      a line with the track's name, then t, x, y without units: units = { t = "s", x = "m" }
+  oscilloscope Tektronix (TDS, MDO, MSO, DPO), Siglent, Rigol, PicoScope: column = "CH1"
+  RASP         *.eng, thrust of a rocket motor; its first point (0, 0) is added
+  Excel        *.xlsx, the first sheet with two rows or more (pip install 'xdynamics[excel]')
+  netCDF       a file, or a Dataset or DataArray of xarray, with `units`; u_x for the uncertainty of x; dates count from the first
+What a file does not say is said by keys of the drive, by reading={...} in Python, by options of compare and fit:
+  skip       --skip 3                      lines before the header
+  header     --header "t [s],x [mm]"       titles, one for each column, in the place of the file's own
+  units      --units t=s --units x=mm      of columns whose titles have none
+  time_zero  --time-zero 2.5s | first      what times are counted from
+  decimal    --decimal ,                   where it cannot be found
+  gaps       --gaps skip                   leaves out rows in which a number that is needed is missing
+What was read is kept in the model and its archives as a plain table, whose first line says what it was made of.
+Units are spelled as they are found: m/s², m/s^2, µm, °/s, kΩ. Of values in °C 273.15 K is added; of uncertainties not.
+"""
+SOLVE = """\
+xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_ivp takes, and returns a run.
+  run = xd.solve(lambda t, y, m: [y[1], m*(1 - y[0]**2)*y[1] - y[0]], (0, 20), [2, 0], args=(1.5,), rtol=1e-9)
+  run.dynamics.solution           t, y, sol(t), t_events, y_events, status, message, as scipy has them
+fun is called once, with symbols, and what it does to them is written down as expressions. So it may use
+  + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside, np.interp, np.sum, np.dot, @,
+  np.linalg.solve, np.zeros(n) and assignment to its elements, slices, np.roll, loops over range, functions of yours.
+It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact.
+What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary.
+Limits, beyond which the message names what to write in its place:
+  200000     operations that one function may write down
+  300        elements of arrays with two axes, each written out with an expression of its own
+  10         numbers that get a name each; of more, an array whose rule is the same along it becomes one quantity with a dimension
+  40         points of np.interp at an expression of the state; over t a table of any length is a drive
+  6          unknowns of np.linalg.solve
+  12         diagonals of a matrix that multiplies a long array; a dense matrix has 200 rows at most
+  30         pieces of a long array that have rules of their own, such as its ends
+"""
 CLUSTER = """\
 sweep, refine, budget, validate and certify march many runs. Where they march changes no bit of a result.
 threads: nothing to type. dask's threads are used in Python (DASK_NUM_WORKERS=4 sets how many):
@@ -148,6 +188,8 @@ def guide(topic: str | None) -> Iterator[str]:
         "units": _units,
         "record": _record,
         "cluster": CLUSTER.splitlines,
+        "solve": SOLVE.splitlines,
+        "files": FILES.splitlines,
         "stores": lambda: STORES,
         **{name: partial(_section, name) for name in SECTIONS},
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,8 @@ from xdynamics.documenting.summary import summary
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError, numbered
 from xdynamics.figures import plot
+from xdynamics.record.unmarched import is_unmarched
+from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,12 +74,12 @@ def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[st
     faults: dict[str, str] = {}
     with _progress():
         try:
-            results: list[xr.Dataset | None] = [*computed(*stages)]
+            results: list[xr.Dataset | None] = _computed_stages(stages)
         except Exception:  # noqa: BLE001 - of any stage: the others are computed by themselves, what was marched is remembered
             results = []
             for (name, key), stage in zip(places, stages, strict=True):
                 try:
-                    results += computed(stage)
+                    results += _computed_stages([stage])
                 except Exception as error:  # noqa: BLE001 - as above
                     results.append(None)
                     faults[" ".join(filter(None, (name, key)))] = str(error) or type(error).__name__
@@ -90,6 +92,13 @@ def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[st
         elif result is not None:
             whole[name] = result
     return whole, faults
+
+
+def _computed_stages(records: Sequence[xr.Dataset]) -> list[xr.Dataset | None]:
+    """Compute stages in one graph; a run in chunks of a file stays as it is, to be drawn and written chunk by chunk."""
+    wanted = [record for record in records if EVIDENCE in record.attrs or is_unmarched(record)]
+    results = iter(computed(*wanted))
+    return [next(results) if EVIDENCE in record.attrs or is_unmarched(record) else record for record in records]
 
 
 @contextmanager

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
 from xdynamics.faults import InputError, Ledger
-from xdynamics.units import Unit, parse_unit
+from xdynamics.units import Scale, Unit, parse_scale
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
 COMMENTS = ("#", "%", "//")
 MOST_FAULTS = 20  # of a table, listed in an error
 SHOWN = 24  # characters of a cell that an error shows
 LONGEST_HEADER = 10_000
+OF_UNCERTAINTIES = ("u(", "u_common(")
 
 # name [unit], name (unit), name / unit; the parentheses of u(name), u_common(name) belong to the name
 _TITLES = tuple(
@@ -38,6 +39,11 @@ class Title:
 
     name: str
     unit: Unit
+    scale: Scale
+
+    def number(self, written: float) -> float:
+        """Return a number of the column in its unit; an offset, as of °C, is of values and not of their uncertainties."""
+        return (self.scale.difference if self.name.startswith(OF_UNCERTAINTIES) else self.scale.value)(written)
 
 
 @dataclass(frozen=True)
@@ -91,24 +97,41 @@ class Sheet:
         """How the table was read, for messages."""
         return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
 
-    def titles(self) -> tuple[Title, ...]:
-        """Read names and units of the columns.
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, whether they have units or not."""
+        return [name_of_title(cell) for cell in self.header]
+
+    def titles(self, places: Sequence[int] | None = None) -> tuple[Title, ...]:
+        """Read names and units of some columns, or of all.
 
         Raises
         ------
         InputError
-            With every column without a readable unit, and every name that occurs twice.
+            With every one of them without a readable unit, and every name that another column has too; with the first
+            lines of the file, and the keys that say how it is to be read.
         """
         ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.layout})")
-        columns = []
-        for cell in self.header:
-            with ledger.entry(f"column {shown(cell)}"):
-                columns.append(title(cell))
-        names = [one.name for one in columns]
-        for one in sorted({name for name in names if names.count(name) > 1}):
-            ledger.note(f"two columns are called {shown(one)}")
+        columns, names = [], self.names
+        for k in range(len(self.header)) if places is None else places:
+            with ledger.entry(f"column {shown(self.header[k])}"):
+                columns.append(title(self.header[k]))
+                if names.count(columns[-1].name) > 1:
+                    raise InputError(f"two columns are called {shown(columns[-1].name)}")
+        if ledger.faults:
+            ledger.note(self.beginning)
         ledger.raise_faults()
         return tuple(columns)
+
+    @property
+    def beginning(self) -> str:
+        """The first lines, cut short, and the keys that say how a file is to be read."""
+        first = [self.header, *(cells for _, cells in self.lines[:2])]
+        lines = " / ".join(shown(self.separator.join(cells)) for cells in first)
+        return (
+            f"it begins {lines}; how it is to be read is said by skip = 1 (lines before the header), header ="
+            ' ["t [s]", "x [m]"], units = { t = "s", x = "m" } or decimal = ","'
+        )
 
     def numbers(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
         """Read the numbers of some columns, with the number of each line.
@@ -125,10 +148,13 @@ class Sheet:
             With every line that cannot be read as finite numbers.
         """
         ledger = Ledger(f"table '{self.name}' ({self.layout})")
+        scales = [self._scale(k) for k in columns]
         rows: list[tuple[int, tuple[float, ...]]] = []
-        for number, cells in self.lines:
+        for number, written_cells in self.lines:
             if len(ledger.faults) >= MOST_FAULTS:
                 break
+            further = any(written_cells[len(self.header) :])
+            cells = written_cells if further else written_cells[: len(self.header)]
             if len(cells) != len(self.header):
                 ledger.note(
                     f"line {number}, {shown(cells[0])} …, has {len(cells)} cells, the header {len(self.header)}"
@@ -148,7 +174,7 @@ class Sheet:
             if wrong := [cell for cell, value in zip(selected, parsed, strict=True) if value is None]:
                 ledger.note(f"line {number}: {shown(wrong[0])} is no number")
                 continue
-            row = tuple(value for value in parsed if value is not None)
+            row = tuple(of(value) for of, value in zip(scales, parsed, strict=True) if value is not None)
             if infinite := [cell for cell, value in zip(selected, row, strict=True) if not isfinite(value)]:
                 ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
                 continue
@@ -156,14 +182,15 @@ class Sheet:
         ledger.raise_faults()
         return rows
 
-    def _number(self, cell: str) -> float | None:
-        if self.decimal == ",":
-            cell = cell.replace(",", ".")
+    def _scale(self, column: int) -> Callable[[float], float]:
+        """Return what a number of a column is in the column's unit; of one without a unit, itself."""
         try:
-            value = float(cell)
-        except ValueError:
-            return None
-        return value if _PLAIN.fullmatch(cell) else None
+            return title(self.header[column]).number
+        except InputError:
+            return lambda value: value
+
+    def _number(self, cell: str) -> float | None:
+        return number_of(cell.replace(",", ".") if self.decimal == "," else cell)
 
 
 def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
@@ -195,8 +222,29 @@ def title(cell: str) -> Title:
     """
     for pattern in _TITLES:
         if match := pattern.fullmatch(cell):
-            return Title(match["name"], parse_unit(match["unit"].strip() or "1"))
+            scale = parse_scale(match["unit"].strip() or "1")
+            return Title(match["name"], scale.unit, scale)
     raise InputError("it has no unit; write it like 'time [s]', of a pure number 'count [1]'")
+
+
+def name_of_title(cell: str) -> str:
+    """Return the name of a column, whether its title has a readable unit or not.
+
+    Examples
+    --------
+    >>> [name_of_title(cell) for cell in ("u(x) (mm)", "light (lx)", "note", "Time/ms")]
+    ['u(x)', 'light', 'note', 'Time']
+    """
+    return next((match["name"] for pattern in _TITLES if (match := pattern.fullmatch(cell))), cell.strip())
+
+
+def number_of(cell: str) -> float | None:
+    """Return the number that a cell with a decimal point is, None if it is none."""
+    try:
+        value = float(cell)
+    except ValueError:
+        return None
+    return value if _PLAIN.fullmatch(cell) else None
 
 
 def shown(cell: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
@@ -74,8 +74,9 @@ class Table:
             If the text is faulty; with the line number of every fault, and only the beginning of a cell.
         """
         sheet = Sheet.of(name, text)
-        titles = sheet.titles()
-        places = _value_columns(sheet, titles, column)
+        places = _value_columns(sheet, column)
+        titles = dict(zip(places.values(), sheet.titles([*places.values()]), strict=True))
+        _check_doubts(sheet, places, titles)
         rows = sheet.numbers([*places.values()], skip=gaps == SKIP)
         _check_rows(sheet, rows)
         units = {word: titles[k].unit for word, k in places.items()}
@@ -142,16 +143,16 @@ def doubts_of(name: str, names: Sequence[str]) -> dict[str, int]:
     return {word: names.index(header) for word, header in headers.items() if header in names}
 
 
-def _value_columns(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict[str, int]:
-    """Return the column indices of argument, values, and uncertainties if any."""
-    names = [title.name for title in titles]
+def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
+    """Return the column indices of argument, values, and uncertainties if any; other columns may be anything."""
+    names = sheet.names
     doubts = {header.format(name) for name in names for header in DOUBTS.values()}
-    values = [k for k, name in enumerate(names) if k and name not in doubts]
+    values = [k for k, name in enumerate(names) if k and name and name not in doubts]
     if column:
         matching = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
         if not matching:
             raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.layout}")
-        values = matching
+        values = matching[:1]
     if len(values) != 1:
         problem = (
             f'{len(values)} columns of values: say which with column = "{names[values[0]]}"'
@@ -161,16 +162,20 @@ def _value_columns(sheet: Sheet, titles: tuple[Title, ...], column: str) -> dict
         raise InputError(
             f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.layout}, and needs two with"
             " units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value,"
-            " 'u_common(thrust) [N]' of all together"
+            f" 'u_common(thrust) [N]' of all together; {sheet.beginning}"
         )
-    value_title, doubt_places = titles[values[0]], doubts_of(names[values[0]], names)
-    for place in doubt_places.values():
-        if titles[place].unit.dimension != value_title.unit.dimension:
+    return {ARGUMENT: 0, VALUE: values[0]} | doubts_of(names[values[0]], names)
+
+
+def _check_doubts(sheet: Sheet, places: Mapping[str, int], titles: Mapping[int, Title]) -> None:
+    """Refuse uncertainties in another kind of unit than the values."""
+    unit = titles[places[VALUE]].unit
+    for word, place in places.items():
+        if word in DOUBTS and titles[place].unit.dimension != unit.dimension:
             raise InputError(
                 f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the"
-                f" values in '{value_title.unit.text}'"
+                f" values in '{unit.text}'"
             )
-    return {ARGUMENT: 0, VALUE: values[0]} | doubt_places
 
 
 def _check_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> None:

@@ -10,6 +10,8 @@ from xdynamics.expressions import Node, text_of
 from xdynamics.faults import InputError
 from xdynamics.model.arrays import dims_key
 from xdynamics.model.drives import REFUSE, Table
+from xdynamics.model.instruments import KEYS as READING_KEYS
+from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Contact, Drive, Event, Friction, Function, Observable, Parameter, Validation
 from xdynamics.model.python_tables import tabled
@@ -88,7 +90,10 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
         return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
     if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {file!r} must be the name of a CSV file")
-    return {**entry, "table": file, "csv": entry["csv"] if "csv" in entry else source.access.text_of(file)}
+    text = entry["csv"] if "csv" in entry else source.access.text_of(file)
+    said = {key: value for key, value in entry.items() if key in READING_KEYS}
+    rest = {key: value for key, value in entry.items() if key not in READING_KEYS}
+    return {**rest, "table": file, "csv": as_table(file, text, Reading.of(said))}
 
 
 def columns_of_drive(name: str, dims: tuple[str, ...], shapes: Shapes) -> list[str]:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
+from xdynamics.model.workbook import text_of_workbook
 from xdynamics.runtime.files import decoded, read_bounded
 
 LARGEST_TABLE = 10_000_000  # bytes
+WORKBOOK = ".xlsx"
 
 # a file's own folder and below; any file; no file, as the tables are part of the text
 BELOW, ANYWHERE, EMBEDDED = "below", "anywhere", "embedded"
@@ -48,11 +50,16 @@ class FileAccess:
         if self.tables == BELOW:
             path = self._below(name)
         try:
-            return decoded(read_bounded(path, LARGEST_TABLE))
+            content = read_bounded(path, LARGEST_TABLE)
+            return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else decoded(content)
         except InputError as error:
             why = str(error)
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
-            why = error.strerror if isinstance(error, OSError) and error.strerror else "it is no UTF-8 text"
+            why = (
+                error.strerror
+                if isinstance(error, OSError) and error.strerror
+                else "it is no UTF-8 text (save it so, as CSV)"
+            )
         raise InputError(f"table {str(self.folder / name)!r} cannot be read: {why}")
 
     def _below(self, name: str) -> Path:

@@ -86,6 +86,19 @@ TABLED = (
     Key("columns", raw("list of names"), "of the table: one for each element along a second dimension", "column"),
     Key("csv", raw("text"), "the table itself, in the place of the file", "the file"),
 )  # fmt: skip
+READING = (
+    Key("skip", raw("whole number"), "of a file of an instrument, lines before its header", "found", kept=False),
+    Key(
+        "header",
+        raw("list of titles"),
+        'with units, in the place of the file\'s own: ["t [s]", "x [mm]"]',
+        "the file's",
+        kept=False,
+    ),
+    Key("units", raw("table of units"), "of columns whose titles have none", "none", kept=False),
+    Key("time_zero", raw('time | "first"'), "what the times are counted from", "0", kept=False),
+    Key("decimal", words(".", ","), "decimal mark", "found", kept=False),
+)
 OF_EVENTS = (
     Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
@@ -203,18 +216,21 @@ SECTIONS: dict[str, Section] = {
     "drives": Section(
         "measured tables, which expressions read by name", "drive",
         (
-            Key("table", name_of("a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
+            Key("table", name_of("a file"), "a CSV beside the model, whose header has units, time [s],pull [N], u(pull) [N] for standard uncertainties of rows that are independent, u_common(pull) [N] for one that is common to all rows (a calibration); commas, semicolons or tabs; or a file of an instrument (`xdynamics help files`); in Python also a DataFrame, a DataArray, or a mapping of headers to arrays", "needed without csv", "table.name"),
             Key("argument", name_of("t, a coordinate or a velocity"), "what it is measured over", "t"),
             Key("interpolation", words(*INTERPOLATIONS), "between its points", "linear"),
             Key("outside", words(*OUTSIDE), "beyond its ends", "error"),
             Key("column", name_of("a column, or its whole header"), "of the values, where a table has several columns of them", "the only one", "table.column", ""),
             Key("gaps", words(*GAPS), "lines in which a number is missing", "refuse", "table.gaps", REFUSE),
+            *READING,
             Key("csv", CSV, "the table itself, in the place of the file", "the file", "table.text"),
             DIMS,
             DESCRIPTION,
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
         '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n'
+        '[drives.swing]\ntable = "tracked.txt"\ncsv = "mass A\\nt;y\\n2,0;1,5\\n2,1;1,6\\n"\nskip = 1\nunits = { t = "s", y = "mm" }\ntime_zero = "2 s"\ndecimal = ","\n'
+        '[drives.scope]\ntable = "scope.txt"\ncsv = "0 1\\n1 2\\n"\nheader = ["t [s]", "CH1 [V]"]\n'
         '[drives.bath]\ntable = "bath.csv"\ncsv = "t [s],left [K],middle [K],right [K]\\n0,290,291,292\\n9,300,300,300\\n"\ndims = ["bead"]\n',
         full=entries.drive_table, make=entries.drive, apart=True,
     ),

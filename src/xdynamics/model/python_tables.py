@@ -7,6 +7,7 @@ from typing import Any
 
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import shown, written
+from xdynamics.units import SECONDS, parse_unit
 
 
 def tabled(owner: str, table: Any) -> str:
@@ -16,9 +17,10 @@ def tabled(owner: str, table: Any) -> str:
     ----------
     owner : str
         The drive.
-    given : DataFrame, DataArray or mapping
+    table : DataFrame, DataArray, Dataset or mapping
         Columns by headers with units, ``{"t [s]": times, "pull [N]": values}``; or a DataArray along one dimension, with
-        the attribute `units` on itself and on its coordinate.
+        the attribute `units` on itself and on its coordinate; or a Dataset of several, with `u_pull` for the uncertainty
+        of `pull`. Dates along it are counted from the first, in seconds.
 
     Raises
     ------
@@ -39,15 +41,58 @@ def tabled(owner: str, table: Any) -> str:
 
 
 def _columns(owner: str, table: Any) -> dict[str, Any]:
-    """Return the columns of a DataArray."""
-    if len(table.dims) != 1:
+    """Return the columns of a DataArray, or of a Dataset: the coordinate, then the variables along it that have units."""
+    whole = hasattr(table, "data_vars")
+    if not whole and len(table.dims) != 1:
         raise InputError(f"table has the dims {table.dims}, needs one, along which it was measured")
-    dim = str(table.dims[0])
+    arrays = (
+        {str(name): array for name, array in table.data_vars.items()} if whole else {str(table.name or owner): table}
+    )
+    arrays = {
+        name: array for name, array in arrays.items() if len(array.dims) == 1 and (not whole or "units" in array.attrs)
+    }
+    dims = {array.dims[0] for array in arrays.values()}
+    if len(dims) != 1:
+        raise InputError(
+            f"the Dataset has {len(arrays)} variables with units along {len(dims)} dimensions, needs one dimension: set their"
+            " attribute 'units', or give one as a DataArray"
+        )
+    dim = str(dims.pop())
     coordinate = next((array for name, array in table.coords.items() if array.dims == (dim,)), None)
     if coordinate is None:
         raise InputError(f"table has no coordinate along '{dim}' that says where it was measured")
-    for what, array in ((f"coordinate '{coordinate.name}'", coordinate), ("table", table)):
-        if "units" not in array.attrs:
+    columns = {}
+    for what, name, array in (
+        (f"coordinate '{coordinate.name}'", str(coordinate.name), coordinate),
+        *((f"variable '{name}'" if whole else "table", name, array) for name, array in arrays.items()),
+    ):
+        stamped = stamps(array)
+        if stamped is None and "units" not in array.attrs:
             raise InputError(f"{what} has no units; set its attribute 'units'")
-    names = f"{coordinate.name} [{coordinate.attrs['units']}]", f"{table.name or owner} [{table.attrs['units']}]"
-    return dict(zip(names, (coordinate.values, table.values), strict=True))
+        key = f"u({name[2:]})" if whole and name.startswith("u_") and name[2:] in arrays else name
+        columns[f"{key} [{array.attrs['units'] if stamped is None else SECONDS.text}]"] = (
+            array.values if stamped is None else stamped[0]
+        )
+    return columns
+
+
+def stamps(array: Any) -> tuple[Any, str] | None:
+    """Return dates, times since a date, or time differences, in seconds, with the stamp that is zero; None if it is none.
+
+    CF's time is a number with the unit ``seconds since 2024-05-01``, which xarray decodes (CF conventions 1.11, section
+    4.4); a motion is counted from the first stamp.
+    """
+    import numpy as np
+
+    values, second = np.asarray(array.values), np.timedelta64(10**9, "ns")
+    if values.dtype.kind == "m":
+        return values / second, ""
+    if values.dtype.kind == "M":
+        return (values - values[0]) / second, str(values[0])
+    unit, since, date = str(array.attrs.get("units", "")).partition(" since ")
+    if not since:
+        return None
+    factor = parse_unit(unit.strip())
+    return np.array(
+        [factor.to_si(float(value - values[0])) for value in values.tolist()]
+    ), f"{values[0]} {unit} since {date}"

@@ -33,6 +33,8 @@ class Key:
         The attribute of the part that it is written from, if that has another name.
     omitted : object
         The value that is not written, if that is another than the kind's.
+    kept : bool
+        Whether it is written again; of a key that says how a file is read, the text that was read is.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Key:
     default: str = ""
     field: str = ""
     omitted: Any = _OF_KIND
+    kept: bool = True
 
     @property
     def takes(self) -> str:
@@ -151,6 +154,8 @@ class Section:
             return brief
         body: dict[str, Any] = {}
         for key in self.keys:
+            if not key.kept:
+                continue
             value = key.value_of(part)
             if key.is_open:
                 body |= {name: key.kind.write(item, time) for name, item in value.items()}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.table_keys import choice
-from xdynamics.units import Quantity, parse_quantity
+from xdynamics.units import Quantity, parse_quantity, unit_text
 
 NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
 DISTRIBUTIONS = (NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT)
@@ -100,8 +100,8 @@ def parted(text: Any) -> tuple[str, str] | None:
     if not isinstance(text, str) or (match := _BETWEEN.search(text)) is None:
         return None
     value, size = text[: match.start()].strip(), text[match.end() :].strip()
-    unit = parse_quantity(size).unit.text
-    return f"{value} {unit}", size
+    parse_quantity(size)
+    return f"{value} {unit_text(size) or 1}", size
 
 
 def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
@@ -127,7 +127,7 @@ def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:
 
 
 def _size(written: Any, key: str, value: Quantity) -> Quantity:
-    size = parse_quantity(written)
+    size = parse_quantity(written, difference=True)
     if size.unit.text == "1":
         size = Quantity(size.value, value.unit)
     if size.value < 0:

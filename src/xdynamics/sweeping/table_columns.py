@@ -10,6 +10,7 @@ from pathlib import Path
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import doubts_of
+from xdynamics.model.instruments import as_table
 from xdynamics.runtime.files import decoded, read_bounded
 
 LARGEST = 50_000_000  # bytes
@@ -60,7 +61,7 @@ def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str
 
 
 def _sheet(path: Path) -> Sheet:
-    return Sheet.of(str(path), text_of(path))
+    return Sheet.of(str(path), as_table(path.name, text_of(path)))
 
 
 def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:

@@ -7,13 +7,23 @@ Text is taken apart here, under limits. Conversion factors are exact fractions, 
 from xdynamics.units.dimension import BASE, ENERGY, NONE, TIME, Dimension
 from xdynamics.units.names import CONSTANTS, PREFIX, SPELLING
 from xdynamics.units.ranges import Range, is_range
-from xdynamics.units.reading import constant, parse_quantity, parse_time, parse_unit, quotient, time_in
+from xdynamics.units.reading import (
+    Scale,
+    constant,
+    parse_quantity,
+    parse_scale,
+    parse_time,
+    parse_unit,
+    quotient,
+    time_in,
+    unit_text,
+)
 from xdynamics.units.scales import UNSCALED, Scales
 from xdynamics.units.spelling import coherent, spell
 from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, unit_suffix
 
 __all__ = [
     "BASE", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
-    "Range", "Scales", "Unit", "coherent", "constant", "is_range", "parse_quantity", "parse_time", "parse_unit", "quotient",
-    "spell", "time_in", "unit_suffix",
+    "Range", "Scale", "Scales", "Unit", "coherent", "constant", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
+    "spell", "time_in", "unit_suffix", "unit_text",
 ]  # fmt: skip

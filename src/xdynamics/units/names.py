@@ -12,19 +12,19 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import COHERENT, NONE, TIME, Dimension, base_powers
 
-# pint's name of a unit -> how UDUNITS spells it, where both mean the same size (a year and an electronvolt
-# differ); a unit outside this table has no place in a record
+# pint's name of a unit -> how UDUNITS spells it, where both mean the same size (an electronvolt differs; a year of
+# UDUNITS is the tropical one, pint's its Julian_year); a unit outside this table has no place in a record
 SPELLING = {
     "meter": "m", "gram": "g", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
     "radian": "rad", "degree": "degree", "newton": "N", "joule": "J", "watt": "W", "pascal": "Pa", "hertz": "Hz",
     "volt": "V", "coulomb": "C", "ohm": "ohm", "farad": "F", "tesla": "T", "weber": "Wb", "henry": "H",
-    "siemens": "S", "minute": "min", "hour": "h", "day": "d", "liter": "L", "bar": "bar",
+    "siemens": "S", "minute": "min", "hour": "h", "day": "d", "year": "Julian_year", "liter": "L", "bar": "bar",
     "astronomical_unit": "astronomical_unit", "inch": "inch", "foot": "foot", "mile": "mile",
     "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
 }  # fmt: skip
 PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
           "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f"}  # fmt: skip
-NO_PREFIX = ("minute", "hour", "day", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
+NO_PREFIX = ("minute", "hour", "day", "year", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton",
              "astronomical_unit")  # fmt: skip
 # unit names that are constants of the expression language: no number there is without a unit
 CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin", "mole", "candela", "radian",
@@ -46,6 +46,7 @@ _FACTORS = {
     "ms": (TIME, Fraction(1, 1000)),
     "cm": (base_powers(m=1), Fraction(1, 100)),
     "km": (base_powers(m=1), Fraction(1000)),
+    "Julian_year": (TIME, Fraction(31_557_600)),
 }
 
 

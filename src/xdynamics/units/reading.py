@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
@@ -19,11 +20,60 @@ LARGEST_EXPONENT = 16
 
 _FACTOR = re.compile(r"1(?![\d^*])|(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)?(?P<exponent>[+-]?[0-9]{1,3}))?")
 _BETWEEN = re.compile(r"\s*(?P<by>/|\*(?!\*)|\.|\s)\s*")
+_SIGNS = {
+    **dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+", strict=True)),
+    **dict.fromkeys("·⋅∙×", "*"),
+    **dict.fromkeys("µμ", "u"),
+    **dict.fromkeys("ΩΩ", "ohm"),
+    "−": "-",
+}
+_RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
+_CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
+_OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){one}(?![A-Za-z])" for one in _CELSIUS))
+_BELOW = re.compile(r"/\s*\(([^()/]+)\)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
 
 
+@dataclass(frozen=True)
+class Scale:
+    """A scale that numbers are written on: `factor` and `offset`, exact, lead to its unit, as 273.15 from °C to K."""
+
+    unit: Unit
+    factor: Fraction = Fraction(1)
+    offset: Fraction = Fraction(0)
+
+    def value(self, number: float) -> float:
+        """Return a number of this scale in its unit, correctly rounded."""
+        if self.factor == 1 and self.offset == 0:
+            return number
+        return float(Fraction(repr(float(number))) * self.factor + self.offset)
+
+    def difference(self, number: float) -> float:
+        """Return a difference of two such numbers, or an uncertainty, in its unit: an offset is not in it."""
+        return Scale(self.unit, self.factor).value(number)
+
+
+def parse_scale(text: str) -> Scale:
+    """Read a unit, or a scale with an offset: ``°C``, ``°F``; ``month`` is a twelfth of a Julian year.
+
+    Examples
+    --------
+    >>> celsius = parse_scale("°C")
+    >>> celsius.value(20.0), celsius.difference(0.5), celsius.unit.text
+    (293.15, 0.5, 'K')
+    """
+    word = text.strip() if isinstance(text, str) else ""
+    if word in _CELSIUS:
+        return Scale(parse_unit("K"), Fraction(1), Fraction("273.15"))
+    if word in _FAHRENHEIT:
+        return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9))
+    if word in _MONTH:
+        return Scale(parse_unit("d"), Fraction("365.25") / 12)
+    return Scale(parse_unit(text))
+
+
 def parse_unit(text: str) -> Unit:
-    """Read a unit: factors with whole powers, ``kg m-1``, ``m s^-2``, ``N*s/m``, ``1``.
+    """Read a unit: factors with whole powers, ``kg m-1``, ``m s^-2``, ``N*s/m``, ``J/(kg·K)``, ``m/s²``, ``1``.
 
     Raises
     ------
@@ -45,7 +95,27 @@ def parse_unit(text: str) -> Unit:
     stripped = text.strip()
     if not stripped:
         raise InputError("unit is empty; a pure number has the unit '1'")
-    return _product(stripped, shown)
+    if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH):
+        kept = parse_scale(stripped).unit.text
+        raise InputError(
+            f"unit {shown} is for values alone, like '20 {stripped}': they are kept in {kept}; write '{kept}'"
+        )
+    plain = stripped.isascii() and not {*"(%"} & {*stripped}
+    return _product(stripped if plain else _plain(stripped), shown)
+
+
+def _plain(text: str) -> str:
+    """Return a unit in ASCII: raised digits as powers, products as stars, a bracket below a stroke as strokes."""
+    text = (
+        _OF_DIFFERENCES.sub("K", text)
+        .replace("%", " percent ")
+        .replace("°", " degree ")
+        .replace("º", " degree ")
+        .strip()
+    )
+    text = "".join(_SIGNS.get(sign, sign) for sign in _RAISED.sub("^", text))
+    text = _BELOW.sub(lambda match: "/" + "/".join(re.split(r"\s*[*.]\s*|\s+", match[1].strip())), text)
+    return re.sub(r"\s*([*/])\s*", r"\1", text)
 
 
 @lru_cache(maxsize=512)
@@ -78,8 +148,14 @@ def _product(stripped: str, shown: str) -> Unit:
     return Unit(" ".join(parts) or "1", dimension, factor)
 
 
-def parse_quantity(value: Any) -> Quantity:
+def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
     """Read ``"0.145 kg"``, a bare number (unit ``1``) or a pint quantity.
+
+    Parameters
+    ----------
+    value : str, number or pint.Quantity
+    difference : bool
+        Whether it is a difference or an uncertainty: 0.5 °C is then 0.5 K.
 
     Raises
     ------
@@ -105,7 +181,13 @@ def parse_quantity(value: Any) -> Quantity:
     match = _NUMBER.match(text)
     if not match:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown)
+    return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown, difference=difference)
+
+
+def unit_text(text: str) -> str:
+    """Return the unit of a quantity as it was written."""
+    match = _NUMBER.match(text.strip())
+    return text.strip()[match.end() :].strip() if match else ""
 
 
 def parse_time(value: Any, what: str) -> float:
@@ -159,10 +241,11 @@ def _number(value: Any) -> float:
     raise InputError(f"quantity {str(value)[:40]!r} is no number with a unit; write it like '0.145 kg'")
 
 
-def _quantity(value: float, unit: str, shown: str) -> Quantity:
+def _quantity(value: float, unit: str, shown: str, *, difference: bool = False) -> Quantity:
     if not isfinite(value):
         raise InputError(f"quantity {shown} is not finite")
-    return Quantity(value, parse_unit(unit))
+    scale = parse_scale(unit)
+    return Quantity(scale.difference(value) if difference else scale.value(value), scale.unit)
 
 
 def quotient(unit: str, by: str) -> str:

@@ -44,6 +44,7 @@ def compare(
     *,
     functions: Functions | None = None,
     gaps: str = "refuse",
+    reading: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Compare two runs of any steps, or a run with measured data.
 
@@ -52,7 +53,7 @@ def compare(
     first : xarray.Dataset
         A run record.
     second : xarray.Dataset, pandas.DataFrame, str or Path
-        Another run record; or measured data: a CSV file or a DataFrame whose columns have units, ``time [s]``,
+        Another run record; or measured data: a file (CSV, of an instrument, Excel, netCDF) or a DataFrame whose columns have units, ``time [s]``,
         ``y [mm]`` and, if known, the standard uncertainty ``u(y) [mm]``; or a Dataset along one dimension, with
         a variable `time`, units as attributes, and uncertainties as `u_y`.
     times : array_like of float, shape (n,), s, optional
@@ -61,6 +62,9 @@ def compare(
     gaps : {"refuse", "skip"}
         For measured data: whether rows in which a number is missing are refused or left out. Columns that the run does
         not have are left out (`data_left_out`).
+    reading : mapping, optional
+        How a file is read that does not say it: `skip`, `header`, `units`, `time_zero`, `decimal`, as in
+        ``{"units": {"t": "s", "x": "mm"}}``; see `xdynamics help files`.
     functions : mapping of str to callable, optional
         The Python functions that the models' forces call.
 
@@ -97,7 +101,7 @@ def compare(
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")
     if is_measured(second):
-        return residuals(first, second, functions, gaps)
+        return residuals(first, second, functions, gaps, reading)
     _check(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")

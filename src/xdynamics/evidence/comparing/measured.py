@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,16 +19,18 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError, Ledger, written
-from xdynamics.model.csv_sheet import Sheet, Title, shown, title
+from xdynamics.model.csv_sheet import Sheet, Title, name_of_title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
+from xdynamics.model.instruments import AS_IT_IS, FIRST, Reading, as_table
+from xdynamics.model.python_tables import stamps
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.folding import sized
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, MODEL_DIMENSIONS
 from xdynamics.shapes import NO_SHAPES, Shapes
-from xdynamics.units import SECONDS, TIME, Unit, parse_unit, unit_suffix
+from xdynamics.units import SECONDS, TIME, Unit, parse_quantity, parse_scale, parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,6 +40,11 @@ Floats = NDArray[np.float64]
 _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
 _OF_ELEMENT = re.compile(r"\s*(u\()?(\w+\[[^\[\]]*\])")
 TIMES = ("time", "t")
+ARRAYS = (".nc", ".nc4", ".netcdf", ".cdf")  # files that are read as a Dataset
+REMEDY = (
+    "how it is to be read is said by skip (lines before the header), header = t [s],x [m] (titles in the place of its own),"
+    " units = t=s,x=m or decimal"
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,8 @@ def is_measured(source: Any) -> bool:
     if isinstance(source, str | Path) or hasattr(source, "columns"):
         return True
     attributes = getattr(source, "attrs", {})
-    return "row_kind" not in getattr(source, "variables", ("row_kind",)) and EVIDENCE not in attributes
+    held = getattr(source, "variables", getattr(source, "coords", ("row_kind",)))
+    return "row_kind" not in held and EVIDENCE not in attributes
 
 
 def measured(
@@ -77,6 +86,7 @@ def measured(
     gaps: str = REFUSE,
     clock: Unit = SECONDS,
     shapes: Shapes = NO_SHAPES,
+    reading: Mapping[str, Any] | None = None,
 ) -> Measured:
     """Read measured data.
 
@@ -92,6 +102,8 @@ def measured(
     shapes : Shapes
         Of the model: a variable of a Dataset along its dimensions is a column for each element, and a column of a table
         is called ``r[Jupiter, x] [m]``.
+    reading : mapping, optional
+        How a file is read that does not say it: keys of `xdynamics.model.instruments.Reading`.
 
     Raises
     ------
@@ -100,14 +112,21 @@ def measured(
     """
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
+    said = Reading.of(reading or {})
+    if isinstance(source, str | Path) and Path(source).suffix.lower() in ARRAYS:
+        source = _opened(Path(source))
     if isinstance(source, str | Path):
-        data = _of_file(Path(source), known, skip=gaps == SKIP)
+        data = _of_file(Path(source), known, said, skip=gaps == SKIP)
+    elif said not in (AS_IT_IS, Reading(time_zero=said.time_zero)):
+        raise InputError(
+            f"{', '.join(reading or {})} say how a file is read, and the data are a {type(source).__name__}"
+        )
     elif hasattr(source, "columns"):
         table = source.reset_index() if source.index.name else source
         columns = {str(name): table[name].to_numpy() for name in table.columns}
         data = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
     else:
-        data = _of_dataset(_of_elements(source, shapes))
+        data = _of_dataset(_of_elements(_of_array(source), shapes), known, said)
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
@@ -115,7 +134,11 @@ def measured(
 
 
 def residuals(
-    run: xr.Dataset, source: Any, functions: Mapping[str, Callable[..., float]] | None, gaps: str = REFUSE
+    run: xr.Dataset,
+    source: Any,
+    functions: Mapping[str, Callable[..., float]] | None,
+    gaps: str = REFUSE,
+    reading: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Compare a run with measured data; see `compare`.
 
@@ -126,7 +149,7 @@ def residuals(
     """
     model = model_of(run, functions)
     observables = [name for name in observables_of(model) if name in run.variables]
-    data = measured(source, observables, gaps, time_unit(run), model.shapes)
+    data = measured(source, observables, gaps, time_unit(run), model.shapes, reading)
     ledger = Ledger(data.name)
     for name, (_, unit) in data.values.items():
         if name not in observables:
@@ -209,10 +232,44 @@ def _residuals(name: str, units: str, computed: Floats, errors: Floats, data: Me
     return variables
 
 
-def _of_file(path: Path, known: Sequence[str] | None, *, skip: bool) -> Measured:
-    """Read the columns of a CSV file."""
-    sheet = Sheet.of(path.name, FileAccess(path.parent, ANYWHERE).text_of(path.name))
-    titles, left_out = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known)
+def is_foreign(path: str) -> bool:
+    """Whether a name is that of a netCDF file that is no archive of this package: of measured data."""
+    if Path(path).suffix.lower() not in ARRAYS or not Path(path).is_file():
+        return False
+    with suppress(InputError):
+        return "xdynamics" not in str(_opened(Path(path)).attrs.get("Conventions", ""))
+    return False
+
+
+def _opened(path: Path) -> xr.Dataset:
+    """Open a netCDF file that is no archive."""
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as data:
+            return data.load()
+    except (OSError, ValueError) as error:
+        raise InputError(f"'{path}' cannot be read: {str(error).splitlines()[0][:100]}") from None
+
+
+def _of_array(source: Any) -> Any:
+    """Return a DataArray as a Dataset, with its name."""
+    if not hasattr(source, "to_dataset") or hasattr(source, "data_vars"):
+        return source
+    if source.name is None:
+        raise InputError("the DataArray has no name; give it that of the quantity: data.rename('x')")
+    return source.to_dataset(name=source.name).assign_attrs()
+
+
+def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip: bool) -> Measured:
+    """Read the columns of a file, which may be an instrument's."""
+    text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
+    try:
+        sheet = Sheet.of(path.name, as_table(path.name, text, reading))
+        titles, left_out = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known)
+    except InputError as error:
+        begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
+        raise InputError(f"{error}; the file begins {begin}; {REMEDY}") from None
     rows = sheet.numbers([*titles], skip=skip)
     if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
@@ -233,7 +290,7 @@ def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | No
     ledger, columns_read = Ledger(name), {}
     for k, column in titles.items():
         with ledger.entry(f"column {shown([*columns][k])}"):
-            columns_read[column.name] = _numbers(cells[k]), column.unit
+            columns_read[column.name] = np.array([*map(column.number, _numbers(cells[k]).tolist())]), column.unit
     ledger.raise_faults()
     return _sorted_out(name, columns_read, left_out)
 
@@ -243,10 +300,10 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
     ledger, left_out = Ledger(name), []
     titles: dict[int, Title] = {}
     header = [_element(cell, known or ()) for cell in header]
-    words = [re.split(r"[\[/]", cell)[0].strip() for cell in header]
-    bares = [word.removeprefix("u(").split("(")[0].removesuffix(")").strip() for word in words]
-    for k, (cell, word, bare) in enumerate(zip(header, words, bares, strict=True)):
-        if word.startswith("u(") and bares.count(bare) < 2:
+    names = [name_of_title(cell) for cell in header]
+    bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(one)) else one for one in names]
+    for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
+        if own != bare and bares.count(bare) < 2:
             ledger.note(f"u({bare}) is the uncertainty of a column that is not there")
         elif known is not None and bare not in known and bare.lower() not in TIMES:
             left_out.append(cell.strip())
@@ -284,19 +341,30 @@ def _of_elements(source: Any, shapes: Shapes) -> Any:
     return unfold(source.assign_attrs({MODEL_DIMENSIONS: sized(shapes, dims)}))
 
 
-def _of_dataset(source: Any) -> Measured:
-    """Read variables along one dimension by their units."""
-    ledger = Ledger("the Dataset")
+def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> Measured:
+    """Read variables along one dimension by their units; a time of CF's calendar is counted from its first stamp."""
+    ledger, left_out, remark = Ledger("the Dataset"), list[str](), ""
     columns: dict[str, tuple[Floats, Unit]] = {}
     for name, variable in source.variables.items():
         label = str(name).removesuffix("_time") if name == AT_TIME else str(name)
+        key = f"u({label[2:]})" if label.startswith("u_") else "time" if name == AT_TIME else label
+        bare = label.removeprefix("u_")
+        if known is not None and bare not in known and key.lower() not in TIMES:
+            left_out.append(str(name))
+            continue
         with ledger.entry(f"variable '{name}'"):
-            if "units" not in variable.attrs:
-                raise InputError("has no units; set its attribute 'units'")
             if len(variable.dims) != 1:
                 raise InputError(f"has the dims {variable.dims}, needs one, along which it was measured")
-            key = f"u({label[2:]})" if label.startswith("u_") else "time" if name == AT_TIME else label
-            columns[key] = _numbers(variable.values), parse_unit(str(variable.attrs["units"]))
+            if (stamped := stamps(variable)) is not None:
+                seconds, first = stamped
+                remark = f", its time from {first} on" if first else ""
+                columns[key] = seconds, SECONDS
+                continue
+            if "units" not in variable.attrs:
+                raise InputError("has no units; set its attribute 'units'")
+            scale = parse_scale(str(variable.attrs["units"]))
+            of = scale.difference if key != label else scale.value
+            columns[key] = np.array([*map(of, _numbers(variable.values).tolist())]), scale.unit
     sizes = {name: len(numbers) for name, (numbers, _) in columns.items()}
     if len({*sizes.values()}) > 1:
         ledger.note(
@@ -304,7 +372,19 @@ def _of_dataset(source: Any) -> Measured:
             " for all"
         )
     ledger.raise_faults()
-    return _sorted_out("the Dataset", columns)
+    if known is not None and left_out and not {*columns} & {*known}:
+        raise InputError(
+            f"the Dataset: variable '{left_out[0]}' is nothing that is known; there are {', '.join(of_wholes(known))}"
+        )
+    return _counted(_sorted_out(f"the Dataset{remark}", columns, tuple(left_out)), reading)
+
+
+def _counted(data: Measured, reading: Reading) -> Measured:
+    """Return data with times counted from where it is said."""
+    if not reading.time_zero:
+        return data
+    zero = float(data.times[0]) if reading.time_zero == FIRST else parse_quantity(reading.time_zero).si
+    return replace(data, name=f"{data.name}, time counted from {reading.time_zero}", times=data.times - zero)
 
 
 def _numbers(cells: Any) -> Floats:

@@ -1,0 +1,49 @@
+"""The options of verbs that read measured data: how a file is laid out that does not say it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import click
+
+from xdynamics.cli.settings import pairs
+
+TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".eng")
+_OPTIONS = {
+    "gaps": click.option(
+        "--gaps",
+        type=click.Choice(["refuse", "skip"]),
+        default="refuse",
+        help="What to do with rows in which a number is missing.",
+    ),
+    "skip": click.option("--skip", type=int, metavar="N", help="Lines before the header of a file; by default found."),
+    "header": click.option(
+        "--header",
+        metavar="TITLES",
+        help="Titles in the place of a file's own, like 't [s],x [mm]'; one for each column.",
+    ),
+    "units": click.option(
+        "--units", multiple=True, metavar="NAME=UNIT", help="The unit of a column whose title has none, like t=s."
+    ),
+    "time_zero": click.option("--time-zero", metavar="TIME|first", help="What the times of the data are counted from."),
+    "decimal": click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; by default found."),
+}
+
+
+def measured_data(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options to a verb, which receives them under their names."""
+    for option in reversed(_OPTIONS.values()):
+        verb = option(verb)
+    return verb
+
+
+def reading_of(named: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what these options say, as `compare` and `fit` take it."""
+    said = {name: named[name] for name in _OPTIONS if name != "gaps" and named.get(name) not in (None, ())}
+    return said | ({"units": pairs(said["units"], "--units")} if "units" in said else {})
+
+
+def without(named: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the other options of a verb."""
+    return {name: value for name, value in named.items() if name not in _OPTIONS}
