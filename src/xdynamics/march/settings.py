@@ -336,7 +336,7 @@ class Settings:
                     f" {self.pacing.min_step!r}{second} to max_step = {self.pacing.max_step!r}{second}"
                 )
             ]
-        if not self.adaptive and (self.until - start) / self.step > 2**53:
+        if not self.adaptive and isfinite(self.until) and (self.until - start) / self.step > 2**53:
             return [f"step {self.step!r}{second} makes over 2**53 steps to {self.until!r}{second}; take a longer one"]
         return []
 
