@@ -149,8 +149,8 @@ def test_bodies_move_with_their_links(name: str, lines: int) -> None:
     assert isinstance(scene, Bodies)
     axes = Figure().subplots()
     scene.start(axes)
-    scene.at(float(run.time[-1]))
-    ends = {tuple(np.round(line.get_xydata().ravel(), 12)) for line in axes.lines if line.get_color() == "0.5"}
+    _, links, _ = scene.at(float(run.time[-1]))
+    ends = {tuple(np.round(ends, 12).ravel()) for ends in links.get_segments()}
     r = run.r.values[-1]
     bars = np.stack([run.bar_first, run.bar_second], axis=-1).tolist() if lines else []
     wanted = {tuple(np.round(r[bar].ravel(), 12)) for bar in bars}

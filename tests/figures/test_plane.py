@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 from PIL import Image
 
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.figures.film import drawn
 from xdynamics.figures.marks import typeset
 from xdynamics.figures.plane import views
+from xdynamics.figures.scenes import scene_of
 
 
 @pytest.fixture(scope="module")
@@ -163,13 +166,37 @@ def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
     assert call("animate", run, "-o", tmp_path / "orbit.gif", "--seconds", "0.4").exit_code == 0
     with Image.open(tmp_path / "orbit.gif") as film:
         assert film.n_frames == 10
+    assert call("animate", run, "-o", tmp_path / "orbit.html", "--seconds", "0.4").exit_code == 0
+    assert (tmp_path / "orbit.html").read_text().count("iVBORw0KGgo") == 10
     pendulum = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")
     with pytest.raises(xd.InputError, match="the run has no plane to be seen in"):
         pendulum.dynamics.animate(tmp_path / "p.gif")
-    for given, said in (({"path": tmp_path / "o.avi"}, "there are .gif, .mp4"), ({"seconds": -1}, "need a number up to 600"), ({"rate": 0}, "from 1 to 100"), ({"path": tmp_path / "no" / "o.gif"}, "film")):  # fmt: skip
+    for given, said in (({"path": tmp_path / "o.avi"}, "there are .gif, .mp4, .html"), ({"seconds": -1}, "need a number up to 600"), ({"rate": 0}, "from 1 to 100"), ({"path": tmp_path / "no" / "o.gif"}, "film")):  # fmt: skip
         with pytest.raises(xd.InputError, match=said):
             xd.animate(orbit, **{"path": tmp_path / "o.gif"} | given)
     assert not (tmp_path / "o.gif").exists()
+
+
+def test_a_film_draws_what_moves_over_what_stands(tmp_path: Path) -> None:
+    """Assert that a frame drawn over the still picture is the one drawn whole, and that the film is as long as the motion is high."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "thrown_ball.toml"))
+    scene = scene_of(run, None)
+    assert scene is not None
+    width, height = scene.size
+    assert 1.5 < width / height < 3.0  # 80 m far and 25 m high
+    figure = Figure(figsize=scene.size, dpi=50)
+    axes = figure.subplots()
+    scene.start(axes)
+    frames = [*drawn(figure, lambda frame: scene.at(0.5 * (frame + 1)), 3)]
+    moved = scene.at(1.5)
+    for artist in moved:
+        artist.set_animated(False)
+    figure.savefig(tmp_path / "whole.png")
+    with Image.open(tmp_path / "whole.png") as whole:
+        assert np.abs(np.asarray(whole.convert("RGB"), int) - np.asarray(frames[2], int)).max() < 60
+    film = xd.animate(run, seconds=0.2)
+    with pytest.raises(xd.InputError, match="the film was not written: give animate a path"):
+        film.__fspath__()
 
 
 @pytest.mark.parametrize(("units", "shown"), [("m s-1", "m s⁻¹"), ("kg m2 s-2", "kg m² s⁻²"), ("1", "1"), ("rad s-1", "rad s⁻¹"), ("mm", "mm"), ("s-12", "s⁻¹²")])  # fmt: skip

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from collections.abc import Callable
+from html import escape
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
+from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
 from xdynamics.figures.marks import at_time, words
 from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
@@ -19,9 +20,8 @@ from xdynamics.record import of_elements
 if TYPE_CHECKING:
     import xarray as xr
 
-GIF = ".gif"
-FORMATS = (GIF, ".mp4")
 MOST_FRAMES = 3000
+LETTERS = 13  # of a title, an inch
 NO_SCENE = (
     'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)", "-l*cos(theta)"]'
 )
@@ -30,15 +30,15 @@ NO_SCENE = (
 @of_elements
 def animate(
     run: xr.Dataset,
-    path: Given,
+    path: Given | None = None,
     *,
     seconds: float | None = None,
     rate: int = 25,
     trail: float | None = None,
     dpi: int = 90,
     dark: bool = False,
-) -> Place:
-    """Write the motion of a run in its plane as a film; without a plane, a quantity along a dimension.
+) -> Film:
+    """Film the motion of a run in its plane; without a plane, a quantity along a dimension.
 
     Parameters
     ----------
@@ -46,8 +46,9 @@ def animate(
         A run record whose model names a plane in `[figure]`, or that has two or three coordinates of one length, or
         bodies with positions along a dimension of two or three elements: links of a relation that is a table, or of
         neighbours, are lines between them. Else the first coordinate or state along a dimension of many elements.
-    path : str or Path
-        GIF, or MP4 where ffmpeg is installed.
+    path : str or Path, optional
+        Where to write it: GIF, HTML with a slider, or MP4 where ffmpeg is installed. Without one it is for a notebook, which
+        shows a film that is the last line of a cell.
     seconds : float, optional
         Duration of the film; by default that of the motion if it lasts 3 to 20 s, otherwise 10 s.
     rate : int
@@ -55,21 +56,21 @@ def animate(
     trail : float, optional
         How far back the trail goes, in the run's time; a tenth of it.
     dpi : int
-        Dots per inch; the film is 6 inches wide.
+        Dots per inch; the longer side of the film is 6 inches.
     dark : bool
         Whether to draw on a dark background.
 
     Returns
     -------
-    Path
-        The file.
+    Film
+        Used as the path of its file.
 
     Raises
     ------
     InputError
         If the run has neither, or the film cannot be written.
     """
-    target, scene = placed(path), scene_of(run.copy(deep=False), trail)
+    target, scene = placed(path) if path is not None else None, scene_of(run.copy(deep=False), trail)
     _check(target, seconds, rate, dpi)
     if scene is None:
         raise InputError(NO_SCENE)
@@ -78,46 +79,40 @@ def animate(
     begin, end = float(scene.times[0]), float(scene.times[-1])
     span = end - begin
     lasting = seconds if seconds is not None else span if 3.0 <= span <= 20.0 else 10.0
-    frames = max(2, round(lasting * rate))
-    with lit(dark=dark), TemporaryDirectory(prefix="xdynamics-") as folder:
-        part = Path(folder) / f"film{target.suffix.lower()}"
-        _film(run, scene, np.linspace(begin, end, frames)).save(part, writer=_writer(part, rate), dpi=dpi)
+    ending = HTML if target is None else target.suffix.lower()
+    with lit(dark=dark):
+        times = np.linspace(begin, end, max(2, round(lasting * rate)))
+        figure, frame_at = drawing(run, scene, times, dpi)
+        content = written(drawn(figure, frame_at, len(times)), ending, rate, escape(str(run.attrs.get("title", "run"))))
+    if target is not None:
         with kept("film", target) as place:
-            shutil.copyfile(part, place)
-    return target
+            place.write_bytes(content)
+    return Film(content, ending, target)
 
 
-def _film(run: xr.Dataset, scene: Scene, times: Any) -> Any:
-    """Return the film of a scene, with the time."""
-    from matplotlib.animation import FuncAnimation
+def drawing(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, Callable[[int], list[Any]]]:
+    """Return the figure of a scene, and what draws one frame on it, with its time, and returns what moved."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6, 6), layout="constrained")
+    figure = Figure(figsize=scene.size, dpi=dpi, layout="constrained")
     axes = figure.subplots()
     axes.grid(linewidth=0.6)
     beside = scene.start(axes)
-    axes.set_title(words(f"{run.attrs.get('title', 'run')}{beside}"), loc="left", fontsize=10)
+    title = words(f"{run.attrs.get('title', 'run')}{beside}")
+    axes.set_title("\n".join(wrap(title, round(scene.size[0] * LETTERS))), loc="left", fontsize=10)
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
 
     def at(frame: int) -> list[Any]:
         clock.set_text(at_time(run["time"], times[frame], 4))
         return [*scene.at(float(times[frame])), clock]
 
-    return FuncAnimation(figure, at, frames=len(times))
+    return figure, at
 
 
-def _writer(path: Path, rate: int) -> Any:
-    from matplotlib import animation
-
-    if path.suffix == GIF:
-        return animation.PillowWriter(fps=rate)
-    if not animation.writers.is_available("ffmpeg"):
-        raise InputError("an MP4 needs the program ffmpeg, which is not installed; write a .gif")
-    return animation.FFMpegWriter(fps=rate)
-
-
-def _check(target: Place, seconds: Any, rate: Any, dpi: Any) -> None:
-    check_path(target, FORMATS, "film")
+def _check(target: Place | None, seconds: Any, rate: Any, dpi: Any) -> None:
+    if target is not None:
+        check_path(target, FORMATS, "film")
+        check_writer(target.suffix.lower())
     if seconds is not None and not (isinstance(seconds, int | float) and 0.0 < seconds <= 600.0):
         raise InputError(f"seconds are {seconds!r}, need a number up to 600")
     if isinstance(rate, int) and seconds is not None and seconds * rate > MOST_FRAMES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -24,6 +24,7 @@ DRAWN = 4000  # points of a line; what is longer is thinned
 MOST_BETWEEN = 40  # points inside each step, however long it is
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
+ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
 STATES = ("coordinate", "velocity", "state")  # roles
 EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "gap")
@@ -67,13 +68,22 @@ def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None
         stretches[0] = np.linspace(0, n, most // 4 + 1).astype(np.int64)
         stretches.append(np.searchsorted(times, np.linspace(times[0], times[-1], most // 4 + 1)[1:-1]))
         stretches[1] = np.concatenate([[0], stretches[1], [n]]).astype(np.int64)
-    kept = [np.array([0, n - 1])]
-    for edges in stretches:
-        for begin, end in pairwise(edges):
-            if end > begin:
-                part = values[begin:end]
-                kept.append(begin + np.array([np.argmin(part), np.argmax(part)]))
-    return np.unique(np.concatenate(kept))
+    return np.unique(np.concatenate([[0, n - 1], *(extremes(values, edges) for edges in stretches)]))
+
+
+def extremes(values: NDArray[Any], edges: Rows) -> Rows:
+    """Return the rows of the least and of the greatest value of each stretch between edges; nan is neither."""
+    missing = np.isnan(values)
+    low, high = (np.where(missing, one, values) if missing.any() else values for one in (np.inf, -np.inf))
+    return np.array(
+        [
+            begin + row
+            for begin, end in pairwise(edges)
+            if end > begin
+            for row in (np.argmin(low[begin:end]), np.argmax(high[begin:end]))
+        ],
+        np.int64,
+    )
 
 
 def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:
@@ -170,7 +180,7 @@ def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
     fewest = min(DRAWN // 2 // n, MOST_BETWEEN)
-    counts = np.where(h > 0.0, np.maximum(fewest, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
+    counts = np.where((h > 0.0) & follows(run), np.maximum(fewest, h / span * (DRAWN // 2)), 0.0).astype(np.int64)
     rows = np.repeat(np.arange(n - 1), counts)
     place = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
     times = time[rows] + h[rows] * (place / (counts[rows] + 1))
@@ -185,7 +195,13 @@ def _is_torn(run: xr.Dataset) -> bool:
         return True
     off = np.abs(np.diff(time) - run["step_size"].values[1:])
     size = np.maximum(np.abs(time[1:]), np.abs(time[:-1]))
-    return bool((off > slack(run) * size).any())
+    return bool(((off > slack(run) * size) & follows(run)).any())
+
+
+def follows(run: xr.Dataset) -> NDArray[np.bool_]:
+    """Whether each row but the first is the one after the row before it: of an excerpt `step` has the numbers of rows."""
+    following: NDArray[np.bool_] = np.diff(run[STEPS].values) == 1
+    return following
 
 
 def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
@@ -242,25 +258,65 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
     rest. None without a model, or with too few rows.
     """
     inner, model = _inner(run), _model(run)
+    if ENERGY_CHANGES in run.encoding:
+        known: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
+        return known
+    inner, model = _inner(run), _model(run)
     if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
         return None
     if inner is not None and not {*model.units} <= {*inner.states}:
         return None
-    rows, time, energy = np.arange(run.sizes[STEPS]), run["time"].values, run["total_energy"].values
-    inside = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
-    order = np.argsort(np.concatenate([rows, inside.rows + 0.5]), kind="stable")
-    times, all_rows = np.concatenate([time, inside.times])[order], np.concatenate([rows, inside.rows])[order]
-    states = {
-        state: np.concatenate([run[state].values, inside.states.get(state, time[:0])])[order] for state in model.units
-    }
-    try:
-        rates = evaluated_on(run, model, [model.rate_of(tree_of(model, "total_energy"))], states, times, all_rows)[0]
-    except (InputError, KeyError):
-        return None
-    rates = rates / float(parse_unit(str(run["total_energy"].attrs["units"])).factor)
-    work = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
-    jumps = np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
-    return {"forces": np.ptp(work), "events": np.ptp(jumps), "the method's error": np.ptp(energy - work - jumps)}
+    accumulated = Accumulated(model)
+    return accumulated.largest if accumulated.add(run, inner) else None
+
+
+@dataclass
+class Accumulated:
+    """Changes of the total energy along a run, whose rows are added in order.
+
+    Attributes
+    ----------
+    model : Model
+    last : tuple of float
+        Work of the forces and changes at instants, up to the last row.
+    least, greatest : ndarray, shape (3,)
+        Of the work, of the changes at instants, and of the rest.
+    """
+
+    model: Model
+    last: tuple[float, float] = (0.0, 0.0)
+    least: Floats = field(default_factory=lambda: np.full(3, np.inf))
+    greatest: Floats = field(default_factory=lambda: np.full(3, -np.inf))
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """The largest change by each cause."""
+        return dict(zip(("forces", "events", "the method's error"), self.greatest - self.least, strict=True))
+
+    def add(self, run: xr.Dataset, inner: Inner | None = None) -> bool:
+        """Add rows, the first of which is the last of those before; return whether their rates could be evaluated."""
+        model = self.model
+        rows, time, energy = np.arange(run.sizes[STEPS]), run["time"].values, run["total_energy"].values
+        inside = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
+        order = np.argsort(np.concatenate([rows, inside.rows + 0.5]), kind="stable")
+        times, all_rows = np.concatenate([time, inside.times])[order], np.concatenate([rows, inside.rows])[order]
+        states = {
+            state: np.concatenate([run[state].values, inside.states.get(state, time[:0])])[order]
+            for state in model.units
+        }
+        try:
+            tree = model.rate_of(tree_of(model, "total_energy"))
+            rates = evaluated_on(run, model, [tree], states, times, all_rows)[0]
+        except (InputError, KeyError):
+            return False
+        rates = rates / float(parse_unit(str(run["total_energy"].attrs["units"])).factor)
+        gained = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0 * np.diff(times))])[order < rows.size]
+        work = self.last[0] + gained
+        jumps = self.last[1] + np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
+        causes = np.stack([work, jumps, energy - work - jumps])
+        self.least, self.greatest = np.minimum(self.least, causes.min(1)), np.maximum(self.greatest, causes.max(1))
+        self.last = float(work[-1]), float(jumps[-1])
+        return True
 
 
 def _bent(run: xr.Dataset, name: str, times: Floats, rows: Rows) -> Floats | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.figures.marks import words
@@ -44,12 +45,17 @@ def profiled(run: xr.Dataset, shapes: Shapes) -> Iterator[tuple[str, str, list[s
             yield name, dims[0], elements
 
 
+def moments_of(start: float, end: float) -> NDArray[np.float64]:
+    """Return the times that profiles are drawn at."""
+    return np.linspace(start, end, MOMENTS)
+
+
 def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axes) -> None:
     """Draw the elements of a quantity side by side at the recorded states nearest to some times."""
     from matplotlib import colormaps
 
     time = run["time"].values
-    rows = np.unique([int(np.abs(time - one).argmin()) for one in np.linspace(time[0], time[-1], MOMENTS)])
+    rows = np.unique([int(np.abs(time - one).argmin()) for one in moments_of(time[0], time[-1])])
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
     suffix = unit_suffix(str(run["time"].attrs["units"]))
     for row, shade in zip(rows, shades, strict=True):

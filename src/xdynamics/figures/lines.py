@@ -14,6 +14,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.curves import drawn, has_chords, moments
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
+from xdynamics.model import Model
 from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.kinds import is_whole
@@ -186,10 +187,8 @@ def wraps(run: xr.Dataset) -> tuple[str, ...]:
 def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw the Poincaré section: velocities against positions, once per period."""
     model = model_of(run, None)
-    period = float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
     time = run["time"].values
-    times = time[0] + period * np.arange(1, min(MOST_DOTS, int((time[-1] - time[0]) / period * (1 + 1e-12))) + 1)
-    states = sample(run, times[times <= time[-1]], functions=model.functions)
+    states = sample(run, strobes(model, float(time[0]), float(time[-1])), functions=model.functions)
     for colour, name in zip(cycled(names), names, strict=True):
         units = str(run[name].attrs["units"])
         position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
@@ -200,8 +199,19 @@ def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
             f"{_joined([velocity(coordinate) for coordinate in names])} ({run[velocity(names[0])].attrs['units']})"
         ),
     )
-    axes.set_title(f"Poincare section, {states.sizes['at']} periods of {period:.6g}", loc="left", fontsize=10)
+    axes.set_title(f"Poincare section, {states.sizes['at']} periods of {_period(model):.6g}", loc="left", fontsize=10)
     _legend(axes, names)
+
+
+def strobes(model: Model, start: float, end: float) -> Floats:
+    """Return the times of a section: one in each period that a model names."""
+    period = _period(model)
+    times = start + period * np.arange(1, min(MOST_DOTS, int((end - start) / period * (1 + 1e-12))) + 1)
+    return np.asarray(times[times <= end], float)
+
+
+def _period(model: Model) -> float:
+    return float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
 
 
 def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
@@ -247,9 +257,9 @@ def _legend(axes: Axes, names: list[str], *, beside: bool = False) -> None:
 
 def is_late(run: xr.Dataset) -> bool:
     """Whether logarithmic time suits the rows: half of them lie in the first hundredth of the span."""
-    time = run["time"].values
-    span = time[-1] - time[0]
-    return bool(len(time) >= FEWEST_LATE and span > 0 and np.median(time) - time[0] < LATE * span)
+    time, numbers = run["time"].values, run[STEPS].values
+    span, median = time[-1] - time[0], np.interp((numbers[0] + numbers[-1]) / 2.0, numbers, time)
+    return bool(len(time) >= FEWEST_LATE and span > 0 and median - time[0] < LATE * span)
 
 
 def over_the_run(run: xr.Dataset, axes: Axes) -> None:

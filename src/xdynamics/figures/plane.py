@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -210,20 +211,27 @@ def _model(run: xr.Dataset) -> Model | None:
 
 def _named(run: xr.Dataset, model: Model) -> list[Path]:
     """Evaluate the pairs that a model names along the run."""
-    state: dict[str, Any] = {}
+    states: dict[str, Any] = {}
     times = run["time"].values
-    for name, component in model.coordinates.items():
+    for name in model.coordinates:
         if name not in run:
             return []
-        times, values = _line(run, name)
-        state[name] = values * float(component.unit.factor)
-    namespace = dict(constants(model)) | state | {"t": times}
+        times, states[name] = _line(run, name)
     bodies = []
-    for pair in model.pictured.plane:
+    for pair, (x, y) in zip(model.pictured.plane, positions(model, times, states), strict=True):
         unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
-        x, y = (np.broadcast_to(evaluate_many(model.expanded(component), namespace), times.shape) for component in pair)
         bodies.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
     return bodies
+
+
+def positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list[tuple[Floats, Floats]]:
+    """Evaluate the pairs that a model names at states, given in recorded units."""
+    state = {name: states[name] * float(component.unit.factor) for name, component in model.coordinates.items()}
+    namespace = dict(constants(model)) | state | {"t": times}
+    pairs = [
+        [evaluate_many(model.expanded(component), namespace) for component in pair] for pair in model.pictured.plane
+    ]
+    return [(np.broadcast_to(x, times.shape), np.broadcast_to(y, times.shape)) for x, y in pairs]
 
 
 def _line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:

@@ -9,16 +9,15 @@ from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
 from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
+from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.record import of_elements
-from xdynamics.record.laziness import is_chunked
-from xdynamics.schema import EVIDENCE, SAMPLES
+from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-ON_REQUEST = ("force", "observable", "gap")  # roles of columns that a figure of a run has only where they are named
 PAGES = {
     kind: module.PAGE
     for module in (budget, comparison, diagnosis, fit, ledger, precision, refinement, sweep)
@@ -44,7 +43,8 @@ def plot(
     record : xarray.Dataset, or mapping of str to xarray.Dataset
         A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
         refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
-        the columns that are drawn are read, each chunk once.
+        the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
+        stretch are kept, and what is at events.
     path : str or Path, optional
         Where to write the figure: PNG, SVG or PDF by its ending.
     only : str or sequence of str, optional
@@ -98,14 +98,7 @@ def _computed(record: Any, wanted: Sequence[str] | None) -> Any:
         return dict(zip(record, computed(*record.values()), strict=True))
     if record.attrs.get(EVIDENCE):
         return computed(record)[0]
-    drawn = [
-        name
-        for name, variable in record.variables.items()
-        if is_chunked(variable)
-        and variable.dims[:1] != (SAMPLES,)
-        and (variable.attrs.get("role") not in ON_REQUEST or name in (wanted or ()))
-    ]
-    return record.assign(computed(record[drawn])[0].variables) if drawn else record
+    return drawn_of(record, wanted)
 
 
 def _check(size: Any, dpi: Any) -> None:

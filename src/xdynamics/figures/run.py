@@ -66,7 +66,7 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     wanted = None if only is None else [*only]
     if wanted is not None:
         _check_wanted(run, wanted)
-    overlays = [beside_of(run, source) for source in beside]
+    overlays = [beside_of(run, source, wanted) for source in beside]
     panels = [
         panel for kind, names, panel in _panels(run, overlays, wanted) if wanted is None or {kind, *names} & {*wanted}
     ]

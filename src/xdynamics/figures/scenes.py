@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import profiled, shapes_of
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.plane import MOST_BODIES, Path, drawn_links, left_out, views
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MARGIN = 0.06  # of the larger side
+SLIM = 0.15  # of the longer side, that half of the shorter one has at least
+SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, of what stands beside the axes
+PROFILE = (6.0, 4.0)  # inches
+MOST_TRAILED = 1000  # points of a trail
 MOST_TRAILS = 30  # bodies with a trail; many would hide each other
 
 
@@ -28,6 +32,10 @@ class Scene(Protocol):
     @property
     def times(self) -> Floats:
         """The times that it is of: shape (n,), in the run's unit."""
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of a frame, inches."""
 
     def start(self, axes: Axes) -> str:
         """Draw what stands still, and return what the title says beside the run's."""
@@ -62,45 +70,67 @@ class Bodies:
     view: list[Path]
     links: NDArray[np.int_]
     trail: float | None = None
-    _trails: list[Any] = field(default_factory=list)
-    _dots: list[Any] = field(default_factory=list)
-    _lines: list[Any] = field(default_factory=list)
+    _dots: Any = None
+    _trails: Any = None
+    _lines: Any = None
 
     @property
     def times(self) -> Floats:
         """The times of the first path."""
         return self.view[0].times
 
+    @property
+    def size(self) -> tuple[float, float]:
+        """A frame as wide and as high as the motion."""
+        width, height = np.ptp(self._limits, axis=-1)
+        longer = max(width, height)
+        return max(LEAST, SIDE * width / longer) + LABELS, max(LEAST, SIDE * height / longer) + LABELS
+
+    @property
+    def _limits(self) -> Floats:
+        """What the axes hold, shape (2, 2): the whole motion, and no side much shorter than the other."""
+        ends = np.array([[getattr(body, one).min(), getattr(body, one).max()] for body in self.view for one in "xy"])
+        ends = ends.reshape(-1, 2, 2)
+        low, high = ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)
+        longer = float(max(high - low)) or 1.0
+        half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
+        return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+
     def start(self, axes: Axes) -> str:
-        """Draw empty lines; both axes have one scale, that holds the whole motion."""
-        view = self.view
-        low = np.array([min(body.x.min() for body in view), min(body.y.min() for body in view)])
-        high = np.array([max(body.x.max() for body in view), max(body.y.max() for body in view)])
-        half, middle = (0.5 + MARGIN) * float(max(high - low)) or 1.0, (low + high) / 2.0
-        axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
-        axes.set(xlabel=f"across ({view[0].units})", ylabel=f"up ({view[0].units})")
+        """Prepare dots, links and trails; both axes have one scale, that holds the whole motion."""
+        from matplotlib.collections import LineCollection
+
+        view, (across, up) = self.view, self._limits
+        axes.set(xlim=across, ylim=up, aspect="equal")
+        axes.set(xlabel=words(f"across ({typeset(view[0].units)})"), ylabel=words(f"up ({typeset(view[0].units)})"))
         shown, colours = view[:MOST_BODIES], [COLOURS[k % len(COLOURS)] for k in range(len(view))]
         self.links = self.links[(self.links < len(shown)).all(axis=-1)]
-        self._lines = [axes.plot([], [], "-", color="0.5", linewidth=1.5)[0] for _ in self.links]
-        trails = colours[: len(shown)] if len(shown) <= MOST_TRAILS else []
-        self._trails = [axes.plot([], [], "-", color=colour, linewidth=1.2, alpha=0.6)[0] for colour in trails]
-        size = 8.0 if len(shown) <= MOST_TRAILS else 4.0
-        self._dots = [axes.plot([], [], "o", color=colour, markersize=size)[0] for colour in colours[: len(shown)]]
+        self._lines = axes.add_collection(LineCollection([], colors="0.5", linewidths=1.5), autolim=False)
+        few = len(shown) <= MOST_TRAILS
+        trails = LineCollection([], colors=colours[: len(shown)], linewidths=1.2 if few else 0.0, alpha=0.6)
+        self._trails = axes.add_collection(trails, autolim=False)
+        none = np.full(len(shown), np.nan)
+        self._dots = axes.scatter(none, none, s=64.0 if few else 16.0, c=colours[: len(shown)], zorder=3)
         return left_out(view)
 
     def at(self, now: float) -> list[Any]:
         """Put dots, links and trails where they are."""
         shown = self.view[:MOST_BODIES]
         places = np.array([[np.interp(now, body.times, part) for part in (body.x, body.y)] for body in shown])
-        for dot, place in zip(self._dots, places, strict=True):
-            dot.set_data(place[:1], place[1:])
-        for line, pair in zip(self._lines, self.links, strict=True):
-            line.set_data(*places[pair].T)
-        back = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
-        past = np.linspace(max(float(self.times[0]), now - back), now, 120)
-        for trail, body in zip(self._trails, shown, strict=False):
-            trail.set_data(np.interp(past, body.times, body.x), np.interp(past, body.times, body.y))
-        return [*self._trails, *self._lines, *self._dots]
+        self._dots.set_offsets(places)
+        self._lines.set_segments(places[self.links])
+        if len(shown) <= MOST_TRAILS:
+            back = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
+            self._trails.set_segments([_trail(body, now - back, now) for body in shown])
+        return [self._trails, self._lines, self._dots]
+
+
+def _trail(body: Path, begin: float, end: float) -> Floats:
+    """Return where a body was from one time to another, shape (n, 2): all points of its path, or some of very many."""
+    first, last = (int(row) for row in np.searchsorted(body.times, (begin, end)))
+    every = max(1, (last - first) // MOST_TRAILED)
+    times = np.concatenate([[max(begin, float(body.times[0]))], body.times[first:last:every], [end]])
+    return np.stack([np.interp(times, body.times, body.x), np.interp(times, body.times, body.y)], axis=-1)
 
 
 @dataclass
@@ -120,6 +150,11 @@ class Profile:
     times: Floats
     values: Floats
     _line: Any = None
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of a frame."""
+        return PROFILE
 
     def start(self, axes: Axes) -> str:
         """Draw the range that the quantity has, and its start in grey."""

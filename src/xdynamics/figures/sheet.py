@@ -81,7 +81,8 @@ def sheet(
         If a given size leaves too little room for each panel.
     """
     from matplotlib import rcParams
-    from matplotlib.figure import Figure
+
+    from xdynamics.figures.picture import Picture
 
     columns = min(2, len(panels))
     rows = (len(panels) + 1) // 2
@@ -90,7 +91,7 @@ def sheet(
             f"size {size[0]:g}x{size[1]:g} leaves {size[0] / columns:.2g} by {size[1] / rows:.2g} inches for each of"
             f" {len(panels)} panels, needs {LEAST[0]:g} by {LEAST[1]:g}; draw fewer with only, or give more room"
         )
-    figure = Figure(figsize=size or (11, height * rows + 0.7), layout="constrained")
+    figure = Picture(figsize=size or (11, height * rows + 0.7), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)

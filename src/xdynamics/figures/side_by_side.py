@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,10 @@ from xdynamics.archive.place import GIVEN, placed
 from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import drawn
+from xdynamics.figures.excerpt import drawn_of
 from xdynamics.model.drives import SKIP
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import STEPS
 from xdynamics.units import parse_unit
 
@@ -23,7 +25,7 @@ Floats = NDArray[np.float64]
 Columns = Mapping[str, tuple[Floats, Floats, Floats | None]]
 
 
-def beside_of(run: xr.Dataset, source: Any) -> tuple[str, Columns]:
+def beside_of(run: xr.Dataset, source: Any, wanted: Sequence[str] | None = None) -> tuple[str, Columns]:
     """Return the label and the columns of another run or of measured data, in the units of the run.
 
     Raises
@@ -33,7 +35,7 @@ def beside_of(run: xr.Dataset, source: Any) -> tuple[str, Columns]:
     """
     if isinstance(source, GIVEN) and placed(source).suffix.lower() == ".nc":
         source = open_run(source)
-    label, series = _measured(run, source) if is_measured(source) else _of_run(source)
+    label, series = _measured(run, source) if is_measured(source) else _of_run(drawn_of(source, wanted))
     columns = {}
     for name, (times, values, doubts, units) in series.items():
         if name not in run or run[name].dims != (STEPS,):
@@ -60,7 +62,7 @@ def _measured(run: xr.Dataset, source: Any) -> tuple[str, dict[str, tuple[Floats
 def _of_run(other: xr.Dataset) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
     series: dict[str, tuple[Floats, Floats, Floats | None, str]] = {}
     for name, variable in other.data_vars.items():
-        if variable.dims == (STEPS,) and variable.dtype.kind == "f":
+        if variable.dims == (STEPS,) and variable.dtype.kind == "f" and not is_chunked(variable.variable):
             times, (values,) = drawn(other, str(name), exact=name == "total_energy")
             series[str(name)] = times, values, None, str(variable.attrs.get("units", "1"))
     return str(other.attrs.get("title", "other run")), series

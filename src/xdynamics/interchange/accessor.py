@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from xdynamics.documenting.summary import summary
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.interchange.pages import page, show_pages
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from xdynamics.archive.place import Given, Place
+    from xdynamics.archive.place import Given
+    from xdynamics.figures.film import Film
 
 teach()  # whoever imported pint-xarray too
+show_pages()
 
 ENDS = ("lower", "upper")
 OF_STATES = ("coordinate", "velocity", "state", "acceleration")
@@ -60,20 +62,7 @@ class Dynamics:
         return "\n".join(summary(self._run))
 
     def _repr_html_(self) -> str:
-        """Show the summary first, and variables by their role, folded."""
-        run = self._run
-        groups: dict[str, list[str]] = {}
-        for name, variable in run.variables.items():
-            groups.setdefault(str(variable.attrs.get("role", "other")).replace("_", " "), []).append(str(name))
-        sections = [f"<pre>{escape(repr(self))}</pre>"]
-        for role, names in groups.items():
-            rows = "".join(
-                f"<tr><td>{escape(name)}</td><td>{escape(', '.join(map(str, run[name].dims)))}</td>"
-                f"<td>{escape(str(run[name].attrs.get('units', '')))}</td><td>{escape(str(run[name].attrs.get('long_name', '')))}</td></tr>"
-                for name in names
-            )
-            sections.append(f"<details><summary>{escape(role)}: {len(names)}</summary><table>{rows}</table></details>")
-        return "".join(sections)
+        return page(self._run)
 
     def at(self, times: Any, **how: Any) -> xr.Dataset:
         """Return the states at any times inside the run, ``"1 s"``, ``[0.1, 0.2]`` or ``"0:20:201 s"``; see `xdynamics.sample`."""
@@ -182,8 +171,8 @@ class Dynamics:
 
         return plot(self._run, path, **how)
 
-    def animate(self, path: Given, **how: Any) -> Place:
-        """Write the motion in the plane as a film; see `xdynamics.animate`."""
+    def animate(self, path: Given | None = None, **how: Any) -> Film:
+        """Film the motion in the plane; see `xdynamics.animate`."""
         from xdynamics.figures.animation import animate
 
         return animate(self._run, path, **how)

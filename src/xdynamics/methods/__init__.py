@@ -3,8 +3,9 @@
 from xdynamics.methods import composition, euler, implicit, midpoint, moreau, nystrom, runge_kutta, verlet
 from xdynamics.methods.lines import Evaluation, Solve, Statement
 from xdynamics.methods.method import Method, method_named
+from xdynamics.methods.table import Methods
 
 FAMILIES = (euler, midpoint, verlet, composition, moreau, runge_kutta, nystrom, implicit)
-METHODS: dict[str, Method] = {method.name: method for family in FAMILIES for method in family.METHODS}
+METHODS = Methods({method.name: method for family in FAMILIES for method in family.METHODS})
 
 __all__ = ["METHODS", "Evaluation", "Method", "Solve", "Statement", "method_named"]

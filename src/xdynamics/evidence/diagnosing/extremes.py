@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import Inside, sampled
-from xdynamics.evidence.chunks import Chunks, Part
+from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
 from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
+from xdynamics.evidence.stored_columns import Part
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.units import parse_unit

@@ -1,0 +1,164 @@
+"""Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive rows of some columns, with the row before them and the row after them, where there are such.
+
+    Attributes
+    ----------
+    first, count : int
+        The first row of the part itself, and how many it has.
+    before : int
+        How many rows of the columns lie before it: 0 or 1.
+    columns : dict of str to ndarray, shape (before + count + 0 or 1,)
+    """
+
+    first: int
+    count: int
+    before: int
+    columns: dict[str, Any]
+
+    def own(self, name: str) -> Any:
+        """Return a column without the neighbours."""
+        return self.columns[name][self.before : self.before + self.count]
+
+    @property
+    def numbers(self) -> Rows:
+        """The numbers of all rows, neighbours included."""
+        size = len(next(iter(self.columns.values())))
+        return np.arange(self.first - self.before, self.first - self.before + size)
+
+
+class StoredColumns:
+    """Variables along one dimension.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    dim : str
+    kept : collection of str
+        Variables whose chunks are kept once they were read, as long as there is room.
+    room : float, bytes
+        Of longer columns chunks are read again where they are needed again.
+    lasting : collection of str
+        Variables that are kept even so.
+    """
+
+    def __init__(
+        self, run: xr.Dataset, dim: str, *, kept: Collection[str], room: float, lasting: Collection[str] = ()
+    ) -> None:
+        self.run = run
+        self.size = int(run.sizes[dim])
+        self._kept, self._room, self._lasting = kept, room, lasting
+        self._columns: dict[str, _Column] = {}
+
+    def parts(self, *names: str) -> Iterator[Part]:
+        """Yield all rows of some columns in order, as they are stored."""
+        columns = [self._column(name) for name in names]
+        borders = np.unique(np.concatenate([column.borders for column in columns]))
+        for begin, end in pairwise(borders.tolist()):
+            low, high = max(begin - 1, 0), min(end + 1, self.size)
+            self._read(columns, low, high)
+            values = {name: column.stretch(low, high) for name, column in zip(names, columns, strict=True)}
+            yield Part(begin, end - begin, begin - low, values)
+            for name, column in zip(names, columns, strict=True):
+                self._forget(name, column, end - 1)
+        for name, column in zip(names, columns, strict=True):
+            self._forget(name, column, self.size)
+
+    def at(self, name: str, rows: Any) -> Any:
+        """Return values of a column in some rows, in any order."""
+        column, rows = self._column(name), np.asarray(rows, np.int64)
+        values = None
+        chunks = np.searchsorted(column.borders, rows, side="right") - 1
+        for chunk in np.unique(chunks).tolist():
+            begin, end = column.borders[chunk : chunk + 2].tolist()
+            self._read([column], begin, end)
+            part = column.stretch(begin, end)
+            values = np.empty(rows.shape, part.dtype) if values is None else values
+            values[chunks == chunk] = part[rows[chunks == chunk] - begin]
+            self._forget(name, column, end)
+        return np.zeros(rows.shape) if values is None else values
+
+    def _column(self, name: str) -> _Column:
+        if name not in self._columns:
+            self._columns[name] = _Column(self.run[name].variable)
+        return self._columns[name]
+
+    def _read(self, columns: Sequence[_Column], begin: int, end: int) -> None:
+        """Read what is missing of some rows, all chunks at once."""
+        missing = [(column, chunk) for column in columns for chunk in column.missing(begin, end)]
+        if not missing:
+            return
+        import dask.base
+
+        compute: Any = dask.base.compute  # it is not typed
+        for (column, chunk), values in zip(
+            missing, compute(*(column.block(chunk) for column, chunk in missing)), strict=True
+        ):
+            column.read[chunk] = values
+
+    def _forget(self, name: str, column: _Column, row: int) -> None:
+        """Forget the chunks before a row, but for those that are kept."""
+        for chunk in [chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept]:
+            size = column.read[chunk].nbytes
+            if name in self._lasting or (name in self._kept and size <= self._room):
+                self._room -= size
+                column.kept.add(chunk)
+            else:
+                del column.read[chunk]
+
+
+@dataclass
+class _Column:
+    """A variable along `step`, and which of its chunks have been read."""
+
+    variable: xr.Variable
+    read: dict[int, Any] = field(default_factory=dict)
+    kept: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape
+        self.borders = np.concatenate([[0], np.cumsum([size for size in sizes if size])]).astype(np.int64)
+        self._places = [k for k, size in enumerate(sizes) if size]
+        if not self.variable.chunks:
+            self.read[0] = np.asarray(self.variable)
+            self.kept.add(0)
+
+    def missing(self, begin: int, end: int) -> list[int]:
+        """List the chunks of some rows that have to be read."""
+        return [chunk for chunk in self._of(begin, end) if chunk not in self.read]
+
+    def block(self, chunk: int) -> Any:
+        """Return a chunk as a lazy array."""
+        return self.variable.data.blocks[self._places[chunk]]
+
+    def stretch(self, begin: int, end: int) -> Any:
+        """Return consecutive rows, of chunks that have been read."""
+        parts = [
+            self.read[chunk][max(begin - low, 0) : end - low]
+            for chunk in self._of(begin, end)
+            for low in self.borders[chunk : chunk + 1].tolist()
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _of(self, begin: int, end: int) -> range:
+        """Number the chunks in which rows are."""
+        first, last = np.searchsorted(self.borders, [begin, end - 1], side="right").tolist()
+        return range(first - 1, last)

@@ -1,0 +1,247 @@
+"""Of a long run in chunks, the rows that a figure shows: each chunk is read once, and few of its rows are kept.
+
+What is kept of every column are the least and the greatest of each stretch of rows and of time, as `curves.thinned` keeps
+them; what happens at events, at changes of the regime, in steps that are long in a picture, and at the times of profiles and
+sections. `step` then has the numbers of the rows: between rows that do not follow each other nothing is recomputed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stored_columns import Part, StoredColumns
+from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes
+from xdynamics.figures.lattice import moments_of
+from xdynamics.figures.lines import strobes
+from xdynamics.figures.marks import MOST_BANDS
+from xdynamics.figures.plane import positions
+from xdynamics.model import Model
+from xdynamics.record.laziness import is_chunked
+from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+ON_REQUEST = ("force", "observable", "gap")  # roles of columns that a figure of a run has only where they are named
+MOST_NUMBERS = 4_000_000  # that are drawn of a run as it is; and about as many has an excerpt
+FEWEST = 40  # rows of each column
+ROOM = 1 << 26  # bytes of times that are kept: of the first and the last chunk, for the span
+LOGARITHMIC = ("step_size", "error_norm")  # columns of which only positive values are drawn
+CLOCKS = {STEPS: "time", EVENTS: "event_time", TRIALS: "trial_time"}
+KINDS = {EVENTS: "event_detector", TRIALS: "trial_reason"}  # each is drawn by itself
+EVENT_ROWS = ("event_row_before", "event_row_after")
+
+
+def drawn_of(run: xr.Dataset, wanted: Sequence[str] | None = None) -> xr.Dataset:
+    """Return what a figure draws of a run, in memory: all rows of a short one, an excerpt of a long one.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        In chunks; one in memory is returned as it is.
+    wanted : sequence of str, optional
+        Columns that are drawn because they are named; what is drawn of no figure stays in chunks.
+    """
+    names = [
+        str(name)
+        for name, variable in run.variables.items()
+        if is_chunked(variable)
+        and variable.dims[:1] != (SAMPLES,)
+        and (variable.attrs.get("role") not in ON_REQUEST or name in (wanted or ()))
+    ]
+    if not names:
+        return run
+    if sum(run[name].size for name in names) <= MOST_NUMBERS or "time" not in run.variables:
+        return run.assign(computed(run[names])[0].variables)
+    along = {dim: [name for name in names if run[name].dims[:1] == (dim,)] for dim in CLOCKS}
+    short = [name for name in names if not any(name in listed for listed in along.values())]
+    excerpt = run.assign(computed(run[short])[0].variables) if short else run
+    for dim in (TRIALS, EVENTS):
+        if along[dim]:
+            most = _most(len(along[dim]) * len(along[STEPS]))
+            excerpt = _kept(_columns(excerpt, dim), dim, along[dim], most, lambda _: iter(()))
+    if not along[STEPS]:
+        return excerpt
+    columns = _columns(excerpt, STEPS)
+    shown = _Shown.of(columns)
+    excerpt = _kept(columns, STEPS, along[STEPS], _most(len(along[STEPS]) ** 2), shown.rows_of, shown.functions)
+    numbers = excerpt[STEPS].values
+    rows = {name: np.searchsorted(numbers, excerpt[name].values) for name in EVENT_ROWS if name in excerpt}
+    excerpt.encoding[ENERGY_CHANGES] = shown.changes_of_energy
+    return excerpt.assign({name: (excerpt[name].dims, data, excerpt[name].attrs) for name, data in rows.items()})
+
+
+def _most(columns: int) -> int:
+    """Return how many rows are kept of each column, so that not too many are kept of all."""
+    return min(DRAWN, max(FEWEST, MOST_NUMBERS // max(1, columns)))
+
+
+def _columns(run: xr.Dataset, dim: str) -> StoredColumns:
+    return StoredColumns(run, dim, kept=(CLOCKS[dim],), room=ROOM)
+
+
+def _kept(
+    columns: StoredColumns,
+    dim: str,
+    names: list[str],
+    most: int,
+    others: Callable[[Part], Iterator[Any]],
+    functions: Callable[[Part], Iterator[Any]] | None = None,
+) -> xr.Dataset:
+    """Read columns along a dimension chunk by chunk; keep extremes of each stretch of them, and other rows.
+
+    Parameters
+    ----------
+    others : callable
+        Yields further rows of a part that are shown, by their places in it.
+    functions : callable, optional
+        Yields what is computed from a part's columns and has extremes, too.
+    """
+    import xarray as xr
+
+    run, clock, kind = columns.run, CLOCKS[dim], KINDS.get(dim)
+    if not columns.size:
+        return run.assign(computed(run[names])[0].variables)
+    start, end = columns.at(clock, [0, columns.size - 1]).tolist()
+    by_row = np.linspace(0, columns.size, most // 4 + 1).astype(np.int64)
+    by_time = np.linspace(start, end, most // 4 + 1)[1:-1]
+    numeric = [name for name in names if run[name].dtype.kind == "f" and run[name].dims == (dim,) and name != clock]
+    kept: dict[str, list[Any]] = {name: [] for name in (*names, dim)}
+    read = list(dict.fromkeys([clock, *names, *([kind] if kind else [])]))
+    for part in columns.parts(*read):
+        values = [_positive(part.own(name)) if name in LOGARITHMIC else part.own(name) for name in numeric]
+        values += functions(part) if functions else ()
+        rows = [row - part.before for row in map(np.asarray, others(part)) if row.size]
+        of_kinds = [np.flatnonzero(part.own(kind) == one) for one in np.unique(part.own(kind))] if kind else []
+        for group in of_kinds or [np.arange(part.count)]:
+            borders = [by_row - part.first, np.searchsorted(part.own(clock), by_time)]
+            edges = np.searchsorted(group, np.clip(np.concatenate([[0, part.count], *borders]), 0, part.count))
+            rows += [group[extremes(column[group], np.unique(edges))] for column in values] + [group[:1], group[-1:]]
+        chosen = np.unique(np.concatenate(rows))
+        chosen = chosen[(chosen >= 0) & (chosen < part.count)]
+        for name in names:
+            kept[name].append(part.own(name)[chosen])
+        kept[dim].append(part.first + chosen)
+    numbers = np.concatenate(kept.pop(dim))
+    read_columns = {
+        name: xr.Variable(run[name].dims, np.concatenate(parts), run[name].attrs) for name, parts in kept.items()
+    }
+    index = {"units": "1", "long_name": f"number along {dim}", "role": "index"}
+    return (
+        run.drop_vars(names)
+        .isel({dim: numbers}, missing_dims="ignore")
+        .assign(read_columns)
+        .assign_coords({dim: (dim, numbers, index)})
+    )
+
+
+def _positive(values: Any) -> Any:
+    return np.where(values > 0, values, np.nan)
+
+
+@dataclass
+class _Shown:
+    """What is shown of the rows of a run beside the extremes of its columns.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    model : Model, optional
+    events : ndarray of int
+        Rows at events.
+    size : int
+        How many rows the run has.
+    span : float
+    moments : ndarray
+        Times at which states are drawn.
+    nearest : float
+        The least time between two rows so far.
+    changes : int
+        Changes of the regime so far.
+    energy : Accumulated, optional
+        What changed the total energy so far; none where that is not known.
+    """
+
+    run: xr.Dataset
+    model: Model | None
+    events: Rows
+    size: int
+    span: float
+    moments: Floats
+    nearest: float = field(default=np.inf)
+    changes: int = 0
+    energy: Accumulated | None = None
+
+    @classmethod
+    def of(cls, columns: StoredColumns) -> _Shown:
+        """Read from a run what is known before its rows are read."""
+        run = columns.run
+        model = model_of(run, None) if "model_toml" in run else None
+        start, end = columns.at("time", [0, columns.size - 1]).tolist()
+        moments = [moments_of(start, end)]
+        if model is not None and model.pictured.section is not None:
+            moments.append(strobes(model, start, end))
+        events = [run[name].values for name in EVENT_ROWS if name in run.variables]
+        rows = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
+        shown = cls(run, model, rows, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
+        if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:
+            shown.energy = Accumulated(model)
+        return shown
+
+    @property
+    def changes_of_energy(self) -> dict[str, float] | None:
+        """The largest changes of the total energy by what causes them, where they are known."""
+        return None if self.energy is None else self.energy.largest
+
+    def rows_of(self, part: Part) -> Iterator[Any]:
+        """Yield rows of a part, by their places in its columns."""
+        time, numbers = part.columns["time"], part.numbers
+        middle = np.array([0, (self.size - 1) // 2, self.size // 2, self.size - 1])  # the median of the times, too
+        yield np.flatnonzero(np.isin(numbers, np.concatenate([self.events, middle])))
+        apart = np.diff(time)
+        long = np.flatnonzero(apart * (DRAWN // 2) >= self.span)
+        yield from (long, long + 1)
+        if self.energy is not None and (long.size or not self.energy.add(self._columns_of(part))):
+            self.energy = None  # states inside long steps would matter
+        positive = np.where(apart > 0.0, apart, np.inf)
+        if positive.size and positive.min() < self.nearest:
+            self.nearest = float(positive.min())
+            yield int(positive.argmin()) + np.arange(2)
+        inside = self.moments[(self.moments >= time[0]) & (self.moments <= time[-1])]
+        before = np.searchsorted(time, inside, side="right") - 1
+        yield from (before, np.minimum(before + 1, time.size - 1))
+        if "regime" in part.columns and self.changes <= MOST_BANDS:
+            changed = 1 + np.flatnonzero(np.diff(part.columns["regime"]))
+            changed = changed[(changed >= part.before) & (changed < part.before + part.count)]
+            self.changes += changed.size
+            yield from (changed, changed - 1)
+
+    def _columns_of(self, part: Part) -> xr.Dataset:
+        """Return a part with the row before it as a record in memory."""
+        import xarray as xr
+
+        end = part.before + part.count
+        columns = {
+            name: (STEPS, values[:end], self.run[name].attrs)
+            for name, values in part.columns.items()
+            if values.ndim == 1
+        }
+        return xr.Dataset(columns, attrs=self.run.attrs)
+
+    def functions(self, part: Part) -> Iterator[Any]:
+        """Yield where the model's plane has its bodies."""
+        if self.model is None or not {*self.model.coordinates} <= {*part.columns}:
+            return
+        states = {name: part.own(name) for name in self.model.coordinates}
+        for x, y in positions(self.model, part.own("time"), states):
+            yield from (x, y)

@@ -1,0 +1,85 @@
+"""Figures of long runs in chunks: few rows are kept, each chunk is read once, and nothing that is seen is lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.chunked import chunked, ragged
+from cases.problems import MODELS
+from xdynamics.figures import excerpt
+
+LONG: dict[str, dict[str, Any]] = {
+    "bouncing_ball": {"until": 10.0, "step": 5e-4},
+    "double_pendulum": {"until": 10.0, "step": 5e-4, "method": "rk4"},
+    "impact_oscillator_section": {"until": 40.0, "step": 2e-3},
+}
+
+
+@pytest.fixture(params=LONG, scope="module")
+def long(request: pytest.FixtureRequest) -> xr.Dataset:
+    """Return a run of 20,000 rows."""
+    return xd.simulate(xd.Model.from_toml(MODELS / f"{request.param}.toml"), **LONG[request.param])
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let 20,000 rows be too many to be drawn as they are."""
+    monkeypatch.setattr(excerpt, "MOST_NUMBERS", 200_000)
+
+
+@pytest.mark.usefixtures("few")
+def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
+    """Assert the least and greatest value of every state and energy, and the states at events, with each chunk read once."""
+    lazy, reads = chunked(long, ragged(long.sizes["step"], 23, 1))
+    found = excerpt.drawn_of(lazy)
+    assert max(reads.values()) == 1
+    assert found.sizes["step"] < long.sizes["step"] / 3
+    for name, variable in found.data_vars.items():
+        if variable.dims == ("step",) and variable.attrs["role"] in ("coordinate", "velocity", "energy", "reaction"):
+            assert (variable.min(), variable.max()) == (long[name].min(), long[name].max()), name
+    assert np.array_equal(found.time[found.event_row_before], long.event_time)
+    assert np.array_equal(found.time, long.time[found.step])
+
+
+@pytest.mark.usefixtures("few")
+def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Dataset) -> None:
+    """Assert the same panels, marks and names, axes of the same extents, with each chunk read once."""
+    lazy, reads = chunked(long, ragged(long.sizes["step"], 23, 2))
+    whole, found = (xd.plot(run).axes for run in (long, lazy))
+    assert max(reads.values()) == 1
+    assert len(whole) == len(found)
+    for one, other in zip(whole, found, strict=True):
+        assert other.get_title(loc="left") == one.get_title(loc="left")
+        assert [text.get_text() for text in other.texts] == [text.get_text() for text in one.texts]
+        assert other.axis() == pytest.approx(one.axis(), rel=2e-3)
+        marks = [[line.get_xydata() for line in axes.lines if line.get_linestyle() == "None"] for axes in (one, other)]
+        assert all(np.array_equal(*pair) for pair in zip(*marks, strict=True))
+
+
+@pytest.mark.usefixtures("few")
+def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of many events the first and last of each name and the largest impulses are kept, each chunk read once."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=10.0, step=5e-4)
+    monkeypatch.setattr(excerpt, "_most", lambda _: 40)
+    found = excerpt.drawn_of(run.chunk(step=1000, event=7, inline_array=True))
+    assert found.sizes["event"] < run.sizes["event"]
+    assert found.event_impulse_y.max() == run.event_impulse_y.max()
+    assert set(found.event_kind.values) == set(run.event_kind.values)
+    assert np.array_equal(found.time[found.event_row_before], found.event_time)
+
+
+def test_a_run_in_chunks_is_reported_as_the_one_in_memory(tmp_path: Any) -> None:
+    """Assert the same page, archive and figure."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)
+    xd.save(run, tmp_path / "run.nc")
+    pages = [
+        xd.report(tmp_path / name, run=given)
+        for name, given in (("lazy", xd.open_run(tmp_path / "run.nc", chunks={"step": 100})), ("whole", run))
+    ]
+    assert pages[0] == pages[1]
+    assert (tmp_path / "lazy/run.png").read_bytes() == (tmp_path / "whole/run.png").read_bytes()
