@@ -130,6 +130,7 @@ def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: 
     client.wait_for_workers(2, timeout=60)
     check_workers(client)
     mine = cluster.environment()
+    monkeypatch.setattr(cluster, "OFTEN", 0.01)
     monkeypatch.setattr(
         client,
         "run",
@@ -141,6 +142,10 @@ def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: 
     with pytest.raises(xd.InputError, match="worker tcp://10.0.0.1:2 has xdynamics 0.1, and this process") as told:
         check_workers(client)
     assert "worker tcp://10.0.0.2:2 cannot be asked: no such module" in str(told.value)
+    answers = [{"tcp://10.0.0.1:2": OSError("Connection reset by peer")}, {"tcp://10.0.0.3:2": mine}]
+    monkeypatch.setattr(client, "run", lambda *_, **__: answers.pop(0))
+    check_workers(client)  # one was lost while it was asked, and another is there in its place
+    assert answers == []
     monkeypatch.setattr(client, "run", lambda *_, **__: {})
     with pytest.raises(xd.InputError, match="has no workers; start one with: dask worker tcp://"):
         check_workers(client)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from xdynamics.kernels.engine_part import sources
 
 PATIENCE = "10s"  # with a scheduler that does not answer
 OFTEN = 0.5  # s between two questions how far a graph is
+ASKED = 10  # times at most, workers that are lost meanwhile
 UNFINISHED = ("waiting", "processing", "queued", "no-worker")
 Tell = Callable[[float, float, int], None]
 
@@ -49,7 +51,7 @@ def check_workers(client: Any) -> None:
         Naming each worker that has others; or if there is no worker.
     """
     try:
-        found = client.run(environment, on_error="return")
+        found = _environments(client)
     except Exception as error:  # noqa: BLE001 - whatever a worker without this package answers
         raise InputError(f"the workers of {_address(client)} cannot be asked for their versions: {error}") from None
     if not found:
@@ -61,6 +63,16 @@ def check_workers(client: Any) -> None:
     if faults:
         remedy = "install the same versions on all machines"
         raise InputError(f"the workers are not as this process; {remedy}:{numbered(faults)}", tuple(faults))
+
+
+def _environments(client: Any) -> dict[str, Any]:
+    """Return each worker's environment; where one was lost while it was asked, ask those that are there then."""
+    for _ in range(ASKED):
+        found: dict[str, Any] = client.run(environment, on_error="return")
+        if not any(isinstance(answer, OSError) for answer in found.values()):
+            break
+        time.sleep(OFTEN)
+    return found
 
 
 def _faults(worker: str, mine: dict[str, str], theirs: Any) -> Iterator[str]:

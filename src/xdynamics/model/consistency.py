@@ -234,7 +234,8 @@ def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledg
     waiting: dict[str, Node] = dict(statement.definitions)
     uses = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
     for levels in count():
-        ready = [name for name in waiting if not any(dependency in waiting for dependency in uses[name])]
+        names = {*waiting}
+        ready = [name for name in waiting if uses[name].isdisjoint(names)]
         if not waiting:
             return
         if not ready:
