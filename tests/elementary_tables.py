@@ -27,11 +27,17 @@ def tables() -> dict[str, list[float] | list[int]]:
     digits = int(floor(2 / pi * mpf(2) ** (LIMB * LIMBS)))
     limbs = [(digits >> (LIMB * (LIMBS - 1 - i))) & ((1 << LIMB) - 1) for i in range(LIMBS)]
     return {
-        "root": [one for one, _ in roots], "root_tail": [float(mpf(two) / mpf(one)) for one, two in roots],
-        "center": centers, "inverse": inverse, "offset": offsets, "log": [one for one, _ in logs], "log_tail": [two for _, two in logs],
-        "arc": [one for one, _ in arcs], "arc_tail": [two for _, two in arcs],
+        "root": [one for one, _ in roots],
+        "root_tail": [float(mpf(two) / mpf(one)) for one, two in roots],
+        "center": centers,
+        "inverse": inverse,
+        "offset": offsets,
+        "log": [one for one, _ in logs],
+        "log_tail": [two for _, two in logs],
+        "arc": [one for one, _ in arcs],
+        "arc_tail": [two for _, two in arcs],
         "two_over_pi": [0] * PADDING + limbs,
-    }  # fmt: skip
+    }
 
 
 def fitted(

@@ -33,7 +33,18 @@ from typing import Any
 
 HERE = Path(__file__).parent
 SOURCE = HERE.parent / "src" / "xdynamics"
-IMPORTED = ("pytest", "hypothesis", "numpy", "xarray", "dask.array", "netCDF4", "numba", "llvmlite.binding", "scipy.interpolate", "pandas")  # fmt: skip
+IMPORTED = (
+    "pytest",
+    "hypothesis",
+    "numpy",
+    "xarray",
+    "dask.array",
+    "netCDF4",
+    "numba",
+    "llvmlite.binding",
+    "scipy.interpolate",
+    "pandas",
+)
 AGAIN = "-Wignore::pytest.PytestAssertRewriteWarning"  # a second call of pytest finds its plugins imported
 EXAMPLES = (
     "--assert=plain",

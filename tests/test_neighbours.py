@@ -102,7 +102,12 @@ def test_the_engine_verifies(run: xr.Dataset, tmp_path: Path) -> None:
 def test_the_engine_imports_light() -> None:
     """Assert that xarray's look at its engines loads neither the engine of the march nor pint."""
     script = "import sys, xarray as xr; xr.backends.list_engines(); print(*(one for one in ('numba', 'pint', 'scipy', 'matplotlib') if one in sys.modules and 'xdynamics' in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", script + "; print('xdynamics.interchange.backend' in sys.modules)"], capture_output=True, text=True, check=True)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", script + "; print('xdynamics.interchange.backend' in sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert "True" in done.stdout
     assert "numba" not in done.stdout
 

@@ -15,26 +15,41 @@ import xdynamics as xd
 from cases.command_line import call
 
 LOTKA: dict[str, Any] = {
-    "name": "Lotka and Volterra", "time": {"unit": "1"}, "parameters": {"a": {"value": "1.1", "uncertainty": 0.01}, "b": "0.4"},
+    "name": "Lotka and Volterra",
+    "time": {"unit": "1"},
+    "parameters": {"a": {"value": "1.1", "uncertainty": 0.01}, "b": "0.4"},
     "states": {"x": {"unit": "1", "rate": "a*x - b*x*y"}, "y": {"unit": "1", "rate": "b*x*y/4 - b*y"}},
-    "initial": {"x": 10, "y": 5}, "events": {"few": {"function": "x - 2", "direction": "falling"}},
-    "observables": {"both": "x + y"}, "run": {"method": "dop853", "rtol": 1e-9, "until": "8"},
-}  # fmt: skip
+    "initial": {"x": 10, "y": 5},
+    "events": {"few": {"function": "x - 2", "direction": "falling"}},
+    "observables": {"both": "x + y"},
+    "run": {"method": "dop853", "rtol": 1e-9, "until": "8"},
+}
 DUFFING: dict[str, Any] = {
-    "name": "Duffing", "time": {"unit": "1"}, "coordinates": {"q": "1"}, "mass": {"q": "1"}, "initial": {"q": 1.5},
+    "name": "Duffing",
+    "time": {"unit": "1"},
+    "coordinates": {"q": "1"},
+    "mass": {"q": "1"},
+    "initial": {"q": 1.5},
     "parameters": {"d": {"value": "0.05", "uncertainty": 0.001}, "f": "0.2"},
     "forces": {"spring": {"potential": "q**4/4 - q**2/2"}, "drag": {"q": "-d*v_q"}, "push": {"q": "f*cos(t)"}},
     "events": {"right": {"function": "q - 1", "direction": "rising"}},
-    "contacts": {"wall": {"gap": "q + 2", "restitution": 0.5}}, "figure": {"section": "2*pi"},
+    "contacts": {"wall": {"gap": "q + 2", "restitution": 0.5}},
+    "figure": {"section": "2*pi"},
     "validation": {"start": {"quantity": "q", "expression": "1.5", "bound": "10", "times": ["0", "1"]}},
     "run": {"method": "rk4", "step": "0.05", "until": "20"},
-}  # fmt: skip
+}
 BALL: dict[str, Any] = {
-    "name": "Ball", "time": {"unit": "1"}, "coordinates": {"y": "1", "x": "1"}, "mass": {"y": "1", "x": "1"},
-    "forces": {"weight": {"potential": "y"}}, "contacts": {"floor": {"gap": "y", "restitution": 0.5}},
-    "initial": {"y": 1, "x": 0, "v_x": 1}, "figure": {"plane": ["x", "y"]}, "events": {"end": {"function": "x - 4", "direction": "rising", "action": "stop"}},
+    "name": "Ball",
+    "time": {"unit": "1"},
+    "coordinates": {"y": "1", "x": "1"},
+    "mass": {"y": "1", "x": "1"},
+    "forces": {"weight": {"potential": "y"}},
+    "contacts": {"floor": {"gap": "y", "restitution": 0.5}},
+    "initial": {"y": 1, "x": 0, "v_x": 1},
+    "figure": {"plane": ["x", "y"]},
+    "events": {"end": {"function": "x - 4", "direction": "rising", "action": "stop"}},
     "run": {"method": "dop853", "rtol": 1e-8, "until": "9"},
-}  # fmt: skip
+}
 MODELS = {"lotka": LOTKA, "duffing": DUFFING, "ball": BALL}
 # a number with seconds behind it, a unit that has them, an axis of them
 SECOND = re.compile(r"(?<=[0-9]) s\b(?!')|\(s\)|\bs-[0-9]|\bs⁻|\[s\]|\bseconds\b|'s'")
@@ -82,14 +97,28 @@ def stages(model: xd.Model, kind: str, run: xr.Dataset) -> dict[str, Any]:
             "modes": xd.modes(model),
         }
     found = {
-        "companion": xd.companion(run), "comparison": xd.compare(run, other), "diagnosis": xd.diagnose(run),
+        "companion": xd.companion(run),
+        "comparison": xd.compare(run, other),
+        "diagnosis": xd.diagnose(run),
         "refinement": refinement,
         "time tolerances": xd.refine(model, time_tolerances=["1e-3", "1e-4", "1e-5"], at=["1"]),
-        "modes": xd.modes(model), "at": xd.sample(run, "0:3:7", companion=True),
-        "sweep": xd.sweep(model, {axis: values, "step": ["0.1", "0.05"]}, keep=["end", f"event_time_{event}", f"maximum_{name}"], method="rk4").compute(),
+        "modes": xd.modes(model),
+        "at": xd.sample(run, "0:3:7", companion=True),
+        "sweep": xd.sweep(
+            model,
+            {axis: values, "step": ["0.1", "0.05"]},
+            keep=["end", f"event_time_{event}", f"maximum_{name}"],
+            method="rk4",
+        ).compute(),
         "times": xd.sweep(model, {axis: values}, keep=[name], times=["1", "2"]).compute(),
-        "drawn": xd.sweep(model, {"draw": xd.Draws(8, {axis: ("0.9", "1.1")}, seed=1)}, keep=["end", name], times=["1", "2"], until="3").compute(),
-    }  # fmt: skip
+        "drawn": xd.sweep(
+            model,
+            {"draw": xd.Draws(8, {axis: ("0.9", "1.1")}, seed=1)},
+            keep=["end", name],
+            times=["1", "2"],
+            until="3",
+        ).compute(),
+    }
     if kind == "duffing":
         found["ledger"] = xd.validate(model=model)
         found["budget"] = xd.error_budget(model, name, at="1")
@@ -130,12 +159,20 @@ def test_no_line_of_the_command_has_a_second(tmp_path: Path) -> None:
     run, fine, data = tmp_path / "run.nc", tmp_path / "fine.nc", tmp_path / "bench.csv"
     data.write_text("time [1],q [1],u(q) [1]\n0,1.5,0.01\n1,1.2,0.01\n2,0.9,0.01\n")
     verbs: list[list[Any]] = [
-        ["check", path], ["run", path, "-o", run, "--times", "0:3:4"], ["run", path, "-o", fine, "--step", "0.02"],
-        ["extend", run, "--until", "22", "-o", tmp_path / "longer.nc"], ["sample", run, "--times", "0:2:3"],
-        ["compare", run, fine, "--at", "1"], ["compare", run, data], ["diagnose", run, "--reference", "6.28"],
-        ["refine", path, "--step", "0.1", "--levels", "3", "--at", "1"], ["validate", path], ["plot", run, "-o", tmp_path / "p.png", "--with", data],
-        ["budget", path, "--quantity", "q", "--at", "1"], ["sweep", path, "--axis", "d=0.01:0.05:2", "-o", tmp_path / "s"],
-    ]  # fmt: skip
+        ["check", path],
+        ["run", path, "-o", run, "--times", "0:3:4"],
+        ["run", path, "-o", fine, "--step", "0.02"],
+        ["extend", run, "--until", "22", "-o", tmp_path / "longer.nc"],
+        ["sample", run, "--times", "0:2:3"],
+        ["compare", run, fine, "--at", "1"],
+        ["compare", run, data],
+        ["diagnose", run, "--reference", "6.28"],
+        ["refine", path, "--step", "0.1", "--levels", "3", "--at", "1"],
+        ["validate", path],
+        ["plot", run, "-o", tmp_path / "p.png", "--with", data],
+        ["budget", path, "--quantity", "q", "--at", "1"],
+        ["sweep", path, "--axis", "d=0.01:0.05:2", "-o", tmp_path / "s"],
+    ]
     for verb in verbs:
         done = call(*verb)
         assert done.exit_code in (0, 1), done.output
@@ -150,8 +187,17 @@ def test_no_line_of_the_command_has_a_second(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "asked",
-    [{"until": "-1"}, {"step": "-1"}, {"nodes": ["99"]}, {"min_step": -1.0, "rtol": 1e-6}, {"times": ["99"]}, {"times": "0:1:0"}, {"time_tolerance": "-1"}, {"step": [0.1, 0.1]}],
-)  # fmt: skip
+    [
+        {"until": "-1"},
+        {"step": "-1"},
+        {"nodes": ["99"]},
+        {"min_step": -1.0, "rtol": 1e-6},
+        {"times": ["99"]},
+        {"times": "0:1:0"},
+        {"time_tolerance": "-1"},
+        {"step": [0.1, 0.1]},
+    ],
+)
 def test_no_refusal_has_a_second(asked: dict[str, Any]) -> None:
     """Assert that what is refused is said in the model's own unit of time."""
     with pytest.raises(xd.InputError) as told:
@@ -177,12 +223,16 @@ def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
     data = tmp_path / "bench.csv"
     data.write_text("time [1],q [1]\n" + "".join(f"{t / 4},{1.5 - t * t / 50}\n" for t in range(1, 9)))
     studies = {
-        "contrast": xd.contrast(swept, "d"), "sensitivities": xd.sensitivities(swept), "influences": xd.influences(swept),
-        "convergence": xd.convergence(steps, "step"), "precision": xd.precision(steps),
+        "contrast": xd.contrast(swept, "d"),
+        "sensitivities": xd.sensitivities(swept),
+        "influences": xd.influences(swept),
+        "convergence": xd.convergence(steps, "step"),
+        "precision": xd.precision(steps),
         "indices": xd.sobol_indices(model, {"d": ("0.04", "0.06"), "f": ("0.1", "0.3")}, "end_q", draws=16, until="1"),
-        "ledger": xd.validate(["dop853"], model=ball), "fit": xd.fit(model, data, ["d"], until="2"),
+        "ledger": xd.validate(["dop853"], model=ball),
+        "fit": xd.fit(model, data, ["d"], until="2"),
         "extreme": xd.error_budget(model, "maximum_q", until="3"),
-    }  # fmt: skip
+    }
     check(texts_of(xd.ragged(steps)), "ragged")
     for what, found in studies.items():
         check(texts_of(found), what)
@@ -192,7 +242,13 @@ def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
 
 def test_steps_that_are_given_and_a_state_that_has_seconds() -> None:
     """Assert that given steps have the unit of time, and that a state of the model keeps its own."""
-    model = xd.Model(**LOTKA | {"states": LOTKA["states"] | {"clock": {"unit": "s", "rate": "2*second"}}, "initial": LOTKA["initial"] | {"clock": "0 s"}})  # fmt: skip
+    model = xd.Model(
+        **LOTKA
+        | {
+            "states": LOTKA["states"] | {"clock": {"unit": "s", "rate": "2*second"}},
+            "initial": LOTKA["initial"] | {"clock": "0 s"},
+        }
+    )
     run = xd.simulate(model, method="rk4", step=[0.1] * 5, until="0.5")
     assert (run.given_step_size.attrs["units"], run.time.attrs["units"], run.step_size.attrs["units"]) == (
         "1",

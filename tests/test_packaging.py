@@ -74,9 +74,13 @@ def wheel(built: Path) -> Path:
 def ran(python: str | Path, **environment: str) -> tuple[list[str], str, str]:
     """Run the program elsewhere: where the package is, origin and number of compilations; digests; what is said."""
     done = subprocess.run(
-        [python, "-W", "ignore", "-c", PROGRAM], capture_output=True, text=True, check=True, cwd=ROOT,
+        [python, "-W", "ignore", "-c", PROGRAM],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
         env=elsewhere() | environment,
-    )  # fmt: skip
+    )
     facts, digests = done.stdout.splitlines()
     return facts.split("|"), digests, done.stderr
 
@@ -133,9 +137,11 @@ def test_the_source_distribution_is_whole(built: Path) -> None:
     rooms = ("src", "tests", "data", "pipelines")
     ignored = (".pyc", ".nc.partial")
     wanted = {
-        str(path.relative_to(ROOT)) for room in rooms for path in (ROOT / room).rglob("*")
+        str(path.relative_to(ROOT))
+        for room in rooms
+        for path in (ROOT / room).rglob("*")
         if path.is_file() and path.suffix not in ignored and "egg-info" not in str(path)
-    }  # fmt: skip
+    }
     assert {"pyproject.toml", "README.md", "tests/conftest.py", "data/models/kepler.toml"} <= names
     assert wanted <= names
     assert not [name for name in names if name.endswith((".pyc", ".ll.xz"))]

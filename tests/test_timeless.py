@@ -12,15 +12,28 @@ import xdynamics as xd
 from cases.command_line import call
 
 LORENZ: dict[str, Any] = {
-    "name": "Lorenz", "time": {"unit": "1"}, "parameters": {"s": "10", "r": "28", "b": "2.6666666666666665"},
-    "states": {"x": {"unit": "1", "rate": "s*(y - x)"}, "y": {"unit": "1", "rate": "x*(r - z) - y"}, "z": {"unit": "1", "rate": "x*y - b*z"}},
-    "initial": {"x": 1, "y": 1, "z": 1}, "events": {"up": {"function": "x", "direction": "rising", "time_tolerance": "1e-9"}},
+    "name": "Lorenz",
+    "time": {"unit": "1"},
+    "parameters": {"s": "10", "r": "28", "b": "2.6666666666666665"},
+    "states": {
+        "x": {"unit": "1", "rate": "s*(y - x)"},
+        "y": {"unit": "1", "rate": "x*(r - z) - y"},
+        "z": {"unit": "1", "rate": "x*y - b*z"},
+    },
+    "initial": {"x": 1, "y": 1, "z": 1},
+    "events": {"up": {"function": "x", "direction": "rising", "time_tolerance": "1e-9"}},
     "run": {"method": "dop853", "rtol": 1e-10, "until": "15"},
-}  # fmt: skip
+}
 BOUNCING: dict[str, Any] = {
-    "name": "bouncing", "time": {"unit": "1"}, "coordinates": {"y": "1"}, "mass": {"y": "1"}, "forces": {"weight": {"potential": "y"}},
-    "contacts": {"floor": {"gap": "y", "restitution": 0.5}}, "initial": {"y": "0.5"}, "run": {"method": "dop853", "rtol": 1e-9, "until": "2.5"},
-}  # fmt: skip
+    "name": "bouncing",
+    "time": {"unit": "1"},
+    "coordinates": {"y": "1"},
+    "mass": {"y": "1"},
+    "forces": {"weight": {"potential": "y"}},
+    "contacts": {"floor": {"gap": "y", "restitution": 0.5}},
+    "initial": {"y": "0.5"},
+    "run": {"method": "dop853", "rtol": 1e-9, "until": "2.5"},
+}
 
 
 def test_no_number_has_a_second(tmp_path: Path) -> None:
@@ -65,15 +78,23 @@ def test_motion_contacts_and_evidence() -> None:
     ("change", "asked", "said"),
     [
         ({}, {"until": "20 s"}, "until '20 s' has units 's', and the model's time is a pure number"),
-        ({}, {"scales": {"time": "1.3 s"}}, "the scale of time is 1.3 s, and the model's time is a pure number: leave it out"),
+        (
+            {},
+            {"scales": {"time": "1.3 s"}},
+            "the scale of time is 1.3 s, and the model's time is a pure number: leave it out",
+        ),
         ({}, {"step": "1 ms", "method": "rk4"}, "step '1 ms' has units 's'"),
         ({"time": {"unit": "ms"}}, {}, "unit is 'ms'; time is in 's', or a pure number"),
         ({"time": {"units": "1"}}, {}, "key 'units' is not known"),
         ({"states": {"x": {"unit": "1", "rate": "1/second"}}}, {}, "rate of state 'x' has units 's-1"),
-        ({"events": {"up": {"function": "x", "time_tolerance": "1 ns"}}}, {}, "event 'up': time_tolerance is '1.0 ns', needs a positive time in '1'"),
+        (
+            {"events": {"up": {"function": "x", "time_tolerance": "1 ns"}}},
+            {},
+            "event 'up': time_tolerance is '1.0 ns', needs a positive time in '1'",
+        ),
         ({"time": {"unit": "s"}}, {}, "until '15' has units '1', needs 's'"),
     ],
-)  # fmt: skip
+)
 def test_units_that_do_not_fit(change: dict[str, Any], asked: dict[str, Any], said: str) -> None:
     """Assert that seconds in a model without them are named, and numbers in one with."""
     with pytest.raises(xd.InputError, match=said):

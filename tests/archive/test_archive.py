@@ -158,9 +158,12 @@ def test_failing_write_leaves_the_old_file(archived: Path, tmp_path: Path, limit
     shutil.copy(archived, path)
     before = path.read_bytes()
     ended = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(path), str(limit)], capture_output=True, text=True, check=False,
+        [sys.executable, "-c", LIMITED, str(path), str(limit)],
+        capture_output=True,
+        text=True,
+        check=False,
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
-    )  # fmt: skip
+    )
     assert ended.returncode == 3, ended.stderr
     assert str(path) in ended.stdout
     assert "nothing is changed there" in ended.stdout
@@ -202,9 +205,13 @@ def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.Fi
     allowed = {xd.content_digest(xd.simulate(oscillator().model, step=step, until=20.0)) for step in (0.0004, 0.0005)}
     seen = set()
     with subprocess.Popen(
-        [sys.executable, "-c", SAVING, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+        [sys.executable, "-c", SAVING, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        bufsize=1,
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
-    ) as process:  # fmt: skip
+    ) as process:
         assert process.stdin is not None
         assert process.stdout is not None
         for _ in range(50 if request.config.getoption("--whole") else 8):
@@ -229,9 +236,17 @@ def test_memory_of_a_streamed_run_is_bounded(tmp_path: Path) -> None:
     )
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     peaks = [
-        int(subprocess.run([sys.executable, "-c", script, str(tmp_path / "run.nc"), rows], capture_output=True, text=True, check=True, env=environment).stdout)
+        int(
+            subprocess.run(
+                [sys.executable, "-c", script, str(tmp_path / "run.nc"), rows],
+                capture_output=True,
+                text=True,
+                check=True,
+                env=environment,
+            ).stdout
+        )
         for rows in ("400000", "4000000")
-    ]  # fmt: skip
+    ]
     assert peaks[1] - peaks[0] < 60_000  # KiB; the larger run's log is 330 MB
 
 

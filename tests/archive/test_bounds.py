@@ -137,10 +137,18 @@ WHOLE, LONG = ("a", F8, (10,), "contiguous", PLAIN), ("b", F8, (4,), [11], None)
         ([WHOLE, ("c", F8, (1000,), [100], PACKED)], 160, []),
         ([WHOLE, ("c", F8, (1000,), [100], PACKED)], 159, ["the variables declare 8080 bytes, and the file has 159"]),
         ([("a", F8, (10,), [1 << 22], PACKED)], 80, []),
-        ([("a", F8, (10,), [1 + (1 << 22)], PACKED)], 80, ["variable 'a' declares 33554440 bytes, and the file has 80"]),
-        ([(*WHOLE[:4], {"zlib": True, "szip": {"mask": 1}, "shuffle": True})], 80, ["variable 'a' is compressed (zlib, szip), which no variable of an archive is"]),
+        (
+            [("a", F8, (10,), [1 + (1 << 22)], PACKED)],
+            80,
+            ["variable 'a' declares 33554440 bytes, and the file has 80"],
+        ),
+        (
+            [(*WHOLE[:4], {"zlib": True, "szip": {"mask": 1}, "shuffle": True})],
+            80,
+            ["variable 'a' is compressed (zlib, szip), which no variable of an archive is"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_declared_is_held_against_the_bytes(variables: list[Any], size: int, said: list[str]) -> None:
     """Assert that a variable, a chunk of it and all variables together must fit into the file, to the byte."""
     assert oversize(sized(size, st_blocks=1), declared(*variables)) == said
@@ -148,8 +156,14 @@ def test_what_is_declared_is_held_against_the_bytes(variables: list[Any], size: 
 
 @pytest.mark.parametrize(
     ("size", "blocks", "sparse"),
-    [(10_000_000, 0, False), (10_000_001, 0, True), (51_200_000, 100, False), (51_200_001, 100, True), (2**40, None, False)],
-)  # fmt: skip
+    [
+        (10_000_000, 0, False),
+        (10_000_001, 0, True),
+        (51_200_000, 100, False),
+        (51_200_001, 100, True),
+        (2**40, None, False),
+    ],
+)
 def test_bytes_that_are_on_no_disk(size: int, blocks: int | None, *, sparse: bool) -> None:
     """Assert that a large file of which a thousandth is there is refused, where the system says how much is."""
     about = {} if blocks is None else {"st_blocks": blocks}

@@ -47,23 +47,44 @@ def recoded(file: Any) -> None:
 
 HARM: dict[str, tuple[Callable[[Any], object], tuple[str, ...]]] = {
     "a value": (lambda file: file["x"].__setitem__(7, 2.0), ("variable 'x' differs from its digest",)),
-    "two values": (lambda file: (file["x"].__setitem__(7, 2.0), file["v_x"].__setitem__(0, 2.0), file.setncattr("title", "other")),
-                   ("variable 'x' differs from its digest", "variable 'v_x' differs from its digest")),
+    "two values": (
+        lambda file: (file["x"].__setitem__(7, 2.0), file["v_x"].__setitem__(0, 2.0), file.setncattr("title", "other")),
+        ("variable 'x' differs from its digest", "variable 'v_x' differs from its digest"),
+    ),
     "an attribute": (lambda file: file.setncattr("title", "other"), (DIFFER,)),
     "an attribute of one": (lambda file: file["x"].setncattr("units", "km"), (DIFFER,)),
     "a date": (lambda file: file.setncattr("date_created", "later"), (DATED,)),
     "both": (lambda file: (file.setncattr("date_created", "later"), file.setncattr("title", "other")), (DIFFER, DATED)),
     "no digest": (lambda file: file["x"].delncattr("sha256"), ("variable 'x' differs from its digest",)),
     "no root digest": (lambda file: file.delncattr("content_digest"), ("attribute 'content_digest' is missing",)),
-    "no digests": (lambda file: (file.delncattr("content_digest"), file.delncattr("volatile_digest"), file["x"].__setitem__(7, 2.0)),
-                   ("attribute 'content_digest' is missing", "attribute 'volatile_digest' is missing", "variable 'x' differs from its digest")),
+    "no digests": (
+        lambda file: (
+            file.delncattr("content_digest"),
+            file.delncattr("volatile_digest"),
+            file["x"].__setitem__(7, 2.0),
+        ),
+        (
+            "attribute 'content_digest' is missing",
+            "attribute 'volatile_digest' is missing",
+            "variable 'x' differs from its digest",
+        ),
+    ),
     "an origin": (lambda file: file.setncattr("origin", "trust me"), ("attribute 'origin' is none of an archive",)),
     "a group": (lambda file: file.createGroup("more"), ("group 'more' is none of a run",)),
-    "a coordinate": (lambda file: file["x"].setncattr("coordinates", "v_x"), ("variable 'x' is not stored as it was written",)),
-    "an encoding": (lambda file: file["model_toml"].setncattr("_Encoding", "latin-1"), ("variable 'model_toml' is not stored as it was written",)),
-    "letters elsewhere": (lambda file: file.renameDimension("model_toml_characters", "more"), ("variable 'model_toml' is not stored as it was written",)),
-    "no letters": (recoded, ("variable 'model_toml' is no text in UTF-8: invalid start byte at 3", )),
-}  # fmt: skip
+    "a coordinate": (
+        lambda file: file["x"].setncattr("coordinates", "v_x"),
+        ("variable 'x' is not stored as it was written",),
+    ),
+    "an encoding": (
+        lambda file: file["model_toml"].setncattr("_Encoding", "latin-1"),
+        ("variable 'model_toml' is not stored as it was written",),
+    ),
+    "letters elsewhere": (
+        lambda file: file.renameDimension("model_toml_characters", "more"),
+        ("variable 'model_toml' is not stored as it was written",),
+    ),
+    "no letters": (recoded, ("variable 'model_toml' is no text in UTF-8: invalid start byte at 3",)),
+}
 
 
 @pytest.mark.parametrize("what", HARM)

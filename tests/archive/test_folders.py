@@ -100,7 +100,11 @@ def test_a_folder_that_is_being_built_stays(tmp_path: Path) -> None:
 def test_what_is_no_place_for_a_folder_is_named(tmp_path: Path) -> None:
     """Assert one error for a file, for a folder that is in a file, and for a name that is too long."""
     (tmp_path / "file").write_text("")
-    for name, said in (("file", "is a file; name a folder"), ("file/in", "is a file|Not a directory"), ("n" * 300, "File name too long")):  # fmt: skip
+    for name, said in (
+        ("file", "is a file; name a folder"),
+        ("file/in", "is a file|Not a directory"),
+        ("n" * 300, "File name too long"),
+    ):
         with pytest.raises(xd.InputError, match=said):
             build(tmp_path / name)
     assert [one.name for one in tmp_path.iterdir()] == ["file"]

@@ -85,11 +85,17 @@ VERBS: dict[str, Verb] = {
     "sweep of ends": Verb([*SWEEP, "--axis", "k=1,2,3,4 N m-1"], "", "grid", "ends"),
     "save_many": Verb(_many, "one.nc other.nc", "many", ""),
     "thinned": Verb([*RUN, *THIN, "-o", "new.nc"], "", "new.nc", "other.nc"),
-    "compressed, with a table": Verb([*RUN, "--compress", "--times", "0:1:9 s", "-o", "new.nc"], "", "new.nc", "other.nc"),
+    "compressed, with a table": Verb(
+        [*RUN, "--compress", "--times", "0:1:9 s", "-o", "new.nc"], "", "new.nc", "other.nc"
+    ),
     "sweep of logs": Verb([*SWEEP, *LOGS, "--axis", "k=1,2,3,4 N m-1"], "", "grid", "grid"),
     "compare": Verb(["compare", "one.nc", "one.nc", "-o", "new.nc"], "one.nc", "new.nc", "thin.nc"),
-    "plot": Verb(["plot", "one.nc", "--only", "energy", "--size", "4x2", "-o", "new.png"], "one.nc", "new.png", "other.nc"),
-    "refine": Verb(["refine", OSCILLATOR, *GRID, "40 ms", "--levels", "3", "--at", "1 s", "-o", "new.nc"], "", "new.nc", "other.nc"),
+    "plot": Verb(
+        ["plot", "one.nc", "--only", "energy", "--size", "4x2", "-o", "new.png"], "one.nc", "new.png", "other.nc"
+    ),
+    "refine": Verb(
+        ["refine", OSCILLATOR, *GRID, "40 ms", "--levels", "3", "--at", "1 s", "-o", "new.nc"], "", "new.nc", "other.nc"
+    ),
     "budget": Verb(["budget", *BUDGET, "-o", "new.nc"], "", "new.nc", "other.nc"),
     "validate": Verb(["validate", "--method", "heun", "-o", "new.nc"], "", "new.nc", "other.nc"),
     "certify": Verb(["certify", *BUDGET, "-o", "new.nc"], "", "new.nc", "other.nc"),
@@ -97,10 +103,12 @@ VERBS: dict[str, Verb] = {
     "bundle": Verb(["bundle", "certificate.nc", "-o", "bundle"], "certificate.nc", "bundle", "empty"),
     "sample": Verb(["sample", "one.nc", "--times", "0:1:201 s", "-o", "new.csv"], "one.nc", "new.csv", "one.nc"),
     "diagnose": Verb(["diagnose", "one.nc", "--no-companion", "-o", "new.nc"], "one.nc", "new.nc", "other.nc"),
-    "fit": Verb(["fit", OSCILLATOR, "data.csv", *FIT, "-o", "new.nc", "--model", "new.toml"], "data.csv", "new.nc", "other.nc"),
+    "fit": Verb(
+        ["fit", OSCILLATOR, "data.csv", *FIT, "-o", "new.nc", "--model", "new.toml"], "data.csv", "new.nc", "other.nc"
+    ),
     "animate": Verb(["animate", "orbit.nc", "--seconds", "0.2", "-o", "new.gif"], "orbit.nc", "new.gif", "one.nc"),
     "document": Verb(["report", "bundle", "-o", "new.html"], "bundle", "new.html", "one.nc"),
-}  # fmt: skip
+}
 MADE_OF = {"bundle": "certificate.nc", "data.csv": "swung.nc"}
 ONCE = {"a new key", "a new model", "bundle"}  # what these write is not written over
 
@@ -169,7 +177,11 @@ def call(verb: list[str] | Callable[[], object]) -> tuple[int, str]:
 
 def visible(folder: Path) -> list[Path]:
     """List the files of a folder and of those in it, but for what is being built."""
-    return [one for one in sorted(folder.rglob("*")) if one.is_file() and not any(part.startswith(".") for part in one.relative_to(folder).parts)]  # fmt: skip
+    return [
+        one
+        for one in sorted(folder.rglob("*"))
+        if one.is_file() and not any(part.startswith(".") for part in one.relative_to(folder).parts)
+    ]
 
 
 def hidden(folder: Path) -> list[str]:

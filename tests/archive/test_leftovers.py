@@ -101,10 +101,24 @@ def test_where_there_are_no_locks(
 
 def test_what_is_swept_away(tmp_path: Path) -> None:
     """Assert that of files with such names those go that a dead process began, with their locks, and no other."""
-    ours = {".a.nc.abcd1234.part": HDF + b"more", ".b.nc.abcd1234.part": bytes(100), ".c\n.nc.abcd_234.part": b"",
-            ".d.nc.abcd1234.part.lock": b"", ".e.nc.abcd1234.part": b"dear", ".e.nc.abcd1234.part.lock": b""}  # fmt: skip
-    others = {".f.nc.abcd1234.part": b"dear", ".g.nc.abcd1234.part": HDF[:7], ".h.nc.ABCD1234.part": b"", "i.nc.abcd1234.part": b"",
-              ".j.nc.abcd123.part": b"", ".k.nc.abcd1234.part.locks": b"", ".l.nc.abcd1234.part.lock": b"dear", ".l.nc.abcd1234.part": b""}  # fmt: skip
+    ours = {
+        ".a.nc.abcd1234.part": HDF + b"more",
+        ".b.nc.abcd1234.part": bytes(100),
+        ".c\n.nc.abcd_234.part": b"",
+        ".d.nc.abcd1234.part.lock": b"",
+        ".e.nc.abcd1234.part": b"dear",
+        ".e.nc.abcd1234.part.lock": b"",
+    }
+    others = {
+        ".f.nc.abcd1234.part": b"dear",
+        ".g.nc.abcd1234.part": HDF[:7],
+        ".h.nc.ABCD1234.part": b"",
+        "i.nc.abcd1234.part": b"",
+        ".j.nc.abcd123.part": b"",
+        ".k.nc.abcd1234.part.locks": b"",
+        ".l.nc.abcd1234.part.lock": b"dear",
+        ".l.nc.abcd1234.part": b"",
+    }
     for name, content in (ours | others).items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / ".m.nc.abcd1234.part").mkdir()

@@ -72,9 +72,13 @@ print(found == {digest})
 def test_eight_threads_over_archives(tmp_path: Path) -> None:
     """Assert that eight threads that save, open, read, verify, reproduce and stream neither crash nor mix up a number."""
     done = subprocess.run(
-        [sys.executable, "-c", TOGETHER, str(tmp_path)], capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}, timeout=100,
-    )  # fmt: skip
+        [sys.executable, "-c", TOGETHER, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        timeout=100,
+    )
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
 
 
@@ -191,9 +195,13 @@ for _ in range(20):
 def test_an_interrupt_leaves_nothing_locked(tmp_path: Path) -> None:
     """Assert that after Ctrl-C at any moment of saving and reading the library is free, and the archive whole."""
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "run.nc")], capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}, timeout=100,
-    )  # fmt: skip
+        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "run.nc")],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        timeout=100,
+    )
     assert done.returncode == 0, done.stderr
 
 

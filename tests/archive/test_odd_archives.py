@@ -29,8 +29,14 @@ def swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answers(path: Path, good: Path) -> dict[str, tuple[int, str]]:
     """Call every verb on an archive; return exit codes and what was printed."""
     found = {}
-    verbs = (["verify", path], ["show", path], ["plot", path, "-o", path.with_suffix(".svg")], ["reproduce", path],
-             ["compare", good, path], ["compare", path, good])  # fmt: skip
+    verbs = (
+        ["verify", path],
+        ["show", path],
+        ["plot", path, "-o", path.with_suffix(".svg")],
+        ["reproduce", path],
+        ["compare", good, path],
+        ["compare", path, good],
+    )
     for words in verbs:
         done = CliRunner().invoke(main, [str(one) for one in words])
         assert done.exception is None or isinstance(done.exception, SystemExit), (words, done.exception)
@@ -57,14 +63,20 @@ FAULTS = {
     "no step": (with_attributes(solver_step=None), "attribute 'solver_step' is missing"),
     "step is a text": (with_attributes(solver_step="1e-3"), "attribute 'solver_step' is '1e-3', needs a number"),
     "control": (with_attributes(solver_step_control="guess"), "'solver_step_control' is 'guess'; there are fixed"),
-    "time of type f4": (lambda run: run.assign_coords(time=run.time.astype("f4")), "has the type float32, needs float64"),
-    "whole numbers": (lambda run: run.assign(theta=run.theta.astype("i4")), "is a coordinate along ('step',) of type int32"),
+    "time of type f4": (
+        lambda run: run.assign_coords(time=run.time.astype("f4")),
+        "has the type float32, needs float64",
+    ),
+    "whole numbers": (
+        lambda run: run.assign(theta=run.theta.astype("i4")),
+        "is a coordinate along ('step',) of type int32",
+    ),
     "no rows": (lambda run: run.isel(step=slice(0)), "dimension 'step' has no row"),
     "no units": (lambda run: run["theta"].attrs.pop("units") and None, "'theta' has no attribute 'units'"),
     "uncertainty": (edited("l", uncertainty="much"), "the attribute uncertainty = 'much', needs a number"),
     "no detector": (lambda run: run.drop_vars("event_detector"), "variable 'event_detector' is missing"),
     "no event time": (lambda run: run.drop_vars("event_time"), "variable 'event_time' is missing"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", FAULTS)
@@ -126,9 +138,12 @@ def test_a_command_that_is_none_is_shown_written_out() -> None:
 def test_descriptions_keep_their_lines(tmp_path: Path) -> None:
     """Assert that where newlines are meant they stay, and the other lines stand under the first."""
     model = xd.Model(
-        name="fall", coordinates={"y": {"unit": "m"}}, mass={"y": "m"}, initial={"y": "0 m", "v_y": "0 m s-1"},
+        name="fall",
+        coordinates={"y": {"unit": "m"}},
+        mass={"y": "m"},
+        initial={"y": "0 m", "v_y": "0 m s-1"},
         parameters={"m": {"value": "1 kg", "description": "mass\nof the ball"}},
-    )  # fmt: skip
+    )
     xd.save(xd.simulate(model, method="midpoint", step=0.5, until=1.0), tmp_path / "fall.nc")
     shown = CliRunner().invoke(main, ["show", str(tmp_path / "fall.nc")]).output
     assert "  m = 1 kg   mass\n    of the ball\n" in shown

@@ -69,8 +69,9 @@ def test_an_opened_run_is_the_run_that_was_saved(archived: Path) -> None:
     """Assert that what is said of the file alone is not said of the run, and its digest is."""
     with xd.open_run(archived, check=False) as run:
         assert set(run.attrs) - set(xd.simulate(oscillator().model, step=0.1, until=1.0).attrs) == {
-            "content_digest", "volatile_digest",
-        }  # fmt: skip
+            "content_digest",
+            "volatile_digest",
+        }
         assert run.attrs["content_digest"] == xd.verify(archived)
 
 

@@ -73,7 +73,9 @@ def test_kills_of_whole_processes() -> None:
     """Assert equal digests of six kinds of run, each killed once or twice at random moments and resumed."""
     script = Path(__file__).parents[1] / "cases" / "killing.py"
     environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, script, "fork", "6", "5"], capture_output=True, text=True, check=True, env=environment)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, script, "fork", "6", "5"], capture_output=True, text=True, check=True, env=environment
+    )
     assert done.stdout.splitlines()[-1] == "6 of 6 digests equal", done.stdout + done.stderr
     assert sum(int(line.split()[-4]) for line in done.stdout.splitlines()[:-1]) > 2
 
@@ -82,7 +84,9 @@ def test_kills_between_segments() -> None:
     """Assert equal digests and nothing left of runs that are killed with segments, while these become archives too."""
     script = Path(__file__).parents[1] / "cases" / "killing.py"
     environment = os.environ | {"NUMBA_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, script, "aimed", "3"], capture_output=True, text=True, check=False, env=environment)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, script, "aimed", "3"], capture_output=True, text=True, check=False, env=environment
+    )
     last = done.stdout.splitlines()[-1]
     assert last.startswith("3 of 3 digests equal, "), done.stdout + done.stderr
     assert int(last.split()[-6]) > 0
@@ -270,9 +274,12 @@ def flipped(content: bytearray, at: int) -> bytes:
         (lambda content: flipped(content, content.index(b"\n") + 50), "differs from its digest"),
         (lambda _: b"", "is damaged, or no segment"),
         (lambda _: b"{}\n", "is damaged, or no segment"),
-        (lambda _: b'{"kind": "xdynamics segment 1", "memory": [["y", "O", [9]]], "rows": []}\n', "is damaged|is cut off|differs"),
+        (
+            lambda _: b'{"kind": "xdynamics segment 1", "memory": [["y", "O", [9]]], "rows": []}\n',
+            "is damaged|is cut off|differs",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_damaged_segment_is_named(broken: Path, damage: Any, message: str) -> None:
     """Assert that the run goes on from the last whole segment before it, says so, and comes to the same bits."""
     third = names(broken)[2]

@@ -19,7 +19,12 @@ MEMORY = {
     "y": np.arange(6.0).reshape(2, 3),
     "none": np.zeros((0, 4)),
 }
-ROWS = {"x": np.arange(10.0), "pairs": np.arange(14.0).reshape(7, 2), "flag": np.zeros((0,), "i1"), "rare": np.zeros((0, 2))}  # fmt: skip
+ROWS = {
+    "x": np.arange(10.0),
+    "pairs": np.arange(14.0).reshape(7, 2),
+    "flag": np.zeros((0,), "i1"),
+    "rare": np.zeros((0, 2)),
+}
 
 
 def seals() -> dict[str, Seal]:

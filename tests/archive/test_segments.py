@@ -97,7 +97,9 @@ def test_the_last_segment_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyP
         discard(str(tmp_path / "run.nc"))
 
 
-@pytest.mark.parametrize(("error", "said"), [(PermissionError(13, "Permission denied"), "Permission denied"), (OSError("odd"), "odd")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("error", "said"), [(PermissionError(13, "Permission denied"), "Permission denied"), (OSError("odd"), "odd")]
+)
 def test_what_cannot_be_removed_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError, said: str
 ) -> None:

@@ -66,12 +66,17 @@ def signed(made: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("make", "what"), [(Path.mkdir, "a directory"), (os.mkfifo, r"a pipe \(FIFO\)")])
-def test_what_stands_in_the_place_of_a_signature_is_named(make: Callable[[Path], None], what: str, made: Path, signed: Path) -> None:  # fmt: skip
+def test_what_stands_in_the_place_of_a_signature_is_named(
+    make: Callable[[Path], None], what: str, made: Path, signed: Path
+) -> None:
     """Assert one line that says what is there, whose name that is, and what helps; nothing is signed."""
     place = signature_of(signed)
     place.unlink()
     make(place)
-    with pytest.raises(xd.InputError, match=f"^'{place}' is {what}, and its name is that of the signature of '{signed}'; remove it, or give"):  # fmt: skip
+    with pytest.raises(
+        xd.InputError,
+        match=f"^'{place}' is {what}, and its name is that of the signature of '{signed}'; remove it, or give",
+    ):
         xd.sign(signed, made / "key.pem")
 
 
@@ -237,11 +242,17 @@ def flipped(path: Path) -> None:
         (redated, r"is not what was signed: its digest of date, versions and machine is"),
         (rewritten, r"the signature '.*run.nc.sig' is not of '.*key.public.pem': it was altered, or is a forgery"),
         (flipped, "differ from its seal|differs from its digest|damaged"),
-        (lambda path: signature_of(path).unlink(), r"has no signature: there is no '.*run.nc.sig'; copy it with the archive, or sign anew"),
+        (
+            lambda path: signature_of(path).unlink(),
+            r"has no signature: there is no '.*run.nc.sig'; copy it with the archive, or sign anew",
+        ),
         (lambda path: signature_of(path).write_bytes(os.urandom(300)), "is no signature of an archive"),
-        (lambda path: signature_of(path).write_text(signature_of(path).read_text()[:-9]), "it was altered, or is a forgery"),
+        (
+            lambda path: signature_of(path).write_text(signature_of(path).read_text()[:-9]),
+            "it was altered, or is a forgery",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_was_not_signed_is_refused(made: Path, signed: Path, harm: Callable[[Path], None], message: str) -> None:
     """Assert exit code 1 and one sentence for every way in which file and signature do not belong together."""
     harm(signed)
@@ -262,7 +273,10 @@ def test_another_key_is_named(made: Path, signed: Path) -> None:
     ("arguments", "message"),
     [
         (["sign", "run.nc", "--key", "key.public.pem"], "is a public key; sign with the private one"),
-        (["sign", "run.nc", "--key", "text.pem"], "is no private key in PEM; make a pair with `xdynamics sign --new-key KEY.pem`"),
+        (
+            ["sign", "run.nc", "--key", "text.pem"],
+            "is no private key in PEM; make a pair with `xdynamics sign --new-key KEY.pem`",
+        ),
         (["sign", "run.nc", "--key", "rsa.pem"], "is no Ed25519 key; make a pair"),
         (["sign", "run.nc", "--key", "locked.pem"], "is locked; give its passphrase"),
         (["sign", "run.nc", "--key", "."], "the key '.' is no file; name one"),
@@ -276,7 +290,7 @@ def test_another_key_is_named(made: Path, signed: Path) -> None:
         (["verify", "run.nc", "--key", "run.nc"], "is no public key in PEM"),
         (["verify", "run.nc", "--key", "nowhere.pem"], "the key 'nowhere.pem' is no file"),
     ],
-)  # fmt: skip
+)
 def test_wrong_input_is_one_sentence(
     made: Path, arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,13 +51,31 @@ def swapped(run: xr.Dataset) -> xr.Dataset:
 
 
 EDITS: dict[str, tuple[Change, str]] = {
-    "attribute gone": (lambda run: run.drop_attrs(deep=False).assign_attrs(title="t", none=np.nan, origin=run.attrs["origin"]), "attribute 'solver_step' is gone"),
+    "attribute gone": (
+        lambda run: run.drop_attrs(deep=False).assign_attrs(title="t", none=np.nan, origin=run.attrs["origin"]),
+        "attribute 'solver_step' is gone",
+    ),
     "attribute": (lambda run: run.assign_attrs(title="u"), "attribute 'title' is 'u', in the run 't'"),
-    "new attribute": (lambda run: run.assign_attrs(more=np.float64(1)), "attribute 'more' is 1.0, and the run has none"),
-    "long attribute": (lambda run: run.assign_attrs(title="u" * 70), f"attribute 'title' is '{'u' * 56}…, in the run 't'"),
-    "rather long attribute": (lambda run: run.assign_attrs(title="u" * 58), f"attribute 'title' is '{'u' * 58}', in the run 't'"),
-    "attribute of one": (lambda run: run.assign(x=run.x.assign_attrs(units="km")), "attribute 'units' of 'x' is 'km', in the run 'm'"),
-    "dims": (lambda run: run.assign(x=("other", run.x.values, run.x.attrs)), "variable 'x' has the dims ('other',), in the run ('step',)"),
+    "new attribute": (
+        lambda run: run.assign_attrs(more=np.float64(1)),
+        "attribute 'more' is 1.0, and the run has none",
+    ),
+    "long attribute": (
+        lambda run: run.assign_attrs(title="u" * 70),
+        f"attribute 'title' is '{'u' * 56}…, in the run 't'",
+    ),
+    "rather long attribute": (
+        lambda run: run.assign_attrs(title="u" * 58),
+        f"attribute 'title' is '{'u' * 58}', in the run 't'",
+    ),
+    "attribute of one": (
+        lambda run: run.assign(x=run.x.assign_attrs(units="km")),
+        "attribute 'units' of 'x' is 'km', in the run 'm'",
+    ),
+    "dims": (
+        lambda run: run.assign(x=("other", run.x.values, run.x.attrs)),
+        "variable 'x' has the dims ('other',), in the run ('step',)",
+    ),
     "new": (lambda run: run.assign(y=run.x), "variable 'y' is not in the run"),
     "number": (lambda run: run.assign(g=run.g.copy(data=2.0)), "variable 'g' is 2.0, in the run 9.8"),
     "text": (lambda run: run.assign(text=((), "abcd")), "variable 'text' is 'abcd', in the run 'abc'"),
@@ -69,10 +87,16 @@ EDITS: dict[str, tuple[Change, str]] = {
     "nan": (put("event", 1, 2.0), "variable 'event' is 2.0 in row 1, in the run nan"),
     "zero": (put("x", 0, -0.0), "variable 'x' is -0.0 in row 0, in the run 0.0"),
     "far row": (put("bulk", 35_000, 1.0), "variable 'bulk' is 1.0 in row 35000, in the run 35000.0"),
-    "row of a part": (lambda run: put("x", 4, 7.0)(run).isel(step=slice(2, 6)), "row 2 of 'step', with x = 7.0, is none of the run's rows"),
+    "row of a part": (
+        lambda run: put("x", 4, 7.0)(run).isel(step=slice(2, 6)),
+        "row 2 of 'step', with x = 7.0, is none of the run's rows",
+    ),
     "order of a part": (lambda run: run.isel(step=[3, 2]), "row 1 of 'step', with x = 2.0, is none of the run's rows"),
-    "type of a part": (lambda run: run.assign(x=run.x.astype("f4")).isel(step=slice(3)), "row 0 of 'step', with x = 0.0, is none of the run's rows"),
-}  # fmt: skip
+    "type of a part": (
+        lambda run: run.assign(x=run.x.astype("f4")).isel(step=slice(3)),
+        "row 0 of 'step', with x = 0.0, is none of the run's rows",
+    ),
+}
 
 
 @pytest.mark.parametrize("edit", EDITS)
@@ -88,9 +112,14 @@ def test_an_edit_is_named(edit: str) -> None:
 
 @pytest.mark.parametrize(
     "same",
-    [lambda run: run, lambda run: run.copy(deep=True), lambda run: run.assign_attrs(history="later", content_digest="x"),
-     lambda run: run.assign(x=run.x.astype(">f8")), lambda run: run.chunk({"step": 4})],
-)  # fmt: skip
+    [
+        lambda run: run,
+        lambda run: run.copy(deep=True),
+        lambda run: run.assign_attrs(history="later", content_digest="x"),
+        lambda run: run.assign(x=run.x.astype(">f8")),
+        lambda run: run.chunk({"step": 4}),
+    ],
+)
 def test_what_was_not_edited_is_the_run(same: Change) -> None:
     """Assert that copies, chunks, byte order and what may be written afterwards are no edit."""
     run = record()
@@ -143,7 +172,9 @@ def test_arrays_that_were_opened_to_writing_are_told() -> None:
 
 def test_rows_are_found_in_their_order() -> None:
     """Assert places of rows by all their variables at once, each place taken once, and the first that is not there."""
-    whole = xr.Dataset({"a": ("n", [1.0, 1.0, np.nan, 2.0, 1.0]), "b": (("n", "m"), [[0, 0], [0, 1], [0, 0], [0, 0], [0, 1]])})  # fmt: skip
+    whole = xr.Dataset(
+        {"a": ("n", [1.0, 1.0, np.nan, 2.0, 1.0]), "b": (("n", "m"), [[0, 0], [0, 1], [0, 0], [0, 0], [0, 1]])}
+    )
     for rows in ([0, 1, 2, 3, 4], [1, 2, 4], [2], []):
         assert list(rows_within(["a", "b"], whole.isel(n=rows), whole)) == rows
     assert list(rows_within(["a"], whole.isel(n=[4, 3]), whole)) == [0, 3]

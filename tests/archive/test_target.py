@@ -166,8 +166,9 @@ def test_the_models_own_files_stay(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "refused"), [("t,y\n0,1\n", True), ("t,y\r\n" + "0,1\r\n" * 20, True), ("0,1\n" * 90, False), ("\x80", False)]
-)  # fmt: skip
+    ("content", "refused"),
+    [("t,y\n0,1\n", True), ("t,y\r\n" + "0,1\r\n" * 20, True), ("0,1\n" * 90, False), ("\x80", False)],
+)
 def test_a_table_is_told_by_its_text(tmp_path: Path, content: str, *, refused: bool) -> None:
     """Assert that each table of a model is known again, be it the longest, and that longer files and other bytes are none."""
     path, tables = tmp_path / "it", ["t,y\n0,1\n", "t,y\n" + "0,1\n" * 20]
@@ -250,9 +251,12 @@ def test_an_interrupted_stream_stands_beside(run: xr.Dataset, tmp_path: Path) ->
     path = xd.save(run, tmp_path / "run.nc")
     with pytest.warns(xd.PartialRunWarning, match="run.partial.nc"):
         found = xd.simulate(
-            oscillator().model, step=1e-4, until=100.0, path=path,
+            oscillator().model,
+            step=1e-4,
+            until=100.0,
+            path=path,
             progress=lambda *_: signal.raise_signal(signal.SIGINT),
-        )  # fmt: skip
+        )
     assert found.attrs["run_outcome"] == "interrupted"
     assert (xd.verify(path), names(tmp_path)) == (
         xd.content_digest(run),
@@ -341,8 +345,21 @@ def test_sigterm_ends_the_command_cleanly(run: xr.Dataset, tmp_path: Path, *, co
     path = tmp_path / "run.nc"
     if complete:
         xd.save(run, path)
-    command = [sys.executable, "-c", "from xdynamics.cli import main; main()", "run", str(MODELS / "harmonic_oscillator.toml"), "-o", str(path),
-               "--step", "1e-6 s", "--until", "300 s", "--force-samples", "none"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-c",
+        "from xdynamics.cli import main; main()",
+        "run",
+        str(MODELS / "harmonic_oscillator.toml"),
+        "-o",
+        str(path),
+        "--step",
+        "1e-6 s",
+        "--until",
+        "300 s",
+        "--force-samples",
+        "none",
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     while not list(tmp_path.glob(".*.part")) and process.poll() is None:
         time.sleep(0.05)
@@ -356,7 +373,16 @@ def test_sigterm_ends_the_command_cleanly(run: xr.Dataset, tmp_path: Path, *, co
     assert names(tmp_path) == sorted({".run.nc.segments", "run.nc", partial.name})
 
 
-NAMES = [" run.nc", "run.nc ", "new\nline.nc", os.fsdecode(b"caf\xe9.nc"), "Grüße.nc", "http:", "a#mode=zarr", "n" * 252 + ".nc"]  # fmt: skip
+NAMES = [
+    " run.nc",
+    "run.nc ",
+    "new\nline.nc",
+    os.fsdecode(b"caf\xe9.nc"),
+    "Grüße.nc",
+    "http:",
+    "a#mode=zarr",
+    "n" * 252 + ".nc",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -41,8 +41,10 @@ def test_what_may_grow_and_what_not(file: netCDF4.Dataset) -> None:
     """Assert dimensions and chunks: whole ones for what may grow, as many rows as there are for what may not."""
     filled(file, 5)
     assert [(one.name, len(one), one.isunlimited()) for one in file.dimensions.values()][:3] == [
-        (STEPS, 5, True), (EVENTS, 3, False), (BOUNDS, 2, False)
-    ]  # fmt: skip
+        (STEPS, 5, True),
+        (EVENTS, 3, False),
+        (BOUNDS, 2, False),
+    ]
     assert [file[name].chunking() for name in ("x", "pairs", "g")] == [[CHUNKS[STEPS]], [3, 2], "contiguous"]
     made = Writer(file)
     made.define("empty", ("none", "other"), FLOAT, {}, {"none": 0, "other": 2 * OTHER_CHUNK})

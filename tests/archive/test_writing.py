@@ -105,9 +105,13 @@ def test_derived_data_of_nothing_known(run: xr.Dataset, tmp_path: Path) -> None:
     ("text", "tables"),
     [
         ('[drives.a]\ncsv = "t,a"\n[drives.b]\ncsv = 5\n[drives.c]\nvalue = "1"\n', ["t,a", "5"]),
-        ("[model]\n", []), ("no = ", []), ("drives = 5\n", []), ("[drives]\na = 5\n", []), ("a = " + "[" * 5000, []),
+        ("[model]\n", []),
+        ("no = ", []),
+        ("drives = 5\n", []),
+        ("[drives]\na = 5\n", []),
+        ("a = " + "[" * 5000, []),
     ],
-)  # fmt: skip
+)
 def test_tables_are_found_in_any_text(text: str, tables: list[str]) -> None:
     """Assert the texts of tables, and none of what is no model; derived data may hold anything."""
     assert writing._tables(xr.Dataset({"model_toml": ((), text)})) == tables

@@ -99,8 +99,12 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     one = PROBLEMS[problem]
     model = one.model()
     asked: dict[str, Any] = {
-        "method": method, "rtol": tolerance, "atol": tolerance, "until": end or one.end, "force_samples": "none"
-    }  # fmt: skip
+        "method": method,
+        "rtol": tolerance,
+        "atol": tolerance,
+        "until": end or one.end,
+        "force_samples": "none",
+    }
     settings = settings_for(model, **asked)
     run = xd.simulate(model, **asked)
 
@@ -190,9 +194,17 @@ def diffrax_run(problem: str, method: str, tolerance: float) -> Point:
             control = diffrax.PIDController(rtol=tolerance, atol=tolerance)
             chosen = getattr(diffrax, DIFFRAX[method])()
             return diffrax.diffeqsolve(
-                term, chosen, 0.0, one.end, None, y, stepsize_controller=control, saveat=saveat, max_steps=room,
+                term,
+                chosen,
+                0.0,
+                one.end,
+                None,
+                y,
+                stepsize_controller=control,
+                saveat=saveat,
+                max_steps=room,
                 adjoint=diffrax.ForwardMode(),
-            )  # fmt: skip
+            )
 
         compiled = jax.jit(solve)
         return lambda: jax.block_until_ready(compiled(start))

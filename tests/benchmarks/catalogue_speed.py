@@ -35,7 +35,10 @@ def measured(members: int, place: str) -> None:
             found = xd.sweep(model, {"k": stiffness}, **ASKED).compute()
         taken, peak = time.process_time() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         sizes = [one.stat().st_size for one in Path(folder).rglob("*") if one.is_file()]
-        print(f"  {place:<8}{taken:>8.2f} s{taken / members * 1e6:>8.2f} us a member{peak / MEGABYTE:>8.0f} MB at most for {found.nbytes / MEGABYTE:.0f} MB", f"({sum(sizes) / MEGABYTE:.0f} MB of files)" if sizes else "")  # fmt: skip
+        print(
+            f"  {place:<8}{taken:>8.2f} s{taken / members * 1e6:>8.2f} us a member{peak / MEGABYTE:>8.0f} MB at most for {found.nbytes / MEGABYTE:.0f} MB",
+            f"({sum(sizes) / MEGABYTE:.0f} MB of files)" if sizes else "",
+        )
         found.close()
 
 
@@ -43,7 +46,9 @@ def main(members: int = 1_000_000) -> None:
     """Measure both."""
     print(f"{members} members")
     for place in ("memory", "folder"):
-        subprocess.run([sys.executable, __file__, str(members), place], check=True, env=os.environ | {"PYTHONWARNINGS": "ignore"})  # fmt: skip
+        subprocess.run(
+            [sys.executable, __file__, str(members), place], check=True, env=os.environ | {"PYTHONWARNINGS": "ignore"}
+        )
 
 
 if __name__ == "__main__":

@@ -34,10 +34,14 @@ TIMES = 5
 def oscillator(function: str = "", levels: Any = ()) -> xd.Model:
     """A mass on a spring with detectors at some levels."""
     return xd.Model(
-        name="oscillator", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"x": "-k*x"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
         events={f"e{i}": {"function": function.format(float(level))} for i, level in enumerate(levels)},
-    )  # fmt: skip
+    )
 
 
 def row_of_balls(count: int) -> xd.Model:
@@ -50,10 +54,15 @@ def row_of_balls(count: int) -> xd.Model:
     }
     contacts |= {f"c{i}": {"gap": f"q{i + 1} - q{i} - 0.1*metre", "restitution": 1} for i in range(count - 1)}
     return xd.Model(
-        name="row", coordinates=dict.fromkeys(names, "m"), parameters={"m": "1 kg"}, mass=dict.fromkeys(names, "m"), forces={},
-        initial={f"q{i}": f"{i + 0.5} m" for i in range(count)} | {f"v_q{i}": f"{float(v)!r} m s-1" for i, v in enumerate(speeds)},
+        name="row",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg"},
+        mass=dict.fromkeys(names, "m"),
+        forces={},
+        initial={f"q{i}": f"{i + 0.5} m" for i in range(count)}
+        | {f"v_q{i}": f"{float(v)!r} m s-1" for i, v in enumerate(speeds)},
         contacts=contacts,
-    )  # fmt: skip
+    )
 
 
 def marched(model: xd.Model, **asked: Any) -> float:
@@ -85,8 +94,10 @@ def quiet_steps() -> None:
             marches = {count: partial(marched, model, **asked) for count, model in models.items()}
             spent = quickest(marches)
             own = [(spent[count] - spent[0]) / steps * 1e9 for count in COUNTS]
-            print(f"{name}, {words}: {spent[0] / steps * 1e9:.0f} ns a step without; one detector {own[1]:+.1f} ns"
-                  f" ({100 * (spent[1] / spent[0] - 1):+.0f} %), ten {own[2]:+.1f} ns ({100 * (spent[10] / spent[0] - 1):+.0f} %)")  # fmt: skip
+            print(
+                f"{name}, {words}: {spent[0] / steps * 1e9:.0f} ns a step without; one detector {own[1]:+.1f} ns"
+                f" ({100 * (spent[1] / spent[0] - 1):+.0f} %), ten {own[2]:+.1f} ns ({100 * (spent[10] / spent[0] - 1):+.0f} %)"
+            )
 
 
 def substeps() -> None:

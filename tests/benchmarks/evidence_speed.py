@@ -29,10 +29,15 @@ def main(rows: int) -> None:
     warnings.simplefilter("ignore")
     ball = xd.Model.from_toml("data/models/ball_drag.toml")
     free = xd.Model(
-        name="ball", coordinates={"y": "m"}, parameters={"m": "1 kg", "g": "9.81 m s-2"}, mass={"y": "m"}, forces={"gravity": {"potential": "m*g*y"}},
-        initial={"y": "0 m", "v_y": "20 m s-1"}, events={"apex": {"function": "v_y"}, "ground": {"function": "y", "direction": "falling", "action": "stop"}},
+        name="ball",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={"y": "0 m", "v_y": "20 m s-1"},
+        events={"apex": {"function": "v_y"}, "ground": {"function": "y", "direction": "falling", "action": "stop"}},
         run={"until": "5 s"},
-    )  # fmt: skip
+    )
     steps = [0.1 / 2**k for k in range(8)]
     for model in (ball, free):
         methods = [name for name, one in xd.METHODS.items() if not one.refusals(model)]

@@ -142,10 +142,14 @@ def compared(cells: int, wanted: float) -> None:
     rod = Rod(cells)
     tolerance, error, seconds, steps = reached(rod, rod.ours, wanted)
     each = 1e9 * seconds / steps / cells
-    print(f"{cells:6} {wanted:7.0e}  ours    {tolerance:8.1e} {error:8.1e} {1e3 * seconds:9.2f} ms {steps:5} steps, {each:6.0f} ns a step and cell")  # fmt: skip
+    print(
+        f"{cells:6} {wanted:7.0e}  ours    {tolerance:8.1e} {error:8.1e} {1e3 * seconds:9.2f} ms {steps:5} steps, {each:6.0f} ns a step and cell"
+    )
     for name, march in {"scipy": rod.scipy, **({"CVODE": rod.cvode} if CVODE else {})}.items():
         tolerance, error, theirs, calls = reached(rod, march, wanted)
-        print(f"{'':15} {name:7} {tolerance:8.1e} {error:8.1e} {1e3 * theirs:9.2f} ms {calls:5} calls, {theirs / seconds:6.1f} times ours")  # fmt: skip
+        print(
+            f"{'':15} {name:7} {tolerance:8.1e} {error:8.1e} {1e3 * theirs:9.2f} ms {calls:5} calls, {theirs / seconds:6.1f} times ours"
+        )
 
 
 def main() -> None:

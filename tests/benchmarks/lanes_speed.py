@@ -36,15 +36,22 @@ def model_of(family: str) -> xd.Model:
     """State one of the two families."""
     if family == PENDULUM:
         return xd.Model(
-            name=family, coordinates={"x": {"unit": "rad"}}, parameters={"m": "1 kg m2"}, mass={"x": "m"},
+            name=family,
+            coordinates={"x": {"unit": "rad"}},
+            parameters={"m": "1 kg m2"},
+            mass={"x": "m"},
             forces={"gravity": {"x": "-1*newton*metre*sin(x)"}, "damping": {"x": "-0.1*newton*metre*second*v_x"}},
             initial={"x": "1 rad", "v_x": "0 rad s-1"},
-        )  # fmt: skip
+        )
     forces = {"spring": "-1*newton/metre*x", "cubic": "-k*x**3", "damping": "-0.1*newton*second/metre*v_x"}
     return xd.Model(
-        name=family, coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "0 N m-3"}, mass={"x": "m"},
-        forces={name: {"x": text} for name, text in forces.items()}, initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name=family,
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "0 N m-3"},
+        mass={"x": "m"},
+        forces={name: {"x": text} for name, text in forces.items()},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
 
 
 def varied(family: str, n: int) -> np.ndarray:
@@ -102,8 +109,16 @@ def with_diffrax(family: str, values: np.ndarray, batch: int) -> Run:
         start = jnp.stack([value, 0.0 * value]) if family == PENDULUM else jnp.stack([1.0 + 0.0 * value, 0.0 * value])
         control = diffrax.PIDController(rtol=DIFFRAX[family], atol=DIFFRAX[family])
         return diffrax.diffeqsolve(
-            diffrax.ODETerm(field), diffrax.Dopri8(), 0.0, END, None, start, args=value, stepsize_controller=control, max_steps=100_000
-        ).ys[0, 0]  # fmt: skip
+            diffrax.ODETerm(field),
+            diffrax.Dopri8(),
+            0.0,
+            END,
+            None,
+            start,
+            args=value,
+            stepsize_controller=control,
+            max_steps=100_000,
+        ).ys[0, 0]
 
     many = jax.jit(jax.vmap(one))
     return lambda: np.concatenate([np.asarray(many(part)) for part in np.split(values, len(values) // batch)])

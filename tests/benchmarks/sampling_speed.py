@@ -22,7 +22,14 @@ import xdynamics as xd
 MODEL = Path(__file__).parents[2] / "data" / "models" / "kepler.toml"
 UNTIL, ROUNDS, CHECKED = 6.0, 5, 300
 ORBIT = {"x": 0.5, "v_y": 3**0.5}  # e = 0.5
-STEPS = {"velocity_verlet": 0.01, "dormand_prince": 0.1, "yoshida8": 0.1, "kahan_li8": 0.1, "dop853": 0.1, "radau_iia": 0.1}  # fmt: skip
+STEPS = {
+    "velocity_verlet": 0.01,
+    "dormand_prince": 0.1,
+    "yoshida8": 0.1,
+    "kahan_li8": 0.1,
+    "dop853": 0.1,
+    "radau_iia": 0.1,
+}
 NAMES = ("x", "y", "v_x", "v_y")
 
 States = np.ndarray
@@ -76,7 +83,9 @@ def evaluated(path: Path, stage: Callable[[xr.Dataset], object]) -> list[float]:
     return seconds
 
 
-def line(method: str, rule: str, between: Callable[[States], States], times: States, accepted: tuple[States, States]) -> None:  # fmt: skip
+def line(
+    method: str, rule: str, between: Callable[[States], States], times: States, accepted: tuple[States, States]
+) -> None:
     """Measure and print one way of coming between steps."""
     between(times)
     seconds = []

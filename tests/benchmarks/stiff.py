@@ -70,9 +70,13 @@ def compared(name: str, one: Benchmark, tolerance: float, absolute: float, exact
     (mine, first), other = ours(one, tolerance, absolute, exact), theirs(one, tolerance, absolute, exact, matrix)
     for title, counts, began in ((name, mine, f"{first:8.3f} s"), ("  scipy", other, "")):
         found, steps, jacobians, factors, forces, seconds = counts
-        print(f"{title:24} {tolerance:9.0e} {found:9.1e} {steps:7} {jacobians:10} {factors:7} {forces:8} {1e3 * seconds:7.1f} ms {began}")  # fmt: skip
+        print(
+            f"{title:24} {tolerance:9.0e} {found:9.1e} {steps:7} {jacobians:10} {factors:7} {forces:8} {1e3 * seconds:7.1f} ms {began}"
+        )
     ratios = [f"{a / max(b, 1):.2f}" for a, b in zip(mine[1:5], other[1:5], strict=True)]
-    print(f"{'  ratios':24} {'':9} {'':9} {ratios[0]:>7} {ratios[1]:>10} {ratios[2]:>7} {ratios[3]:>8} {other[5] / mine[5]:6.1f} times faster")  # fmt: skip
+    print(
+        f"{'  ratios':24} {'':9} {'':9} {ratios[0]:>7} {ratios[1]:>10} {ratios[2]:>7} {ratios[3]:>8} {other[5] / mine[5]:6.1f} times faster"
+    )
 
 
 def main() -> None:

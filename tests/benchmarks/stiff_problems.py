@@ -43,8 +43,16 @@ def _hires() -> Benchmark:
         "states": {name: {"unit": "1", "rate": f"({rate})/tau"} for name, rate in zip(names, rates, strict=True)},
         "initial": dict(zip(names, start, strict=True)),
     }
-    reference = (0.7371312573325668e-3, 0.1442485726316185e-3, 0.5888729740967575e-4, 0.1175651343283149e-2,
-                 0.2386356198831331e-2, 0.6238968252742796e-2, 0.2849998395185769e-2, 0.2850001604814231e-2)  # fmt: skip
+    reference = (
+        0.7371312573325668e-3,
+        0.1442485726316185e-3,
+        0.5888729740967575e-4,
+        0.1175651343283149e-2,
+        0.2386356198831331e-2,
+        0.6238968252742796e-2,
+        0.2849998395185769e-2,
+        0.2850001604814231e-2,
+    )
     return Benchmark("HIRES", statement, names, start, 321.8122, reference, numbers, SOURCE, stiff=True)
 
 

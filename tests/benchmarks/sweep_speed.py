@@ -32,10 +32,14 @@ def driven(points: int) -> xd.Model:
     """Return an oscillator that a measured force with so many points pushes."""
     rows = "".join(f"{t:.6f},{np.sin(1.3 * t):.6f}\n" for t in np.linspace(0.0, END, points))
     return xd.Model(
-        name="driven", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"},
+        name="driven",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
         forces={"spring": {"potential": "newton/metre*x**2/2"}, "push": {"x": "push"}},
-        drives={"push": {"table": "p.csv", "csv": f"t [s],p [N]\n{rows}"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        drives={"push": {"table": "p.csv", "csv": f"t [s],p [N]\n{rows}"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
 
 
 def swept(model: xd.Model, name: str, values: Any, **more: Any) -> Callable[[], Any]:
@@ -47,9 +51,10 @@ def swept(model: xd.Model, name: str, values: Any, **more: Any) -> Callable[[], 
 def with_detectors(count: int) -> xd.Model:
     """Return the oscillators with so many detectors, a tenth of the first start apart."""
     events = {f"e{i}": {"function": f"x - {0.1 * i!r}*metre"} for i in range(count)}
-    return xd.Model.from_text(model_of(DUFFING).to_toml() + "".join(
-        f'\n[events.{name}]\nfunction = "{one["function"]}"\n' for name, one in events.items()
-    ))  # fmt: skip
+    return xd.Model.from_text(
+        model_of(DUFFING).to_toml()
+        + "".join(f'\n[events.{name}]\nfunction = "{one["function"]}"\n' for name, one in events.items())
+    )
 
 
 def kinds(members: int) -> None:

@@ -57,12 +57,14 @@ def test_slopes_across_ten_impacts() -> None:
 def test_slopes_of_an_oscillator() -> None:
     """Assert dx/dk, dx/dm, dx/dx0 at a time, and of a zero crossing, with units of the inputs other than SI."""
     model = xd.Model(
-        name="spring", coordinates={"x": "m"},
+        name="spring",
+        coordinates={"x": "m"},
         parameters={"m": {"value": "400 g", "uncertainty": "2 g"}, "k": {"value": "90 N m-1", "uncertainty": 0.5}},
-        mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": {"value": "30 mm", "uncertainty": "1 mm"}, "v_x": "0 m s-1"},
         events={"zero": {"function": "x", "direction": "falling"}},
-    )  # fmt: skip
+    )
     budget = xd.error_budget(model, "x", at="2.3 s", method="dop853", rtol=1e-13, until="3 s")
     w, x0, t = math.sqrt(90 / 0.4), 0.03, 2.3
     swing = -x0 * math.sin(w * t) * t
@@ -99,10 +101,17 @@ def test_the_mass_calibration_of_jcgm_101(request: pytest.FixtureRequest) -> Non
 def test_a_linear_number_has_an_adequate_linear_budget() -> None:
     """Assert sums with correlations, shares, and the verdict, of y = y0 + v t at 1 s."""
     text = doubtful(
-        xd.Model(name="free", coordinates={"y": "m"}, parameters={"m": "1 kg"}, mass={"y": "m"}, forces={},
-                 initial={"y": "1 m", "v_y": "2 m s-1"}),
-        y="uncertainty = 0.03", v_y="uncertainty = 0.04",
-    ).to_toml()  # fmt: skip
+        xd.Model(
+            name="free",
+            coordinates={"y": "m"},
+            parameters={"m": "1 kg"},
+            mass={"y": "m"},
+            forces={},
+            initial={"y": "1 m", "v_y": "2 m s-1"},
+        ),
+        y="uncertainty = 0.03",
+        v_y="uncertainty = 0.04",
+    ).to_toml()
     for correlation, total in ((0.0, 0.05), (0.5, math.sqrt(0.0025 + 0.0012)), (-1.0, 0.01)):
         model = xd.Model.from_text(text + f"\n[correlations]\ny = {{ v_y = {correlation} }}\n")
         budget = xd.error_budget(model, "y", at=1.0, step=0.1, until=1.0, method="rk4", draws=20_000)
@@ -119,10 +128,15 @@ def test_uncertain_tables_and_discrepancies() -> None:
     """Assert what independent errors of a measured force do to a speed, and a declared discrepancy."""
     rows = "".join(f"{k / 10},2,0.1\n" for k in range(11))
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "2 kg"}, mass={"x": "m"}, forces={"push": {"x": "f"}},
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "2 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": "f"}},
         drives={"f": {"table": "f.csv", "csv": "t [s],f [N],u(f) [N]\n" + rows}},
-        initial={"x": "0 m", "v_x": "0 m s-1"}, discrepancy={"v_x": {"standard": "3 mm s-1", "description": "the rail"}},
-    )  # fmt: skip
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+        discrepancy={"v_x": {"standard": "3 mm s-1", "description": "the rail"}},
+    )
     budget = xd.error_budget(model, "v_x", at="1 s", step="10 ms", until="1 s", method="rk4")
     table = {name: float(budget.standard_uncertainty[i]) for i, name in enumerate(budget.term_name.values.tolist())}
     weights = np.array([0.05, *[0.1] * 9, 0.05])  # of the trapezoidal rule, which is exact for straight pieces
@@ -179,11 +193,17 @@ def test_what_cannot_be_budgeted_is_named(given: dict[str, Any], said: str) -> N
 def test_an_input_that_may_undo_the_event_is_told() -> None:
     """Assert that a number which is not there any more for inputs a little off is no linear budget's."""
     model = doubtful(
-        xd.Model(name="hop", coordinates={"y": "m"}, parameters={"m": "1 kg", "g": "10 m s-2"}, mass={"y": "m"},
-                 forces={"weight": {"y": "-m*g"}}, initial={"y": "0 m", "v_y": "10 m s-1"},
-                 events={"line": {"function": "y - 4.9999*metre", "direction": "rising"}}),
+        xd.Model(
+            name="hop",
+            coordinates={"y": "m"},
+            parameters={"m": "1 kg", "g": "10 m s-2"},
+            mass={"y": "m"},
+            forces={"weight": {"y": "-m*g"}},
+            initial={"y": "0 m", "v_y": "10 m s-1"},
+            events={"line": {"function": "y - 4.9999*metre", "direction": "rising"}},
+        ),
         v_y="uncertainty = 0.001",
-    )  # fmt: skip
+    )
     with pytest.raises(xd.InputError, match="'v_y' is changed by .* less than its uncertainty"):
         xd.error_budget(model, "t", event="line", until="2 s", step="10 ms", method="rk4")
 
@@ -206,7 +226,9 @@ def test_the_same_budget_twice_and_from_a_file(tmp_path: Any) -> None:
     """Assert that a budget is the same each time, and is saved, opened, verified, told and drawn."""
     from xdynamics.documenting.summary import summary
 
-    one, other = (xd.error_budget(BALL, "t", event="ground", method="dormand_prince", rtol=1e-7, draws=400, seed=3) for _ in "ab")  # fmt: skip
+    one, other = (
+        xd.error_budget(BALL, "t", event="ground", method="dormand_prince", rtol=1e-7, draws=400, seed=3) for _ in "ab"
+    )
     assert all(other[name].variable.equals(one[name].variable) for name in one.variables)
     xd.save(one, tmp_path / "B.nc")
     assert len(xd.verify(tmp_path / "B.nc")) == 64
@@ -280,9 +302,12 @@ def test_shares_of_a_number_that_is_not_linear() -> None:
 def tone(**spread: str) -> xd.Model:
     """A phase that grows with a rate, and its sine."""
     model = xd.Model(
-        name="tone", parameters={"w": "6283.185307179586 s-1"}, states={"ph": {"unit": "1", "rate": "w"}},
-        initial={"ph": "0"}, observables={"x": "sin(ph)", "kink": "abs(w/(6283.185307179586/second) - 1)"},
-    )  # fmt: skip
+        name="tone",
+        parameters={"w": "6283.185307179586 s-1"},
+        states={"ph": {"unit": "1", "rate": "w"}},
+        initial={"ph": "0"},
+        observables={"x": "sin(ph)", "kink": "abs(w/(6283.185307179586/second) - 1)"},
+    )
     return doubtful(model, **spread)
 
 
@@ -302,9 +327,11 @@ def test_a_slope_that_is_none_is_warned_of() -> None:
 def test_numbers_in_other_units_by_inputs_without_one() -> None:
     """Assert the unit of a slope of grams by a pure number, and of a start in degrees."""
     model = xd.Model(
-        name="leak", parameters={"n": {"value": "2", "uncertainty": 0.1}},
-        states={"fuel": {"unit": "g", "rate": "-0.001*kilogram*n/second"}}, initial={"fuel": {"value": "10 g", "uncertainty": "1 mg"}},
-    )  # fmt: skip
+        name="leak",
+        parameters={"n": {"value": "2", "uncertainty": 0.1}},
+        states={"fuel": {"unit": "g", "rate": "-0.001*kilogram*n/second"}},
+        initial={"fuel": {"value": "10 g", "uncertainty": "1 mg"}},
+    )
     budget = xd.error_budget(model, "fuel", at=2.0, step=0.1, until=2.0, method="rk4")
     assert slope(budget, "n") == (pytest.approx(-2.0, rel=1e-9), "g")
     assert slope(budget, "fuel")[0] == pytest.approx(1000.0, rel=1e-9)
@@ -314,10 +341,14 @@ def test_numbers_in_other_units_by_inputs_without_one() -> None:
 def test_terms_that_cancel_leave_nothing() -> None:
     """Assert zero, not nan, of a difference of two numbers that are one and the same."""
     model = xd.Model(
-        name="free", coordinates={"y": "m"}, parameters={"m": "1 kg"}, mass={"y": "m"}, forces={},
+        name="free",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg"},
+        mass={"y": "m"},
+        forces={},
         initial={"y": {"value": "1 m", "uncertainty": 0.03}, "v_y": {"value": "2 m s-1", "uncertainty": 0.03}},
         correlations={"y": {"v_y": -1.0}},
-    )  # fmt: skip
+    )
     budget = xd.error_budget(model, "y", at=1.0, step=0.1, until=1.0, method="rk4")
     assert float(budget.physical_rss) == pytest.approx(0.0, abs=1e-9)
     assert np.isfinite(budget.share).all()
@@ -328,10 +359,15 @@ def test_draws_have_what_the_linear_budget_has() -> None:
     """Assert that tables, discrepancies and declared terms are in the draws too, also where nothing else is."""
     rows = "".join(f"{k / 10},2,0.1\n" for k in range(11))
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "2 kg"}, mass={"x": "m"}, forces={"push": {"x": "f"}},
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "2 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": "f"}},
         drives={"f": {"table": "f.csv", "csv": "t [s],f [N],u(f) [N]\n" + rows}},
-        initial={"x": "0 m", "v_x": "0 m s-1"}, discrepancy={"v_x": "30 mm s-1"},
-    )  # fmt: skip
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+        discrepancy={"v_x": "30 mm s-1"},
+    )
     more = [xd.Declared("scale", "v_x", "20 mm s-1", at="1 s")]
     budget = xd.error_budget(model, "v_x", at="1 s", step="10 ms", until="1 s", method="rk4", draws=20_000, terms=more)
     assert float(budget.monte_carlo_standard_uncertainty) == pytest.approx(float(budget.physical_rss), rel=0.02)
@@ -341,9 +377,15 @@ def test_draws_have_what_the_linear_budget_has() -> None:
 def test_two_digits_of_the_uncertainty_ask_more() -> None:
     """Assert JCGM 101:2008, 9.2.4: one rectangular input that dominates is not adequate by two digits."""
     model = xd.Model(
-        name="sum", parameters={f"a{k}": {"value": "0", "half_width": width} for k, width in enumerate((3**0.5, 3**0.5, 3**0.5, 10 * 3**0.5))},
-        states={"s": {"unit": "1", "rate": "0/second"}}, initial={"s": "0"}, observables={"total": "a0 + a1 + a2 + a3"},
-    )  # fmt: skip
+        name="sum",
+        parameters={
+            f"a{k}": {"value": "0", "half_width": width}
+            for k, width in enumerate((3**0.5, 3**0.5, 3**0.5, 10 * 3**0.5))
+        },
+        states={"s": {"unit": "1", "rate": "0/second"}},
+        initial={"s": "0"},
+        observables={"total": "a0 + a1 + a2 + a3"},
+    )
     asked: dict[str, Any] = {"at": 1.0, "step": 1.0, "until": 1.0, "method": "forward_euler", "draws": 100_000}
     two = xd.error_budget(model, "total", digits=2, **asked)
     assert float(two.physical_rss) == pytest.approx(10.1, abs=0.05)
@@ -372,9 +414,13 @@ def test_terms_that_are_none_are_named(terms: Any) -> None:
 def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
     """Assert that absolute tolerances get finer with the relative one: a nanometre, a metre, a light year."""
     model = xd.Model(
-        name="spring", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": f"{size!r} m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="spring",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": f"{size!r} m", "v_x": "0 m s-1"},
+    )
     atol = {"x": f"{1e-9 * size!r} m", "v_x": f"{1e-9 * size!r} m s-1"}
     budget = xd.error_budget(model, "x", at="3 s", method="dop853", rtol=1e-9, atol=atol, until="4 s")
     off = abs(float(budget.value) - size * math.cos(6.0))
@@ -382,10 +428,13 @@ def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
 
 
 REVERSED = xd.Model(
-    name="swing", coordinates={"x": "m", "y": "m"}, parameters={"k": "4 s-2"}, mass={"x": "1*kilogram", "y": "2*kilogram"},
+    name="swing",
+    coordinates={"x": "m", "y": "m"},
+    parameters={"k": "4 s-2"},
+    mass={"x": "1*kilogram", "y": "2*kilogram"},
     forces={"spring": {"potential": "k*1*kilogram*(x**2/2 + (x*y)**2/(1*metre)**2 + y**2/3 + x**3/(5*metre))"}},
     initial={"x": "0.7 m", "v_x": "0.1 m s-1", "y": "0.4 m", "v_y": "-0.2 m s-1"},
-)  # fmt: skip
+)
 
 
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")
@@ -406,10 +455,16 @@ def test_rounding_of_a_symmetric_method_is_seen_by_marching_back() -> None:
     distance = float(rule.partition("back by its own steps the run comes to ")[2].split()[0])
     assert 0.0 < distance < 1e-12
     assert distance <= 1.01 * float(budget.bound[1])
-    forced = REVERSED.to_toml().replace('[forces."spring"]', '[forces."push"]\n"x" = "1e-3*newton*sin(t/second)"\n[forces."spring"]').replace("[forces.spring]", '[forces.push]\nx = "1e-3*newton*sin(t/second)"\n[forces.spring]')  # fmt: skip
+    forced = (
+        REVERSED.to_toml()
+        .replace('[forces."spring"]', '[forces."push"]\n"x" = "1e-3*newton*sin(t/second)"\n[forces."spring"]')
+        .replace("[forces.spring]", '[forces.push]\nx = "1e-3*newton*sin(t/second)"\n[forces.spring]')
+    )
     model = xd.Model.from_text(forced)
     assert "push" in model.forces
-    assert "marched back" not in str(xd.error_budget(model, "x", at=4.0, method="velocity_verlet", step=0.05, until=5.0).term_rule.values[1])  # fmt: skip
+    assert "marched back" not in str(
+        xd.error_budget(model, "x", at=4.0, method="velocity_verlet", step=0.05, until=5.0).term_rule.values[1]
+    )
 
 
 def test_what_steps_do_not_undo_is_not_marched_back() -> None:
@@ -430,18 +485,28 @@ def test_what_steps_do_not_undo_is_not_marched_back() -> None:
 @pytest.mark.parametrize(
     ("given", "si", "slope_units"),
     [
-        ("50 N s m-1", "N s m-1", "rad N-1 s-1 m"), ("50 mN s m-1", "N s m-1", "rad N-1 s-1 m"), ("3 kg s-1", "kg s-1", "rad kg-1 s"),
-        ("2 N m", "N m", "rad N-1 m-1"), ("5 J", "J", "rad J-1"), ("20 degree s-1", "rad s-1", "s"), ("3 mrad", "rad", "1"),
-        ("7 kW", "W", "rad W-1"), ("4 km h-1", "m s-1", "rad m-1 s"), ("3 g", "kg", "rad kg-1"), ("2 lbf", "N", "rad N-1"),
+        ("50 N s m-1", "N s m-1", "rad N-1 s-1 m"),
+        ("50 mN s m-1", "N s m-1", "rad N-1 s-1 m"),
+        ("3 kg s-1", "kg s-1", "rad kg-1 s"),
+        ("2 N m", "N m", "rad N-1 m-1"),
+        ("5 J", "J", "rad J-1"),
+        ("20 degree s-1", "rad s-1", "s"),
+        ("3 mrad", "rad", "1"),
+        ("7 kW", "W", "rad W-1"),
+        ("4 km h-1", "m s-1", "rad m-1 s"),
+        ("3 g", "kg", "rad kg-1"),
+        ("2 lbf", "N", "rad N-1"),
     ],
-)  # fmt: skip
+)
 def test_units_of_inputs_are_spelled_as_they_were_declared(given: str, si: str, slope_units: str) -> None:
     """Assert the names that the model has, in SI: of a damping N s m-1 and not kg s-1, of a torque N m, of an angle rad."""
     value, unit = float(given.split(maxsplit=1)[0]), given.split(maxsplit=1)[1]
     model = xd.Model(
-        name="turn", parameters={"p": {"value": given, "uncertainty": 0.1 * value}, "one": f"1 {unit}"},
-        states={"phi": {"unit": "rad", "rate": "p/one*radian/second"}}, initial={"phi": "0 rad"},
-    )  # fmt: skip
+        name="turn",
+        parameters={"p": {"value": given, "uncertainty": 0.1 * value}, "one": f"1 {unit}"},
+        states={"phi": {"unit": "rad", "rate": "p/one*radian/second"}},
+        initial={"phi": "0 rad"},
+    )
     budget = xd.error_budget(model, "phi", at="2 s", step=0.1, until="2 s", method="rk4")
     i = budget["term_name"].values.tolist().index("p")
     assert (budget.input_units.values[i], budget.sensitivity_units.values[i]) == (si, slope_units)
@@ -457,10 +522,16 @@ def test_a_time_without_a_unit_has_no_seconds() -> None:
     from xdynamics.documenting.summary import summary
 
     model = xd.Model(
-        name="plain", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"}, forces={"spring": {"x": "-k*x"}},
-        parameters={"k": "4 ± 0.01"}, initial={"x": "1", "v_x": "0"}, events={"zero": {"function": "x", "direction": "falling"}},
+        name="plain",
+        time={"unit": "1"},
+        coordinates={"x": "1"},
+        mass={"x": "1"},
+        forces={"spring": {"x": "-k*x"}},
+        parameters={"k": "4 ± 0.01"},
+        initial={"x": "1", "v_x": "0"},
+        events={"zero": {"function": "x", "direction": "falling"}},
         run={"method": "rk4", "step": "0.01", "until": "3"},
-    )  # fmt: skip
+    )
     for where in ({"at": "1"}, {"at": 1.0}, {"event": "zero"}):
         budget = xd.error_budget(model, "t" if "event" in where else "x", draws=100, **where)
         assert {one.attrs["units"] for one in budget.variables.values()} == {"1"}

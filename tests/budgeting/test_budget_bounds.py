@@ -80,10 +80,13 @@ def swinging(rng: np.random.Generator) -> Number:
     """A damped oscillator of random frequency and damping at a random time."""
     w, d, at = float(rng.uniform(1.0, 6.0)), float(rng.uniform(0.0, 0.6)), float(rng.uniform(0.3, 4.0))
     model = xd.Model(
-        name="swinging", coordinates={"x": "m"}, mass={"x": "1*kilogram"},
+        name="swinging",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
         parameters={"k": f"{w * w + d * d!r} N m-1", "c": f"{2 * d!r} N s m-1"},
-        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}}, initial={"x": "0 m", "v_x": "1 m s-1"},
-    )  # fmt: skip
+        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
+    )
     decay, phase = math.exp(-d * at), w * at
     true = {"x": decay * math.sin(phase) / w, "v_x": decay * (math.cos(phase) - d / w * math.sin(phase))}
     quantity = str(rng.choice(["x", "v_x"]))
@@ -133,8 +136,15 @@ def median_ratio(cases: range) -> float:
 
 @pytest.mark.parametrize(
     ("orders", "factor"),
-    [((2.0, 2.0), 1.25), ((2.02, 1.99), 1.25), ((2.5, 2.0), 1.25 * 2**0.45), ((1.5, 2.0), 1.25 * 2**0.45), ((4.0, 2.0), 3.0), ((-1.0, 2.0), 3.0)],
-)  # fmt: skip
+    [
+        ((2.0, 2.0), 1.25),
+        ((2.02, 1.99), 1.25),
+        ((2.5, 2.0), 1.25 * 2**0.45),
+        ((1.5, 2.0), 1.25 * 2**0.45),
+        ((4.0, 2.0), 3.0),
+        ((-1.0, 2.0), 3.0),
+    ],
+)
 def test_the_allowance_follows_the_spread_of_orders(orders: tuple[float, float], factor: float) -> None:
     """Assert 1.25 where triples of levels agree in an order, more by the ratio to the power of what they part, 3 at most."""
     first = 1.0
@@ -146,8 +156,13 @@ def test_the_allowance_follows_the_spread_of_orders(orders: tuple[float, float],
 
 @pytest.mark.parametrize(
     ("values", "factor"),
-    [((0.0, 1.0, 1.25, 1.25), 1.25), ((0.0, 1.0, 1.5, 1.5), 1.25 * 2**0.95), ((0.0, 1.0, 1.0, 1.0), 3.0), ((0.0, 0.0, 0.0, 0.0), 3.0)],
-)  # fmt: skip
+    [
+        ((0.0, 1.0, 1.25, 1.25), 1.25),
+        ((0.0, 1.0, 1.5, 1.5), 1.25 * 2**0.95),
+        ((0.0, 1.0, 1.0, 1.0), 3.0),
+        ((0.0, 0.0, 0.0, 0.0), 3.0),
+    ],
+)
 def test_levels_that_differ_by_rounding_tell_no_order(values: tuple[float, ...], factor: float) -> None:
     """Assert that one triple is held against the formal order, and that two levels have the factor of two grids."""
     assert allowance(np.array(values), 0.1 / 2.0 ** np.arange(4), 2.0, 1e-9) == pytest.approx(factor)

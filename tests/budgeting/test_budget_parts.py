@@ -211,7 +211,9 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
 def test_what_rows_have_together_is_one_input(sizes: list[float], size: float, unit: str) -> None:
     """Assert slope, size and doubt of a number that goes as -a p + b p**3 with the whole table's shift."""
     given = np.array(sizes)
-    found = tabulated.common(copies(lambda change: 2.0 - 0.7 * (change[0] / given[0]) + 0.1 * (change[0] / given[0]) ** 3), given)  # fmt: skip
+    found = tabulated.common(
+        copies(lambda change: 2.0 - 0.7 * (change[0] / given[0]) + 0.1 * (change[0] / given[0]) ** 3), given
+    )
     assert found.standard == pytest.approx(0.7)
     assert found.bound == pytest.approx(2.0 * (0.7 + 0.1))
     assert (found.sensitivity, found.sensitivity_doubt) == pytest.approx((-0.7 / size, 0.1 / size))
@@ -253,7 +255,9 @@ def test_a_search_ends_in_the_least_sum_of_squares() -> None:
     """Assert estimates, the sum of squares and why it ended, free and between bounds."""
     line = Line()
     found = search(line, "own", np.array([0.5, 0.5]), *FREE)
-    best, squares, *_ = np.linalg.lstsq(np.stack([np.ones(50), line.times], axis=1), 2 + 3 * line.times - 0.1 * (-1.0) ** np.arange(50), rcond=None)  # fmt: skip
+    best, squares, *_ = np.linalg.lstsq(
+        np.stack([np.ones(50), line.times], axis=1), 2 + 3 * line.times - 0.1 * (-1.0) ** np.arange(50), rcond=None
+    )
     assert found.end == pytest.approx(best, rel=1e-9)
     assert found.square == pytest.approx(float(squares[0]), rel=1e-9)
     assert found.square == pytest.approx(float(found.residual @ found.residual))
@@ -361,14 +365,24 @@ def test_tolerances_that_leave_no_room_for_finer_runs_are_refused() -> None:
 def test_an_extreme_says_how_it_was_found() -> None:
     """Assert rule, place and what interpolation does of an apex between states, of a start, and of a landing."""
     model = xd.Model(
-        name="thrown", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"weight": {"y": "-g*1*kilogram"}},
-        initial={"y": "1 m", "v_y": "5 m s-1"}, events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
-    )  # fmt: skip
+        name="thrown",
+        coordinates={"y": "m"},
+        parameters={"g": "10 m s-2"},
+        mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-g*1*kilogram"}},
+        initial={"y": "1 m", "v_y": "5 m s-1"},
+        events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
+    )
     for quantity, where, rule, value in (
-        ("maximum_y", "interpolated between accepted states, at t = 0.5", "interpolated between accepted states: a shortened step", 2.25),
+        (
+            "maximum_y",
+            "interpolated between accepted states, at t = 0.5",
+            "interpolated between accepted states: a shortened step",
+            2.25,
+        ),
         ("maximum_v_y", "sampled at an accepted state, at t = 0", "sampled at an accepted state; none between", 5.0),
         ("minimum_y", "located by an event, at t = 1.17", "located by an event; none between", 0.0),
-    ):  # fmt: skip
+    ):
         budget = xd.error_budget(model, quantity, method="rk4", step="0.3 s", until="3 s")
         assert str(row(budget, "interpolation").term_rule.values).startswith(rule)
         assert next(line for line in lines_of(budget) if line.startswith("found")).startswith(f"found     {where}")
@@ -384,11 +398,16 @@ def test_an_extreme_says_how_it_was_found() -> None:
 def budget_in_words(**more: Any) -> xr.Dataset:
     """A budget made by hand: three terms, of which the second has the largest share and the third was drawn."""
     terms = {
-        "term_name": ["truncation", "g", "f"], "term_kind": [0, 1, 1], "share": [0.1, -0.7, 0.2],
-        "standard_uncertainty": [0.0123456, 0.02, 0.5], "standard_uncertainty_doubt": [0.0, 0.0, 0.0625],
-        "sensitivity": [math.nan, -2.5, 3.0], "sensitivity_units": ["", "m-1 s2", "1"], "input_uncertainty": [math.nan, 0.008, 1.0],
+        "term_name": ["truncation", "g", "f"],
+        "term_kind": [0, 1, 1],
+        "share": [0.1, -0.7, 0.2],
+        "standard_uncertainty": [0.0123456, 0.02, 0.5],
+        "standard_uncertainty_doubt": [0.0, 0.0, 0.0625],
+        "sensitivity": [math.nan, -2.5, 3.0],
+        "sensitivity_units": ["", "m-1 s2", "1"],
+        "input_uncertainty": [math.nan, 0.008, 1.0],
         "input_units": ["", "m s-2", "1"],
-    }  # fmt: skip
+    }
     found = xr.Dataset({name: ("term", np.array(one)) for name, one in terms.items()})
     found["term_kind"].attrs = {"flag_values": np.array([0, 1]), "flag_meanings": "numerical physical"}
     totals = {"numerical_rss": 0.0123456, "numerical_bound": 0.03, "physical_rss": 0.51, "total_rss": 0.52}
@@ -411,12 +430,18 @@ def test_a_budget_in_words_begins_with_the_largest_share() -> None:
 
 def test_a_drawn_budget_in_words_says_both_intervals() -> None:
     """Assert intervals with the digits that their ends bear, the verdict, what settles it, and where an extreme is."""
-    found = budget_in_words(coverage=0.95, draws=4000, linear_apart=0.004, draws_needed=23000.0, extreme_rule="located", extreme_time=1.5)  # fmt: skip
+    found = budget_in_words(
+        coverage=0.95, draws=4000, linear_apart=0.004, draws_needed=23000.0, extreme_rule="located", extreme_time=1.5
+    )
     drawn_too = {"shortest": [2.0111, 3.9], "symmetric": [2.0333, 3.955]}
     found = found.assign({f"monte_carlo_{name}": ("bound", np.array(one)) for name, one in drawn_too.items()})
     found["monte_carlo_end_doubt"], found["monte_carlo_standard_uncertainty"] = 0.012, 0.49876
     found["monte_carlo_standard_uncertainty_doubt"] = 0.006
-    found["linear_verdict"] = ((), 2, {"flag_values": np.array([0, 1, 2]), "flag_meanings": "adequate not_adequate not_checked"})  # fmt: skip
+    found["linear_verdict"] = (
+        (),
+        2,
+        {"flag_values": np.array([0, 1, 2]), "flag_meanings": "adequate not_adequate not_checked"},
+    )
     lines = list(lines_of(found))
     assert lines[1] == "found     located by an event, at t = 1.5 s"
     assert lines[6:] == [
@@ -424,10 +449,14 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
         "drawn     symmetric 95% interval 2.03 to 3.96 s, its ends ± 0.01 s",
         "drawn     standard uncertainty 0.499 (± 0.006) s, of 4000 draws",
         "linear    not checked: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
-    ]  # fmt: skip
-    settled = found.drop_attrs(deep=False).assign_attrs({key: one for key, one in found.attrs.items() if key != "draws_needed"})  # fmt: skip
+    ]
+    settled = found.drop_attrs(deep=False).assign_attrs(
+        {key: one for key, one in found.attrs.items() if key != "draws_needed"}
+    )
     assert list(lines_of(settled))[-1].endswith("0.004 s from that of the draws")
-    assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith("t = 1.5")  # fmt: skip
+    assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith(
+        "t = 1.5"
+    )
 
 
 # -------------------------------------------------------------------------------------------------- terms and variables
@@ -441,25 +470,59 @@ def term_of(name: str, kind: str, standard: float, doubt: float = 0.0, **more: A
 def test_terms_add_up_with_their_doubts() -> None:
     """Assert totals, doubts, shares and spelled units of terms made by hand, correlated and drawn among them."""
     model = xd.Model(
-        name="two", parameters={"a": "1 ± 0.1 kg", "b": "2 ± 0.2 s"}, states={"s": {"unit": "m", "rate": "0*a*b*metre/(kilogram*second**2)"}},
-        initial={"s": "0 m"}, correlations={"a": {"b": 0.5}},
-    )  # fmt: skip
+        name="two",
+        parameters={"a": "1 ± 0.1 kg", "b": "2 ± 0.2 s"},
+        states={"s": {"unit": "m", "rate": "0*a*b*metre/(kilogram*second**2)"}},
+        initial={"s": "0 m"},
+        correlations={"a": {"b": 0.5}},
+    )
     kg, second = parse_unit("kg"), parse_unit("s")
     terms = [
-        term_of("truncation", "numerical", 0.3), term_of("roundoff", "numerical", 0.4, 0.1),
-        term_of("a", "physical", 0.6, 0.2, sensitivity=6.0, input_uncertainty=0.1, input_unit=kg, sensitivity_doubt=0.5),
-        term_of("b", "physical", 0.2, 0.3, sensitivity=-1.0, input_uncertainty=0.2, input_unit=second, sensitivity_doubt=0.25),
-    ]  # fmt: skip
+        term_of("truncation", "numerical", 0.3),
+        term_of("roundoff", "numerical", 0.4, 0.1),
+        term_of(
+            "a", "physical", 0.6, 0.2, sensitivity=6.0, input_uncertainty=0.1, input_unit=kg, sensitivity_doubt=0.5
+        ),
+        term_of(
+            "b",
+            "physical",
+            0.2,
+            0.3,
+            sensitivity=-1.0,
+            input_uncertainty=0.2,
+            input_unit=second,
+            sensitivity_doubt=0.25,
+        ),
+    ]
     found = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, terms)
     variance = 0.36 + 0.04 - 2 * 0.5 * 0.6 * 0.2
-    numbers = {name: float(found[name][1]) for name in ("value", "numerical_bound", "physical_bound", "numerical_rss", "physical_rss", "physical_rss_doubt", "total_rss")}  # fmt: skip
+    numbers = {
+        name: float(found[name][1])
+        for name in (
+            "value",
+            "numerical_bound",
+            "physical_bound",
+            "numerical_rss",
+            "physical_rss",
+            "physical_rss_doubt",
+            "total_rss",
+        )
+    }
     doubt = math.sqrt(((0.6 * 0.2) ** 2 + (0.2 * 0.3) ** 2) / variance)
-    assert list(numbers.values()) == pytest.approx([7.0, 2.1, 2.4, 0.5, math.sqrt(variance), doubt, math.sqrt(variance + 0.25)])  # fmt: skip
+    assert list(numbers.values()) == pytest.approx(
+        [7.0, 2.1, 2.4, 0.5, math.sqrt(variance), doubt, math.sqrt(variance + 0.25)]
+    )
     shares = np.array([0.09, 0.16, 0.36 - 0.06, 0.04 - 0.06]) / (variance + 0.25)
     assert found["share"][1] == pytest.approx(shares)
-    assert found["sensitivity_units"][1].tolist() == ["", "", "m kg-1", "m s-1"] or found["sensitivity_units"][1].tolist() == ["", "", "kg-1 m", "m s-1"]  # fmt: skip
+    assert found["sensitivity_units"][1].tolist() == ["", "", "m kg-1", "m s-1"] or found["sensitivity_units"][
+        1
+    ].tolist() == ["", "", "kg-1 m", "m s-1"]
     assert found["term_kind"][1].tolist() == [0, 0, 1, 1]
-    for name, unit in (("sensitivity", "sensitivity_units"), ("sensitivity_doubt", "sensitivity_units"), ("input_uncertainty", "input_units")):  # fmt: skip
+    for name, unit in (
+        ("sensitivity", "sensitivity_units"),
+        ("sensitivity_doubt", "sensitivity_units"),
+        ("input_uncertainty", "input_units"),
+    ):
         assert found[name][2]["comment"] == f"in the unit that {unit} names"
     nothing = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, [term_of("truncation", "numerical", 0.0)])
     assert (float(nothing["physical_rss_doubt"][1]), nothing["share"][1].tolist()) == (0.0, [0.0])
@@ -468,7 +531,12 @@ def test_terms_add_up_with_their_doubts() -> None:
 def test_units_of_slopes_keep_their_names_unless_all_are_base_units() -> None:
     """Assert base units in their own order, and other names as they were declared."""
     model = standing()
-    for of, by, spelled in (("s", "m s-1", "m-1 s2"), ("N", "kg s-1", "N kg-1 s"), ("m", "N m-1", "m2 N-1"), ("kg m", "m", "kg")):  # fmt: skip
+    for of, by, spelled in (
+        ("s", "m s-1", "m-1 s2"),
+        ("N", "kg s-1", "N kg-1 s"),
+        ("m", "N m-1", "m2 N-1"),
+        ("kg m", "m", "kg"),
+    ):
         term = term_of("a", "physical", 0.1, sensitivity=1.0, input_uncertainty=0.1, input_unit=parse_unit(by))
         found = terms_as(model, Target("s", 1.0), parse_unit(of), 1.0, [term])["sensitivity_units"][1].tolist()
         assert found == [spelled]
@@ -483,9 +551,13 @@ def test_levels_and_draws_stand_in_their_units() -> None:
     found = draws_as(Drawn(1.0, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0, 8.0, 9.0), parse_unit("g"), 0.9)
     values = {name: np.asarray(one[1]).tolist() for name, one in found.items()}
     assert values == {
-        "monte_carlo_mean": 1.0, "monte_carlo_standard_uncertainty": 2.0, "monte_carlo_standard_uncertainty_doubt": 7.0, "monte_carlo_end_doubt": 8.0,
-        "monte_carlo_shortest": [3.0, 4.0], "monte_carlo_symmetric": [5.0, 6.0],
-    }  # fmt: skip
+        "monte_carlo_mean": 1.0,
+        "monte_carlo_standard_uncertainty": 2.0,
+        "monte_carlo_standard_uncertainty_doubt": 7.0,
+        "monte_carlo_end_doubt": 8.0,
+        "monte_carlo_shortest": [3.0, 4.0],
+        "monte_carlo_symmetric": [5.0, 6.0],
+    }
     assert {one[2]["units"] for one in found.values()} == {"g"}
     assert found["monte_carlo_shortest"][2]["coverage"] == found["monte_carlo_symmetric"][2]["coverage"] == 0.9
 
@@ -520,28 +592,56 @@ def test_declared_terms_have_a_name(name: Any) -> None:
 
 def test_numbers_are_named_with_their_places() -> None:
     """Assert times, sides, occurrences and extremes in words, and no seconds where time has none."""
-    assert [target.description for target in (
-        Target("y", 1.5), Target("y", 1.5, second="1"), Target("y", event="ground"), Target("v_y", event="floor", occurrence=3, side="after"),
-        Target("t", event="ground"), Target("t", event="floor", occurrence=2), Target("maximum_v_y"), Target("minimum_force_drag_y"),
-    )] == [
-        "y at t = 1.5 s", "y at t = 1.5", "y before ground", "v_y after floor number 3", "time of ground", "time of floor number 2",
-        "maximum of v_y", "minimum of force_drag_y",
-    ]  # fmt: skip
-    assert (Target("maximum_v_y").extreme, Target("minimum_y").extreme, Target("y", 1.0).extreme) == (("v_y", 1.0), ("y", -1.0), None)  # fmt: skip
+    assert [
+        target.description
+        for target in (
+            Target("y", 1.5),
+            Target("y", 1.5, second="1"),
+            Target("y", event="ground"),
+            Target("v_y", event="floor", occurrence=3, side="after"),
+            Target("t", event="ground"),
+            Target("t", event="floor", occurrence=2),
+            Target("maximum_v_y"),
+            Target("minimum_force_drag_y"),
+        )
+    ] == [
+        "y at t = 1.5 s",
+        "y at t = 1.5",
+        "y before ground",
+        "v_y after floor number 3",
+        "time of ground",
+        "time of floor number 2",
+        "maximum of v_y",
+        "minimum of force_drag_y",
+    ]
+    assert (Target("maximum_v_y").extreme, Target("minimum_y").extreme, Target("y", 1.0).extreme) == (
+        ("v_y", 1.0),
+        ("y", -1.0),
+        None,
+    )
 
 
 @pytest.mark.parametrize(
     ("off", "standard", "other", "said"),
     [
-        (0.0199, 1.0, 0.0, None), (0.0201, 1.0, 0.0, "0.02 of itself"), (0.5, 1.0, 0.0, "0.5 of itself"), (0.039, 1.0, 100.0, None),
-        (0.041, 1.0, 100.0, "0.04 of itself"), (0.0025, 0.0, 6.0, "inf of itself"), (0.0023, 0.0, 6.0, None),
+        (0.0199, 1.0, 0.0, None),
+        (0.0201, 1.0, 0.0, "0.02 of itself"),
+        (0.5, 1.0, 0.0, "0.5 of itself"),
+        (0.039, 1.0, 100.0, None),
+        (0.041, 1.0, 100.0, "0.04 of itself"),
+        (0.0025, 0.0, 6.0, "inf of itself"),
+        (0.0023, 0.0, 6.0, None),
     ],
-)  # fmt: skip
+)
 def test_slopes_that_are_in_doubt_are_warned_of(off: float, standard: float, other: float, said: str | None) -> None:
     """Assert a fiftieth of a term's size, or of a fiftieth of all, as what a slope may be off by without a word."""
     inputs: dict[str, Any] = {"sensitivity": 2.0, "input_uncertainty": 0.5, "input_unit": parse_unit("kg")}
     mine = term_of("a", "physical", standard, **inputs, sensitivity_doubt=2.0 * off)
-    terms = [mine, term_of("b", "physical", other), term_of("c", "physical", 0.0, sensitivity_doubt=9.0, input_uncertainty=9.0)]  # fmt: skip
+    terms = [
+        mine,
+        term_of("b", "physical", other),
+        term_of("c", "physical", 0.0, sensitivity_doubt=9.0, input_uncertainty=9.0),
+    ]
     if said is None:
         _doubt_slopes(terms, Target("s", 1.0))
         return
@@ -554,12 +654,24 @@ def test_slopes_that_are_in_doubt_are_warned_of(off: float, standard: float, oth
 @pytest.mark.parametrize(
     ("draws", "seed", "coverage", "digits", "said"),
     [
-        (0, 0, 0.95, 1, None), (100, 3, 0.5, 2, None), (99, 0, 0.95, 1, "draws is 99"), (-1, 0, 0.95, 1, "draws is -1"), (100.0, 0, 0.95, 1, "draws is 100.0"),
-        (False, 0, 0.95, 1, "draws is False"), (0, -1, 0.95, 1, "seed is -1"), (0, True, 0.95, 1, "seed is True"), (0, 1.0, 0.95, 1, "seed is 1.0"),
-        (0, 0, 0.0, 1, "coverage is 0.0"), (0, 0, 1.0, 1, "coverage is 1.0"), (0, 0, True, 1, "coverage is True"), (0, 0, "1", 1, "coverage is '1'"),
-        (0, 0, 0.95, 3, "digits is 3"), (0, 0, 0.95, True, "digits is True"), (0, 0, 0.95, 0, "digits is 0"),
+        (0, 0, 0.95, 1, None),
+        (100, 3, 0.5, 2, None),
+        (99, 0, 0.95, 1, "draws is 99"),
+        (-1, 0, 0.95, 1, "draws is -1"),
+        (100.0, 0, 0.95, 1, "draws is 100.0"),
+        (False, 0, 0.95, 1, "draws is False"),
+        (0, -1, 0.95, 1, "seed is -1"),
+        (0, True, 0.95, 1, "seed is True"),
+        (0, 1.0, 0.95, 1, "seed is 1.0"),
+        (0, 0, 0.0, 1, "coverage is 0.0"),
+        (0, 0, 1.0, 1, "coverage is 1.0"),
+        (0, 0, True, 1, "coverage is True"),
+        (0, 0, "1", 1, "coverage is '1'"),
+        (0, 0, 0.95, 3, "digits is 3"),
+        (0, 0, 0.95, True, "digits is True"),
+        (0, 0, 0.95, 0, "digits is 0"),
     ],
-)  # fmt: skip
+)
 def test_what_a_budget_is_asked_is_checked(draws: Any, seed: Any, coverage: Any, digits: Any, said: str | None) -> None:
     """Assert borders and kinds of draws, seed, coverage and digits."""
     if said is None:
@@ -569,12 +681,25 @@ def test_what_a_budget_is_asked_is_checked(draws: Any, seed: Any, coverage: Any,
         _check(draws, seed, coverage, digits)
 
 
-@pytest.mark.parametrize(("adequate", "asked", "refused"), [(False, {}, True), (False, {"inadequate_fit": True}, False), (True, {}, False), (False, {"inadequate_fit": 1}, True), (None, {}, False)])  # fmt: skip
-def test_fits_that_are_not_adequate_have_no_budget(adequate: bool | None, asked: dict[str, Any], refused: bool, monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+@pytest.mark.parametrize(
+    ("adequate", "asked", "refused"),
+    [
+        (False, {}, True),
+        (False, {"inadequate_fit": True}, False),
+        (True, {}, False),
+        (False, {"inadequate_fit": 1}, True),
+        (None, {}, False),
+    ],
+)
+def test_fits_that_are_not_adequate_have_no_budget(
+    adequate: bool | None, asked: dict[str, Any], refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert that a fitted model is refused where residuals speak against it, unless it is asked for in so many words."""
     model = standing()
     if adequate is not None:
-        model = xd.Model.from_text(toml.write(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing"))))  # fmt: skip
+        model = xd.Model.from_text(
+            toml.write(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing")))
+        )
 
     def begun(*_: Any) -> None:
         raise xd.InputError("a march began")
@@ -595,16 +720,30 @@ def test_declared_terms_are_declared() -> None:
 
 def fitted_in_words(**more: Any) -> xr.Dataset:
     """A fit made by hand: two numbers, of which the second is on its bound, that are correlated by 0.95."""
-    found = xr.Dataset({
-        "parameter_name": ("parameter", np.array(["k", "ratio"])), "parameter_units": ("parameter", np.array(["N m-1", "1"])),
-        "estimate": ("parameter", np.array([4.0, 0.5])), "standard_uncertainty": ("parameter", np.array([0.0123, 0.2])), "at_bound": ("parameter", np.array([0, 1])),
-        "correlation": (("parameter", "other"), np.array([[1.0, -0.95], [-0.95, 1.0]])),
-        "start_square": ("start", np.array([9.0, 2.0, 5.0])), "start_rule": ("start", np.array(["own", "growing", "drawn"])),
-    })  # fmt: skip
+    found = xr.Dataset(
+        {
+            "parameter_name": ("parameter", np.array(["k", "ratio"])),
+            "parameter_units": ("parameter", np.array(["N m-1", "1"])),
+            "estimate": ("parameter", np.array([4.0, 0.5])),
+            "standard_uncertainty": ("parameter", np.array([0.0123, 0.2])),
+            "at_bound": ("parameter", np.array([0, 1])),
+            "correlation": (("parameter", "other"), np.array([[1.0, -0.95], [-0.95, 1.0]])),
+            "start_square": ("start", np.array([9.0, 2.0, 5.0])),
+            "start_rule": ("start", np.array(["own", "growing", "drawn"])),
+        }
+    )
     about = {
-        "chi_square": 21.0, "degrees_of_freedom": 20, "residual_variance": 0.04, "adequate": 1, "adequate_text": "residuals are no more than noise",
-        "runs_probability": 0.25, "evaluations": 17, "condition": 12.34, "stopped": "both", "converged": 1,
-    }  # fmt: skip
+        "chi_square": 21.0,
+        "degrees_of_freedom": 20,
+        "residual_variance": 0.04,
+        "adequate": 1,
+        "adequate_text": "residuals are no more than noise",
+        "runs_probability": 0.25,
+        "evaluations": 17,
+        "condition": 12.34,
+        "stopped": "both",
+        "converged": 1,
+    }
     return found.assign_attrs(about | more)
 
 
@@ -624,14 +763,21 @@ def test_a_fit_in_words() -> None:
     assert other[2] == "fit       residuals of 0.2, by which the uncertainties are scaled; 20 degrees of freedom"
     assert other[3] == "verdict   not adequate: residuals are no more than noise"
     assert other[-1].startswith("doubt     the search did not come to an end")
-    for square, said in ((60.0, "the model or the uncertainties are not right (a larger one has the probability 7e-06)"), (3.0, "the uncertainties are larger than the residuals (a smaller one has the probability 4e-06)")):  # fmt: skip
+    for square, said in (
+        (60.0, "the model or the uncertainties are not right (a larger one has the probability 7e-06)"),
+        (3.0, "the uncertainties are larger than the residuals (a smaller one has the probability 4e-06)"),
+    ):
         assert list(fit_in_lines(fitted_in_words(chi_square=square)))[2].split("; ")[1] == said
     for part, said in (
         (0.0015, "a larger one has the probability 0.00"),
         (0.9985, "a larger one has the probability 0.99"),
     ):
         assert list(fit_in_lines(fitted_in_words(chi_square=chi2.isf(part, 20))))[2].split("; ")[1].startswith(said)
-    weak = fitted_in_words().isel(start=[0]).assign(correlation=(("parameter", "other"), np.array([[1.0, 0.9], [0.9, 1.0]])))  # fmt: skip
+    weak = (
+        fitted_in_words()
+        .isel(start=[0])
+        .assign(correlation=(("parameter", "other"), np.array([[1.0, 0.9], [0.9, 1.0]])))
+    )
     assert [line.split()[0] for line in fit_in_lines(weak)] == ["k", "ratio", "fit", "verdict", "search"]
     del weak.attrs["adequate"]
     assert [line.split()[0] for line in fit_in_lines(weak.drop_dims("start"))] == ["k", "ratio", "fit", "search"]
@@ -642,7 +788,9 @@ def test_a_fit_in_words() -> None:
 
 def through(rate: str, **inputs: Any) -> xd.Model:
     """A state that is a function of its inputs after a second, in grams as they are."""
-    return xd.Model(name="through", parameters=inputs, states={"s": {"unit": "g", "rate": f"({rate})/second"}}, initial={"s": "0 g"})  # fmt: skip
+    return xd.Model(
+        name="through", parameters=inputs, states={"s": {"unit": "g", "rate": f"({rate})/second"}}, initial={"s": "0 g"}
+    )
 
 
 def sloped(model: xd.Model) -> xr.Dataset:
@@ -678,7 +826,9 @@ def test_slopes_are_of_the_spacing_that_agrees_best(case: int) -> None:
     apart = abs(exact - slope)
     close = apart <= 0.02 * abs(slope)
     assert float(found.sensitivity) / 1e3 == pytest.approx(exact if close else slope, rel=1e-6)
-    assert float(found.sensitivity_doubt) / 1e3 == pytest.approx(apart if close else max(float(off[k]), apart), rel=1e-4, abs=1e-7)  # fmt: skip
+    assert float(found.sensitivity_doubt) / 1e3 == pytest.approx(
+        apart if close else max(float(off[k]), apart), rel=1e-4, abs=1e-7
+    )
     assert float(found.standard_uncertainty) == pytest.approx(abs(exact if close else slope) * u, rel=1e-6)
     assert f"sixth order over {shifts[k + 1] / u:.3g} of its uncertainties" in str(found.term_rule.values)
     assert str(found.term_rule.values).startswith("slope by variational" if close else "slope by central")
@@ -696,5 +846,9 @@ def test_an_input_that_is_known_better_than_numbers_has_a_slope() -> None:
 def test_a_slope_that_is_rounding_is_none() -> None:
     """Assert 0 without a doubt of an input that goes out of a large number again, and its rule."""
     found = sloped(through("(1e6*gram + 0.3*a) - 0.3*a", a={"value": "3 g", "uncertainty": 0.1}))
-    assert (float(found.sensitivity), float(found.sensitivity_doubt), float(found.standard_uncertainty)) == (0.0, 0.0, 0.0)  # fmt: skip
+    assert (float(found.sensitivity), float(found.sensitivity_doubt), float(found.standard_uncertainty)) == (
+        0.0,
+        0.0,
+        0.0,
+    )
     assert str(found.term_rule.values) == "no slope but rounding's"

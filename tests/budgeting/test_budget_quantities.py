@@ -25,10 +25,16 @@ def weighed(correlation: float, **more: Any) -> xd.Model:
     """A number 2 a - 3 b + c, of inputs that are correlated and one between bounds."""
     return xd.Model(
         name="weighed",
-        parameters={"a": "1 ± 0.1 g", "b": {"value": "2 g", "uncertainty": 0.2}, "c": {"value": "3 g", "half_width": 0.3}},
-        states={"s": {"unit": "g", "rate": "(2*a - 3*b + c)/second"}}, initial={"s": "0 g"},
-        correlations={"a": {"b": correlation}}, **more,
-    )  # fmt: skip
+        parameters={
+            "a": "1 ± 0.1 g",
+            "b": {"value": "2 g", "uncertainty": 0.2},
+            "c": {"value": "3 g", "half_width": 0.3},
+        },
+        states={"s": {"unit": "g", "rate": "(2*a - 3*b + c)/second"}},
+        initial={"s": "0 g"},
+        correlations={"a": {"b": correlation}},
+        **more,
+    )
 
 
 def budgeted(model: xd.Model, quantity: str = "s", **more: Any) -> xr.Dataset:
@@ -111,7 +117,9 @@ def test_levels_are_the_runs_own_and_three_finer_ones() -> None:
     values = np.array([float(run.y.values[np.argmin(abs(run.time.values - 0.5))]) for run in runs])
     assert budget.level_value.values == pytest.approx(values, rel=1e-14)
     assert float(budget.value) == budget.level_value.values[0]
-    assert budget.run_digest.values.tolist() == [run.attrs.get("content_digest", one) for run, one in zip(runs, budget.run_digest.values.tolist(), strict=True)]  # fmt: skip
+    assert budget.run_digest.values.tolist() == [
+        run.attrs.get("content_digest", one) for run, one in zip(runs, budget.run_digest.values.tolist(), strict=True)
+    ]
     assert budget.step_size.values == pytest.approx([0.1, 0.05, 0.025, 0.0125])
     change = np.diff(values)
     assert budget.observed_order.values[1:3] == pytest.approx(np.log2(change[:-1] / change[1:]), rel=1e-9)
@@ -155,7 +163,9 @@ def test_a_discrepancy_and_a_declared_term_are_contributions_as_they_are() -> No
 def test_lines_say_the_terms_from_the_largest_share_on() -> None:
     """Assert order, numbers and units of what is printed, with and without draws."""
     lines = summary(budgeted(weighed(0.0)))
-    assert lines[2] == "result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part 4e-16 g)" or lines[2].startswith("result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part ")  # fmt: skip
+    assert lines[2] == "result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part 4e-16 g)" or lines[2].startswith(
+        "result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part "
+    )
     assert [one.split()[1] for one in lines[3:6]] == ["b", "a", "c"]
     assert "0.6 g, 83.7% of the variance, -3000 g kg-1 times 0.0002 kg" in lines[3]
     assert lines[-1] == "linear    not checked: draw, with --draws 10000"
@@ -185,7 +195,7 @@ def test_a_periods_uncertainty_is_that_of_both_crossings() -> None:
         ((0.0, 4.97, math.inf, "N"), "0.0 ± 9.9 N (k = 2, numerical part inf N)"),
         ((100.0, 49.9, 12345.0, "N"), "100 ± 100 N (k = 2, numerical part 1e4 N)"),
     ],
-)  # fmt: skip
+)
 def test_a_number_is_rounded_by_its_expanded_uncertainty(given: tuple[float, float, float, str], text: str) -> None:
     """Assert two digits of twice the standard uncertainty, the value to the same place, and powers of ten."""
     assert rounded(*given) == text
@@ -215,7 +225,10 @@ def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: floa
     assert draws_needed(apart, found, count, 0.95) == pytest.approx(right, rel=0.05)
 
 
-@pytest.mark.parametrize(("size", "adequate", "said"), [(0.099, True, "no matter beside"), (0.101, False, "random order"), (5.0, False, "5 times as large")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "adequate", "said"),
+    [(0.099, True, "no matter beside"), (0.101, False, "random order"), (5.0, False, "5 times as large")],
+)
 def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adequate: bool, said: str) -> None:
     """Assert a tenth of the uncertainties as the border, under which the order of residuals does not count."""
     row = size * np.repeat([1.0, -1.0], 20)

@@ -56,12 +56,15 @@ def test_a_certificate_has_all_that_defends_a_number(certificate: xr.Dataset) ->
 def budget_by_hand(**more: Any) -> xr.Dataset:
     """What gates look at: a number that passes all of them, just so."""
     numbers = {"physical_rss": 1.0, "numerical_bound": 0.1, "run_outcome": "completed"} | more
-    found = xr.Dataset({
-        "term_name": ("term", np.array(["truncation", "interpolation"])), "bound": ("term", np.array([0.125, numbers.pop("inside", 0.25)])),
-        "level_value": ("level", np.array(numbers.pop("values", [3.0, 3.25, 4.0]))),
-        "level_verdict": ((), numbers.pop("verdict", 0), {"flag_meanings": "asymptotic converging not_converging"}),
-        "linear_verdict": ((), numbers.pop("linear", 0)),
-    })  # fmt: skip
+    found = xr.Dataset(
+        {
+            "term_name": ("term", np.array(["truncation", "interpolation"])),
+            "bound": ("term", np.array([0.125, numbers.pop("inside", 0.25)])),
+            "level_value": ("level", np.array(numbers.pop("values", [3.0, 3.25, 4.0]))),
+            "level_verdict": ((), numbers.pop("verdict", 0), {"flag_meanings": "asymptotic converging not_converging"}),
+            "linear_verdict": ((), numbers.pop("linear", 0)),
+        }
+    )
     attributes = numbers.pop("attributes", {})
     return found.assign({name: ((), one) for name, one in numbers.items()}).assign_attrs(attributes)
 
@@ -69,12 +72,18 @@ def budget_by_hand(**more: Any) -> xr.Dataset:
 @pytest.mark.parametrize(
     ("more", "verdicts", "failed"),
     [
-        ({}, [0, 2], ""), ({"physical_rss": 0.0, "numerical_bound": 9.0}, [0], ""), ({}, [0, 1, 0], "ledger"),
-        ({"run_outcome": "step_limit"}, [0], "outcome"), ({"values": [3.0, 3.25]}, [0], "levels"),
-        ({"inside": 0.2501}, [0], "interpolation"), ({"values": [3.25, 3.0, 4.0]}, [0], ""), ({"values": [3.0, 3.0, 4.0]}, [0], "interpolation"),
-        ({"values": [3.0, 3.0, 4.0], "inside": 0.125}, [0], ""), ({"numerical_bound": 0.1001}, [0], "numerical_part"),
+        ({}, [0, 2], ""),
+        ({"physical_rss": 0.0, "numerical_bound": 9.0}, [0], ""),
+        ({}, [0, 1, 0], "ledger"),
+        ({"run_outcome": "step_limit"}, [0], "outcome"),
+        ({"values": [3.0, 3.25]}, [0], "levels"),
+        ({"inside": 0.2501}, [0], "interpolation"),
+        ({"values": [3.25, 3.0, 4.0]}, [0], ""),
+        ({"values": [3.0, 3.0, 4.0]}, [0], "interpolation"),
+        ({"values": [3.0, 3.0, 4.0], "inside": 0.125}, [0], ""),
+        ({"numerical_bound": 0.1001}, [0], "numerical_part"),
     ],
-)  # fmt: skip
+)
 def test_each_gate_has_its_own_border(more: dict[str, Any], verdicts: list[int], failed: str) -> None:
     """Assert which gate a number fails by hand-made figures, that the border is passed, and what is said of it."""
     ledger = xr.Dataset({"verdict": ("case", np.array(verdicts))})
@@ -101,9 +110,10 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
         word = VERDICTS[verdict].replace("_", " ")
         assert gate == ("convergence", "failed" if verdict == NOT_CONVERGING else "passed", f"the levels are {word}")
     for linear, verdict, said in (
-        (ADEQUATE, "passed", "the linear budget is adequate"), (NOT_ADEQUATE, "failed", "the linear budget is not adequate"),
+        (ADEQUATE, "passed", "the linear budget is adequate"),
+        (NOT_ADEQUATE, "failed", "the linear budget is not adequate"),
         (NOT_CHECKED, "not_checked", "the linear budget is not checked: nothing was drawn; 10000 draws tell as a rule"),
-    ):  # fmt: skip
+    ):
         assert _gates(budget_by_hand(linear=linear), ledger, drawn=True)[-1] == ("linear_budget", verdict, said)
     few = budget_by_hand(linear=NOT_CHECKED, attributes={"draws_needed": 2300.0, "draws": 400})
     assert _gates(few, ledger, drawn=True)[-1][2].endswith("checked: 400 draws leave it open, about 2300 settle it")
@@ -111,7 +121,10 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
 
 def test_what_is_apart_is_named_with_both_values() -> None:
     """Assert names that are missing and added, shapes, the first place of a number or text that differs, and attributes."""
-    again = xr.Dataset({"a": ("x", [1.0, np.nan, 3.0]), "b": ((), 2.0), "c": ("x", ["u", "v", "w"])}, attrs={"of": "y", "seed": 5, "extra": 1})  # fmt: skip
+    again = xr.Dataset(
+        {"a": ("x", [1.0, np.nan, 3.0]), "b": ((), 2.0), "c": ("x", ["u", "v", "w"])},
+        attrs={"of": "y", "seed": 5, "extra": 1},
+    )
     assert _apart(again.copy(), again) == []
     assert _apart(again.drop_vars("b"), again) == ["'b' is missing"]
     assert _apart(again.assign(d=1.0), again) == ["'d' is added"]
@@ -127,13 +140,29 @@ def test_what_is_apart_is_named_with_both_values() -> None:
 
 def test_a_certificate_in_words() -> None:
     """Assert number, place of an extreme, gates, model and what makes it again."""
-    found = xr.Dataset({"gate_name": ("gate", np.array(["numerical_part", "linear_budget"])), "gate_verdict": ("gate", np.array([1, 2])), "gate_reason": ("gate", np.array(["too large", "few"]))})  # fmt: skip
-    found.attrs = {"of": "maximum of y", "result": "3 m", "model_digest": "ab", "solver_method": "rk4", "extreme_rule": "located", "extreme_time": 1.5}  # fmt: skip
+    found = xr.Dataset(
+        {
+            "gate_name": ("gate", np.array(["numerical_part", "linear_budget"])),
+            "gate_verdict": ("gate", np.array([1, 2])),
+            "gate_reason": ("gate", np.array(["too large", "few"])),
+        }
+    )
+    found.attrs = {
+        "of": "maximum of y",
+        "result": "3 m",
+        "model_digest": "ab",
+        "solver_method": "rk4",
+        "extreme_rule": "located",
+        "extreme_time": 1.5,
+    }
     assert lines_of(found) == [
-        "result    maximum of y = 3 m", "found     located by an event, at t = 1.5 s", "failed    numerical part: too large",
-        "not checked linear budget: few", "model     sha256 ab; method rk4",
+        "result    maximum of y = 3 m",
+        "found     located by an event, at t = 1.5 s",
+        "failed    numerical part: too large",
+        "not checked linear budget: few",
+        "model     sha256 ab; method rk4",
         "again     xdynamics recheck makes it again from this file alone, and compares every number",
-    ]  # fmt: skip
+    ]
 
 
 def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path: Path) -> None:
@@ -171,8 +200,13 @@ def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path:
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("value", "'value' is"), ("monte_carlo_mean", "'monte_carlo_mean' is"), ("residual", "'residual'"), ("gate_verdict", "'gate_verdict'")],
-)  # fmt: skip
+    [
+        ("value", "'value' is"),
+        ("monte_carlo_mean", "'monte_carlo_mean' is"),
+        ("residual", "'residual'"),
+        ("gate_verdict", "'gate_verdict'"),
+    ],
+)
 def test_one_digit_changed_is_named(certificate: xr.Dataset, name: str, said: str) -> None:
     """Assert that a changed number does not come out again."""
     values = np.array(certificate[name].values)

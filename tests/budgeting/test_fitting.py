@@ -30,11 +30,13 @@ MARCH: dict[str, Any] = {"method": "dop853", "rtol": 1e-8, "until": "10 s"}
 def pendulum() -> xd.Model:
     """A damped pendulum, near the one that is measured."""
     return xd.Model(
-        name="bench pendulum", coordinates={"theta": "rad"}, parameters={"L": "1 m", "g": "9.81 m s-2", "c": "0.05 s-1"},
+        name="bench pendulum",
+        coordinates={"theta": "rad"},
+        parameters={"L": "1 m", "g": "9.81 m s-2", "c": "0.05 s-1"},
         mass={"theta": "1*kilogram*L**2"},
         forces={"weight": {"theta": "-1*kilogram*g*L*sin(theta)"}, "damping": {"theta": "-c*1*kilogram*L**2*v_theta"}},
         initial={"theta": "0.3 rad", "v_theta": "0 rad s-1"},
-    )  # fmt: skip
+    )
 
 
 def swung() -> np.ndarray:
@@ -97,16 +99,24 @@ def by_hand(*, told: bool = True) -> ByHand:
     doubts = {"x": (np.arange(1.0, 6.0), parse_unit("cm")), "v": (np.full(5, 0.5), speed)}
     data = Measured("bench", np.array([2.0, 12.0, 4.0, 6.0, 8.0]), parse_unit("s"), values, doubts if told else {})
     model = xd.Model(
-        name="hand", parameters={"a": "2 mm s-1", "b": {"value": "0 g", "uncertainty": 0.25}, "c": "1 ± 0.1 kg", "d": "4 ± 1 m"}, coordinates={"x": "mm"},
-        mass={"x": "c"}, forces={}, initial={"x": {"value": "0 mm", "uncertainty": 3.0}, "v_x": "0 m s-1"}, correlations={"c": {"d": 0.5}, "x": {"d": 0.25}},
-    )  # fmt: skip
+        name="hand",
+        parameters={"a": "2 mm s-1", "b": {"value": "0 g", "uncertainty": 0.25}, "c": "1 ± 0.1 kg", "d": "4 ± 1 m"},
+        coordinates={"x": "mm"},
+        mass={"x": "c"},
+        forces={},
+        initial={"x": {"value": "0 mm", "uncertainty": 3.0}, "v_x": "0 m s-1"},
+        correlations={"c": {"d": 0.5}, "x": {"d": 0.25}},
+    )
     return ByHand(model, ("a", "b"), data, {"x": mm, "v": speed}, {})
 
 
 def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
     """Assert numbers, weights, parts of the time, weighted residuals and slopes, and sums of squares by hand."""
     asked = by_hand()
-    measured, weights = np.array([10.0, 20, 30, 40, 50, 3, 3, 3, 3, 3]), np.array([0.1, 0.05, 1 / 30, 0.025, 0.02, 2, 2, 2, 2, 2])  # fmt: skip
+    measured, weights = (
+        np.array([10.0, 20, 30, 40, 50, 3, 3, 3, 3, 3]),
+        np.array([0.1, 0.05, 1 / 30, 0.025, 0.02, 2, 2, 2, 2, 2]),
+    )
     assert asked.measured == pytest.approx(measured)
     assert asked.weights == pytest.approx(weights)
     assert by_hand(told=False).weights.tolist() == [1.0] * 10
@@ -134,9 +144,14 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
 def test_a_run_that_ends_before_is_named_with_its_numbers() -> None:
     """Assert what a body comes to, out of order, nan where it is stopped before a time, and what is said where all are needed."""
     model = xd.Model(
-        name="line", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        name="line",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
         events={"far": {"function": "x - 4.5*metre", "action": "stop"}},
-    )  # fmt: skip
+    )
     data = Measured("bench", np.array([4.0, 1.0, 2.0]), parse_unit("s"), {"x": (np.zeros(3), parse_unit("m"))}, {})
     asked = Asked(model, ("x", "v_x"), data, {"x": parse_unit("m")}, {"method": "rk4", "step": 0.5, "until": 4.0})
     values = np.array([[0.25, 1.0], [0.0, 2.0], [0.5, 0.5]])
@@ -207,7 +222,10 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
     correlation = np.array([[1.0, -0.5, 1.0 + 1e-12], [-0.5, 1.0, -0.5], [1.0 + 1e-12, -0.5, 1.0]])
     mark = residuals.Tested(0.5, 0.5, True, "residuals are no more than noise")
     found = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.25, 0.125]), correlation, mark)
-    numbers = {name: (found.uncertain[name].quantity.value, found.uncertain[name].uncertainty) for name in ("a", "c", "v_x", "x")}  # fmt: skip
+    numbers = {
+        name: (found.uncertain[name].quantity.value, found.uncertain[name].uncertainty)
+        for name in ("a", "c", "v_x", "x")
+    }
     assert numbers == {"a": (5.0, 0.5), "c": (6.0, 0.25), "v_x": (7.0, 0.125), "x": (0.0, 3.0)}
     assert found.initial["v_x"].value == 7.0
     assert dict(found.statement.correlations) == {
@@ -217,7 +235,11 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
         ("x", "d"): 0.25,
     }
     assert found.fit is not None
-    assert (found.fit.data, found.fit.adequate, found.fit.description) == ("bench", True, "residuals are no more than noise")  # fmt: skip
+    assert (found.fit.data, found.fit.adequate, found.fit.description) == (
+        "bench",
+        True,
+        "residuals are no more than noise",
+    )
     known = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.0, 0.125]), correlation, mark)
     assert dict(known.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
 
@@ -225,10 +247,14 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
 def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
     """Assert that the fitted model and its text have the velocity, with a contact that the motion strikes."""
     model = xd.Model(
-        name="thrown", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": "9.81 m s-2"},
-        forces={"weight": {"potential": "1*kilogram*g*y"}}, initial={"y": "1 m"},
+        name="thrown",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        parameters={"g": "9.81 m s-2"},
+        forces={"weight": {"potential": "1*kilogram*g*y"}},
+        initial={"y": "1 m"},
         contacts={"floor": {"gap": "y", "restitution": 0.5}},
-    )  # fmt: skip
+    )
     times = np.linspace(0.05, 0.25, 21)
     noise = np.random.default_rng(1).normal(0.0, 1e-4, times.size)
     bench = pd.DataFrame({"time [s]": times, "y [m]": 1.0 - 2.0 * times - 9.81 / 2.0 * times**2 + noise})
@@ -244,15 +270,21 @@ def test_a_straight_line_is_that_of_the_normal_equations() -> None:
     """Assert estimates, uncertainties and correlation of x = x0 + v t against weighted linear least squares."""
     rng = np.random.default_rng(5)
     times, doubt = np.linspace(0.0, 4.0, 25), rng.uniform(0.5, 2.0, 25)
-    data = xr.Dataset({
-        "time": ("row", times, {"units": "s"}),
-        "x": ("row", 300.0 + 120.0 * times + doubt * rng.standard_normal(25), {"units": "cm"}),
-        "u_x": ("row", doubt, {"units": "cm"}),
-    })  # fmt: skip
+    data = xr.Dataset(
+        {
+            "time": ("row", times, {"units": "s"}),
+            "x": ("row", 300.0 + 120.0 * times + doubt * rng.standard_normal(25), {"units": "cm"}),
+            "u_x": ("row", doubt, {"units": "cm"}),
+        }
+    )
     model = xd.Model(
-        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="free",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
-    )  # fmt: skip
+    )
     found = xd.fit(model, data, ["x", "v_x"], method="rk4", step="0.1 s", until="4 s")
     design = np.stack([np.ones(25), times], axis=1) / (doubt / 100)[:, None]
     covariance = np.linalg.inv(design.T @ design)
@@ -268,7 +300,16 @@ def test_a_straight_line_is_that_of_the_normal_equations() -> None:
     assert found.at_bound.values.tolist() == [0, 0]
     for begin, ends in (("1 m s-1", (0.5, 1.1)), ("2 m s-1", (1.5, 3.0))):
         with pytest.warns(xd.AccuracyWarning, match="not adequate"):
-            held = xd.fit(model.replace(initial={"v_x": begin}), data, ["x", "v_x"], bounds={"v_x": ends}, starts=1, method="rk4", step="0.1 s", until="4 s")  # fmt: skip
+            held = xd.fit(
+                model.replace(initial={"v_x": begin}),
+                data,
+                ["x", "v_x"],
+                bounds={"v_x": ends},
+                starts=1,
+                method="rk4",
+                step="0.1 s",
+                until="4 s",
+            )
         assert held.at_bound.values.tolist() == [0, 1]
 
 
@@ -280,9 +321,13 @@ def test_the_fitted_model_goes_on_into_a_budget() -> None:
         {"time [s]": times, "x [m]": 3 + 1.2 * times + 0.01 * rng.standard_normal(25), "u(x) [m]": 0.01}
     )
     model = xd.Model(
-        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="free",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "3 m", "v_x": "1 m s-1"},
-    )  # fmt: skip
+    )
     found = xd.fit(model, frame, ["x", "v_x"], method="rk4", step="0.1 s", until="4 s")
     fitted = xd.Model.from_text(str(found.model_toml.values))
     assert fitted.digest == found.attrs["fitted_digest"]
@@ -354,9 +399,17 @@ def test_what_cannot_be_fitted_is_named(names: list[str], more: dict[str, Any], 
         ({"time [s]": [1.0, 2.0], "theta [m]": [1.0, 2.0]}, "column 'theta' is in 'm'"),
         ({"time [s]": [1.0], "theta [rad]": [1.0]}, "has 1 numbers for 1 parameters"),
         ({"time [s]": [1.0, np.nan], "theta [rad]": [1.0, 2.0]}, "leave out rows with gaps"),
-        ({"time [s]": [1.0, 2.0], "theta [rad]": [1.0, 2.0], "v_theta [rad s-1]": [1.0, 2.0], "u(theta) [rad]": [1.0, 1.0]}, "others have"),
+        (
+            {
+                "time [s]": [1.0, 2.0],
+                "theta [rad]": [1.0, 2.0],
+                "v_theta [rad s-1]": [1.0, 2.0],
+                "u(theta) [rad]": [1.0, 1.0],
+            },
+            "others have",
+        ),
     ],
-)  # fmt: skip
+)
 def test_data_that_cannot_be_used_are_named(columns: dict[str, list[float]], said: str) -> None:
     """Assert one clear error for each."""
     with pytest.raises(xd.InputError, match=said):
@@ -375,10 +428,13 @@ def swing(seed: int) -> tuple[xd.Model, pd.DataFrame, dict[str, float], float]:
     true = {"k": m * w * w, "c": 2.0 * g * m, "x": x0}
     off = dict(zip(true, (1.0 + rng.uniform(-0.75, 0.75, 3) * [1.0, 1.0, 0.5]).tolist(), strict=True))
     model = xd.Model(
-        name="swing", coordinates={"x": "m"}, parameters={"m": f"{m!r} kg", "k": f"{off['k'] * true['k']!r} N m-1", "c": f"{off['c'] * true['c']!r} N s m-1"},
-        mass={"x": "m"}, forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
+        name="swing",
+        coordinates={"x": "m"},
+        parameters={"m": f"{m!r} kg", "k": f"{off['k'] * true['k']!r} N m-1", "c": f"{off['c'] * true['c']!r} N s m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
         initial={"x": f"{off['x'] * x0!r} m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     return model, frame, true, end
 
 
@@ -392,7 +448,9 @@ def test_a_start_that_is_off_does_not_lead_astray(case: int) -> None:
     best = int(np.argmin(found.start_square.values))
     assert float(found.start_square[best]) == pytest.approx(found.attrs["chi_square"], rel=1e-9)
     assert found.start_estimate.values[best] == pytest.approx(found.estimate.values, rel=1e-12)
-    assert found.start_value.values[0] == pytest.approx([model.parameters["k"].quantity.si, model.parameters["c"].quantity.si, model.initial["x"].si])  # fmt: skip
+    assert found.start_value.values[0] == pytest.approx(
+        [model.parameters["k"].quantity.si, model.parameters["c"].quantity.si, model.initial["x"].si]
+    )
 
 
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
@@ -418,7 +476,19 @@ def test_a_fit_that_residuals_speak_against_is_warned_of_refused_and_kept(tmp_pa
     assert xd.error_budget(fitted, "x", inadequate_fit=True, **where).attrs["inadequate_fit"] == 1
     frame.to_csv(tmp_path / "bench.csv", index=False)
     (tmp_path / "swing.toml").write_text(model.to_toml())
-    verb = ["fit", tmp_path / "swing.toml", tmp_path / "bench.csv", "--parameter", "c", "--starts", 2, "--method", "dop853", "--rtol", "1e-8"]  # fmt: skip
+    verb = [
+        "fit",
+        tmp_path / "swing.toml",
+        tmp_path / "bench.csv",
+        "--parameter",
+        "c",
+        "--starts",
+        2,
+        "--method",
+        "dop853",
+        "--rtol",
+        "1e-8",
+    ]
     done = CliRunner().invoke(main, [*map(str, verb), "--until", f"{end!r} s", "-o", str(tmp_path / "F.nc")])
     assert done.exit_code == 1, done.output
     assert "verdict   not adequate: residuals are" in done.output
@@ -449,21 +519,35 @@ def test_a_straight_line_without_uncertainties_is_that_of_the_normal_equations(c
     times = np.sort(rng.uniform(0.0, 4.0, count))
     data = pd.DataFrame({"time [s]": times, "x [m]": 3.0 + 1.2 * times + 0.3 * rng.standard_normal(count)})
     model = xd.Model(
-        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="free",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "3 m", "v_x": "1 m s-1"},
-    )  # fmt: skip
+    )
     found = xd.fit(model, data, ["x", "v_x"], method="rk4", step="0.5 s", until="4 s")
     design = np.stack([np.ones(count), times], axis=1)
     right, squares, _, _ = np.linalg.lstsq(design, data["x [m]"].to_numpy(), rcond=None)
     covariance = np.linalg.inv(design.T @ design) * float(squares[0]) / (count - 2)
     assert found.estimate.values == pytest.approx(right, rel=1e-8)
     assert found.standard_uncertainty.values == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-6)
-    assert float(found.correlation[0, 1]) == pytest.approx(covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1]), rel=1e-6)  # fmt: skip
+    assert float(found.correlation[0, 1]) == pytest.approx(
+        covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1]), rel=1e-6
+    )
     assert found.attrs["residual_variance"] == pytest.approx(float(squares[0]) / (count - 2), rel=1e-8)
     assert found.attrs["degrees_of_freedom"] == count - 2
 
 
-@pytest.mark.parametrize(("more", "said"), [({"starts": 0}, "starts is 0"), ({"starts": True}, "starts is True"), ({"seed": -1}, "seed is -1"), ({"starts": 2.5}, "starts is 2.5")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"starts": 0}, "starts is 0"),
+        ({"starts": True}, "starts is True"),
+        ({"seed": -1}, "seed is -1"),
+        ({"starts": 2.5}, "starts is 2.5"),
+    ],
+)
 def test_searches_that_cannot_be_are_named(more: dict[str, Any], said: str) -> None:
     """Assert one clear error for each."""
     with pytest.raises(xd.InputError, match=said):

@@ -18,9 +18,14 @@ MARCH: dict[str, Any] = {"method": "rk4", "step": "20 ms", "until": "1 s"}
 def pushed(force: str, csv: str, **more: Any) -> xd.Model:
     """A mass of 2 kg under a force that reads a measured table."""
     statement = {
-        "name": "pushed", "coordinates": {"x": "m"}, "parameters": {"m": "2 kg"}, "mass": {"x": "m"}, "forces": {"push": {"x": force}},
-        "drives": {"f": {"table": "f.csv", "csv": csv, "interpolation": "linear"}}, "initial": {"x": "0 m", "v_x": "0 m s-1"},
-    }  # fmt: skip
+        "name": "pushed",
+        "coordinates": {"x": "m"},
+        "parameters": {"m": "2 kg"},
+        "mass": {"x": "m"},
+        "forces": {"push": {"x": force}},
+        "drives": {"f": {"table": "f.csv", "csv": csv, "interpolation": "linear"}},
+        "initial": {"x": "0 m", "v_x": "0 m s-1"},
+    }
     return xd.Model(**statement | more)
 
 

@@ -48,16 +48,35 @@ class Rod:
         (vx, vy, w), before = self.speeds, self.before
         height, angle = self.r * math.sin(self.angle) - vy * before, self.angle - w * before
         floor = {
-            "gap": "y - l*sin(theta)", "restitution": "e", "law": law,
-            "tangential": "coulomb", "slip": "v_x + l*sin(theta)*v_theta/radian", "friction": "mu",
-        }  # fmt: skip
+            "gap": "y - l*sin(theta)",
+            "restitution": "e",
+            "law": law,
+            "tangential": "coulomb",
+            "slip": "v_x + l*sin(theta)*v_theta/radian",
+            "friction": "mu",
+        }
         return xd.Model(
-            name="rod", coordinates={"x": "m", "y": "m", "theta": "rad"},
-            parameters={"m": f"{self.m!r} kg", "j": f"{self.j!r} kg m2", "l": f"{self.r!r} m", "mu": f"{self.mu!r}", "e": f"{self.e!r}"},
-            mass={"x": "m", "y": "m", "theta": "j/radian**2"}, forces={},
-            initial={"x": "0 m", "y": f"{height!r} m", "theta": f"{angle!r} rad", "v_x": f"{vx!r} m s-1", "v_y": f"{vy!r} m s-1", "v_theta": f"{w!r} rad s-1"},
+            name="rod",
+            coordinates={"x": "m", "y": "m", "theta": "rad"},
+            parameters={
+                "m": f"{self.m!r} kg",
+                "j": f"{self.j!r} kg m2",
+                "l": f"{self.r!r} m",
+                "mu": f"{self.mu!r}",
+                "e": f"{self.e!r}",
+            },
+            mass={"x": "m", "y": "m", "theta": "j/radian**2"},
+            forces={},
+            initial={
+                "x": "0 m",
+                "y": f"{height!r} m",
+                "theta": f"{angle!r} rad",
+                "v_x": f"{vx!r} m s-1",
+                "v_y": f"{vy!r} m s-1",
+                "v_theta": f"{w!r} rad s-1",
+            },
             contacts={"floor": {key: value for key, value in (floor | contact).items() if value is not None}},
-        )  # fmt: skip
+        )
 
     def struck(self, law: str, **contact: Any) -> Any:
         """A run through the impact."""
@@ -113,9 +132,15 @@ def integrated(rows: Floats, mass: Floats, speeds: Floats, mu: float, e: float) 
         for event, direction in ((halts, -1.0), (over, 1.0)):
             event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
         found = solve_ivp(
-            slope, (0.0, 1e9 / gram[0, 0]), state, "DOP853", events=[halts, over], rtol=1e-12, atol=1e-30,
+            slope,
+            (0.0, 1e9 / gram[0, 0]),
+            state,
+            "DOP853",
+            events=[halts, over],
+            rtol=1e-12,
+            atol=1e-30,
             first_step=1e-6 * abs(rows[0] @ speeds) / gram[0, 0],
-        )  # fmt: skip
+        )
         state = found.y[:, -1]
         if found.t_events[0].size:
             state[1] = 0.0

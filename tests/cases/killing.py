@@ -32,14 +32,17 @@ EVERY = 0.005  # s between segments
 # what is marched: model and settings; each takes some tenths of a second
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "fixed steps with events": ("pendulum", {"method": "rk4", "step": 1e-4, "until": 15.0, "force_samples": "none"}),
-    "chosen steps, rejected trials": ("kepler", {"method": "dop853", "rtol": 1e-11, "until": 7_000.0, "force_samples": "none"}),
+    "chosen steps, rejected trials": (
+        "kepler",
+        {"method": "dop853", "rtol": 1e-11, "until": 7_000.0, "force_samples": "none"},
+    ),
     "force samples, drives, nodes": ("rocket_c6", {"method": "midpoint", "step": 8e-5}),
     "chosen steps with events": ("pendulum", {"method": "dormand_prince", "rtol": 1e-9, "until": 1_200.0}),
     "an implicit method that keeps factors": ("pendulum", {"method": "radau_iia", "rtol": 1e-8, "until": 500.0}),
     "an implicit method by Newton": ("pendulum", {"method": "implicit_midpoint", "step": 1e-3, "until": 75.0}),
     "step doubling": ("kepler", {"method": "velocity_verlet", "rtol": 1e-5, "until": 200.0, "force_samples": "none"}),
     "first-order states alone": ("", {"method": "dormand_prince", "rtol": 1e-9, "until": 350.0}),
-}  # fmt: skip
+}
 
 # where a run is killed, by the function in which it is: (where it is looked up, its name, times it may be called before)
 PLACES: dict[str, tuple[Any, str, int]] = {

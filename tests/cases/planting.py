@@ -14,7 +14,20 @@ from xdynamics.archive.seals import MARK, seal_file
 
 _LIBRARY = ctypes.CDLL(_netCDF4.__file__)
 _LIBRARY.H5open()
-for _name in ("H5Fopen", "H5Screate", "H5Screate_simple", "H5Pcreate", "H5Dcreate2", "H5Dopen2", "H5Acreate2", "H5Gcreate2", "H5Tcopy", "H5Tcreate", "H5Tvlen_create", "H5Dget_space"):  # fmt: skip
+for _name in (
+    "H5Fopen",
+    "H5Screate",
+    "H5Screate_simple",
+    "H5Pcreate",
+    "H5Dcreate2",
+    "H5Dopen2",
+    "H5Acreate2",
+    "H5Gcreate2",
+    "H5Tcopy",
+    "H5Tcreate",
+    "H5Tvlen_create",
+    "H5Dget_space",
+):
     getattr(_LIBRARY, _name).restype = c_int64
 
 
@@ -145,9 +158,12 @@ PLANTS: dict[str, tuple[Callable[[c_int64, Path], None], str]] = {
     "type": (named_type, "type 'planted' is none of a run"),
     "attribute of the file": (unshown, "attribute 'planted' is none that netCDF shows"),
     "attribute of a variable": (unshown_of_x, "attribute 'planted' of 'x' is none that netCDF shows"),
-    "dimensions elsewhere": (leading_away, "attribute 'DIMENSION_LIST' of 'x' is none of netCDF's: it may lead out of the file"),
+    "dimensions elsewhere": (
+        leading_away,
+        "attribute 'DIMENSION_LIST' of 'x' is none of netCDF's: it may lead out of the file",
+    ),
     "values of a dimension": (filled_dimension, "object 'bound' is none that netCDF shows"),
-}  # fmt: skip
+}
 
 
 def planted(path: Path, what: str, away: Path) -> str:

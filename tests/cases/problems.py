@@ -114,9 +114,7 @@ def springs() -> xd.Model:
 @lru_cache
 def coupled_springs() -> Problem:
     """The springs joined: the modes x + y and x - y have w1 = 2 and w2 = sqrt(4 + 2*2.5) = 3."""
-    model = springs().replace(
-        parameters={"k": 4.0, "kc": 2.5}, initial={"x": 1.0, "y": 0.0, "v_x": 0.0, "v_y": 1.0}
-    )  # fmt: skip
+    model = springs().replace(parameters={"k": 4.0, "kc": 2.5}, initial={"x": 1.0, "y": 0.0, "v_x": 0.0, "v_y": 1.0})
 
     def exact(t: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         slow, fast = np.cos(2 * t) + np.sin(2 * t) / 2, np.cos(3 * t) - np.sin(3 * t) / 3
@@ -138,12 +136,21 @@ def damped() -> Problem:
     model = xd.Model(
         name="damped",
         coordinates={"x": "m"},
-        parameters={"m": "1 kg", "k": "4 N m-1", "d": "1 N s m-1", "A": "2 N", "w": "3 s-1", "g": "0.5 s-1", "b": "1 K m-1 s-1", "e": "0.25 N K-1"},
+        parameters={
+            "m": "1 kg",
+            "k": "4 N m-1",
+            "d": "1 N s m-1",
+            "A": "2 N",
+            "w": "3 s-1",
+            "g": "0.5 s-1",
+            "b": "1 K m-1 s-1",
+            "e": "0.25 N K-1",
+        },
         mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "damper": {"x": "-d*v_x"}, "drive": {"x": "A*cos(w*t)"}, "heat": {"x": "e*s"}},
         states={"s": {"unit": "K", "rate": "b*x - g*s"}},
         initial={"x": "1 m", "v_x": "0 m s-1", "s": "1 K"},
-    )  # fmt: skip
+    )
     # x, v, s, cos wt, sin wt
     matrix = np.array([[0, 1, 0, 0, 0], [-4, -1, 0.25, 2, 0], [1, 0, -0.5, 0, 0], [0, 0, 0, 0, -3], [0, 0, 0, 3, 0]])
 
@@ -173,15 +180,51 @@ def arguments_of(name: str, each: int) -> tuple[NDArray[np.float64], ...]:
     turns = np.round(10.0 ** random.uniform(0, 5.5, each)) * (np.pi / 2) * (1 + sized(-16, -6))
     kinds: dict[str, list[tuple[NDArray[np.float64], ...]]] = {
         "exp": [(spread(-1, 1),), (spread(-708, 709),), (spread(-746, -707),), (sized(-20, 0),), (sized(-300, 4),)],
-        "log": [(spread(0.5, 2),), (sized(-307, 308, signed=False),), (near_one,), (sized(-323.5, -307, signed=False),), (spread(0.99, 1.01),)],
-        "asin": [(spread(-1, 1),), (sized(-300, 0),), (1 - sized(-16, -1, signed=False),), (spread(0.49, 0.51),), (spread(-1.5, 1.5),)],
-        "sinh": [(spread(-1.1, 1.1),), (spread(-40, 40),), (spread(-711, 711),), (sized(-300, 3),), (spread(709, 711),)],
+        "log": [
+            (spread(0.5, 2),),
+            (sized(-307, 308, signed=False),),
+            (near_one,),
+            (sized(-323.5, -307, signed=False),),
+            (spread(0.99, 1.01),),
+        ],
+        "asin": [
+            (spread(-1, 1),),
+            (sized(-300, 0),),
+            (1 - sized(-16, -1, signed=False),),
+            (spread(0.49, 0.51),),
+            (spread(-1.5, 1.5),),
+        ],
+        "sinh": [
+            (spread(-1.1, 1.1),),
+            (spread(-40, 40),),
+            (spread(-711, 711),),
+            (sized(-300, 3),),
+            (spread(709, 711),),
+        ],
         "tanh": [(spread(-0.3, 0.3),), (spread(-3, 3),), (spread(-30, 30),), (sized(-300, 3),), (spread(0.24, 0.26),)],
         "atan": [(spread(-1.2, 1.2),), (spread(-20, 20),), (all_sizes,), (near_one,), (spread(0.1, 0.2),)],
-        "atan2": [(spread(-1, 1), spread(-1, 1)), (all_sizes, sized(-300, 300)), (sized(-3, 3), sized(-3, 3)), (sized(-323, -300), sized(-323, -300)), (spread(0.1, 0.2), near_one)],
-        "power": [(spread(0.1, 4), spread(-4, 4)), (sized(-300, 300, signed=False), sized(-3, 0)), (near_one, sized(0, 4)), (spread(0.5, 30), np.round(spread(-80, 80))), (sized(-320, -300, signed=False), spread(-0.9, 0.9))],
-        "hypot": [(spread(-1, 1), spread(-1, 1)), (all_sizes, sized(-300, 300)), (sized(-3, 3), sized(-3, 3)), (sized(-323, -300), sized(-323, -300)), (sized(300, 308), sized(300, 307))],
-    }  # fmt: skip
+        "atan2": [
+            (spread(-1, 1), spread(-1, 1)),
+            (all_sizes, sized(-300, 300)),
+            (sized(-3, 3), sized(-3, 3)),
+            (sized(-323, -300), sized(-323, -300)),
+            (spread(0.1, 0.2), near_one),
+        ],
+        "power": [
+            (spread(0.1, 4), spread(-4, 4)),
+            (sized(-300, 300, signed=False), sized(-3, 0)),
+            (near_one, sized(0, 4)),
+            (spread(0.5, 30), np.round(spread(-80, 80))),
+            (sized(-320, -300, signed=False), spread(-0.9, 0.9)),
+        ],
+        "hypot": [
+            (spread(-1, 1), spread(-1, 1)),
+            (all_sizes, sized(-300, 300)),
+            (sized(-3, 3), sized(-3, 3)),
+            (sized(-323, -300), sized(-323, -300)),
+            (sized(300, 308), sized(300, 307)),
+        ],
+    }
     angles = [(spread(-10, 10),), (sized(-300, 300),), (sized(0, 6),), (turns,), (spread(-0.8, 0.8),)]
     chosen = kinds.get({"acos": "asin", "cosh": "sinh"}.get(name, name), angles)
     return tuple(np.concatenate(columns) for columns in zip(*chosen, strict=True))

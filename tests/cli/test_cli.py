@@ -38,8 +38,26 @@ def test_run_says_what_a_person_wants_first(tmp_path: Path) -> None:
 def test_settings_reach_the_record(tmp_path: Path) -> None:
     """Assert that method, step, end, changes and samples are what is recorded."""
     path = tmp_path / "ball.nc"
-    done = call("run", BALL, "-o", path, "--method", "forward_euler", "--step", "0.01 s", "--until", "1 s", "--set", "vt=25",
-                "--set", "v_y=15 m s-1", "--force-samples", "none", "--scale", "length=2 m")  # fmt: skip
+    done = call(
+        "run",
+        BALL,
+        "-o",
+        path,
+        "--method",
+        "forward_euler",
+        "--step",
+        "0.01 s",
+        "--until",
+        "1 s",
+        "--set",
+        "vt=25",
+        "--set",
+        "v_y=15 m s-1",
+        "--force-samples",
+        "none",
+        "--scale",
+        "length=2 m",
+    )
     assert done.exit_code == 0, done.output
     run = xd.open_run(path)
     assert run.attrs["solver_method"] == "forward_euler"
@@ -85,8 +103,22 @@ def test_wrong_input_is_one_line_and_two(
 def test_tolerances_reach_the_record(tmp_path: Path) -> None:
     """Assert that a bare atol is for every variable, a named one for its own, and that the end says so."""
     path = tmp_path / "ball.nc"
-    done = call("run", BALL, "-o", path, "--rtol", "1e-8", "--atol", "1e-9", "--atol", "y=1 um", "--max-step", "0.1 s",
-                "--until", "1 s")  # fmt: skip
+    done = call(
+        "run",
+        BALL,
+        "-o",
+        path,
+        "--rtol",
+        "1e-8",
+        "--atol",
+        "1e-9",
+        "--atol",
+        "y=1 um",
+        "--max-step",
+        "0.1 s",
+        "--until",
+        "1 s",
+    )
     assert done.exit_code == 0, done.output
     assert "adaptive, rtol 1e-08" in done.output
     run = xd.open_run(path)
@@ -175,7 +207,10 @@ def test_methods_prints_the_table() -> None:
         page = call("methods", one.name).output
         assert f"{one.name}: order {one.order}" in page
         assert one.equations() in page
-        assert f"between   re-integration, order {one.order}; or {one.interpolant.words}, order {one.interpolant.order}" in page  # fmt: skip
+        assert (
+            f"between   re-integration, order {one.order}; or {one.interpolant.words}, order {one.interpolant.order}"
+            in page
+        )
     unknown = call("methods", "rk5")
     assert (unknown.exit_code, "there is no method 'rk5'" in unknown.output) == (2, True)
 
@@ -201,7 +236,9 @@ def test_quiet_and_json(tmp_path: Path) -> None:
     told = json.loads(done.output)
     assert (told["outcome"], told["archive"], told["units"]["v_y"]) == ("stopped_by_event", str(path), "m s-1")
     assert [one["name"] for one in told["events"]] == ["apex", "ground"]
-    assert {key: one for key, one in json.loads(call("show", path, "--json").output).items() if key != "content_digest"} == {key: one for key, one in told.items() if key not in ("archive", "content_digest")}  # fmt: skip
+    assert {
+        key: one for key, one in json.loads(call("show", path, "--json").output).items() if key != "content_digest"
+    } == {key: one for key, one in told.items() if key not in ("archive", "content_digest")}
     assert "needs 's'" in call("run", BALL, "-o", path, "--step", "1 m", "--quiet").output
 
 
@@ -232,13 +269,18 @@ def test_start_imports_little() -> None:
 
 @pytest.mark.parametrize(
     ("output", "code", "said"),
-    [("/dev/full", 2, "'/dev/full' is a device; name a file"), ("/proc/run.nc", 1, "'/proc/run.nc' cannot be written: No such file or directory")],
-)  # fmt: skip
+    [
+        ("/dev/full", 2, "'/dev/full' is a device; name a file"),
+        ("/proc/run.nc", 1, "'/proc/run.nc' cannot be written: No such file or directory"),
+    ],
+)
 def test_a_place_for_no_file_ends_a_run_at_once(output: str, code: int, said: str) -> None:
     """Assert exit code and cause, whatever is asked for; of a device before anything that marches is imported."""
     verb = ["run", BALL, "--method", "rk4", "--step", "1 ns", "-o", output]
     script = f"import sys; from xdynamics.cli import main; main({verb!r})"
-    done = subprocess.run([sys.executable, "-X", "importtime", "-c", script], capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-c", script], capture_output=True, text=True, timeout=100, check=False
+    )
     lines = [one for one in done.stderr.splitlines() if not one.startswith("import time:")]
     assert (done.returncode, said in "\n".join(lines)) == (code, True)
     assert ("numba" in done.stderr) == (code == 1)
@@ -246,8 +288,10 @@ def test_a_place_for_no_file_ends_a_run_at_once(output: str, code: int, said: st
 
 def test_plain_run_imports_no_dask_matplotlib_sympy(tmp_path: Path) -> None:
     """Assert that a run needs none of the dear libraries."""
-    script = ("import sys; from click.testing import CliRunner; from xdynamics.cli import main; "
-              "print(CliRunner().invoke(main, sys.argv[1:]).exit_code); print(*sys.modules)")  # fmt: skip
+    script = (
+        "import sys; from click.testing import CliRunner; from xdynamics.cli import main; "
+        "print(CliRunner().invoke(main, sys.argv[1:]).exit_code); print(*sys.modules)"
+    )
     command = [sys.executable, "-c", script, "run", BALL, "-o", str(tmp_path / "ball.nc"), "--step", "5 ms"]
     loaded = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
     assert loaded[0] == "0"

@@ -49,10 +49,40 @@ def test_a_sweep_is_marched_shown_drawn_and_verified(tmp_path: Path) -> None:
 
 def test_what_varies_together_and_what_is_drawn(tmp_path: Path) -> None:
     """Assert zipped axes and draws, each a sweep that python opens."""
-    pair = call("sweep", BALL, "--axis", "vt=20,30 m s-1", "--axis", "v_y=10,15 m s-1", "--together", "throw=vt,v_y", "--method", "heun", "--rtol", "1e-6", "-o", tmp_path / "a")  # fmt: skip
+    pair = call(
+        "sweep",
+        BALL,
+        "--axis",
+        "vt=20,30 m s-1",
+        "--axis",
+        "v_y=10,15 m s-1",
+        "--together",
+        "throw=vt,v_y",
+        "--method",
+        "heun",
+        "--rtol",
+        "1e-6",
+        "-o",
+        tmp_path / "a",
+    )
     assert pair.exit_code == 0, pair.output
     assert dict(xd.open_sweep(tmp_path / "a").sizes) == {"throw": 2}
-    drawn = call("sweep", BALL, "--draw", "vt=20:40 m s-1", "--draws", 8, "--seed", 3, "--method", "heun", "--rtol", "1e-6", "-o", tmp_path / "b")  # fmt: skip
+    drawn = call(
+        "sweep",
+        BALL,
+        "--draw",
+        "vt=20:40 m s-1",
+        "--draws",
+        8,
+        "--seed",
+        3,
+        "--method",
+        "heun",
+        "--rtol",
+        "1e-6",
+        "-o",
+        tmp_path / "b",
+    )
     assert drawn.exit_code == 0, drawn.output
     found = xd.open_sweep(tmp_path / "b")
     assert found.vt.dims == ("draw",)
@@ -91,14 +121,30 @@ def test_figures_of_every_kind_of_grid() -> None:
     """Assert panels: maps over two axes, lines over one, bands and histograms of draws, points for words."""
     model = xd.Model.from_toml(BALL)
     asked = {"rtol": 1e-6, "until": "4 s"}
-    maps = xd.plot(xd.sweep(model, {"v_y": "5:30:6 m s-1", "vt": "20:40:5 m s-1", "method": ["heun", "dop853"]}, keep=["event_time_ground", "event_count_apex"], **asked).compute())  # fmt: skip
+    maps = xd.plot(
+        xd.sweep(
+            model,
+            {"v_y": "5:30:6 m s-1", "vt": "20:40:5 m s-1", "method": ["heun", "dop853"]},
+            keep=["event_time_ground", "event_count_apex"],
+            **asked,
+        ).compute()
+    )
     titles = [one.get_title(loc="left") for one in maps.axes if one.get_visible()]
     assert titles[:2] == ["event_time_ground, heun", "event_time_ground, dop853"]
-    lines = xd.plot(xd.sweep(model, {"v_y": "5:30:6 m s-1", "method": ["heun", "dop853"]}, keep=["maximum_y"], **asked).compute())  # fmt: skip
+    lines = xd.plot(
+        xd.sweep(model, {"v_y": "5:30:6 m s-1", "method": ["heun", "dop853"]}, keep=["maximum_y"], **asked).compute()
+    )
     labels = lines.axes[0].get_legend_handles_labels()[1]
     assert labels == ["heun", "dop853"]
     assert lines.axes[0].get_xlabel() == "v_y (m s⁻¹)"
-    drawn = xd.sweep(model, {"draw": xd.Draws(64, {"v_y": (10.0, 20.0)})}, keep=["y", "maximum_y"], times=[0.2, 0.4], method="heun", **asked).compute()  # fmt: skip
+    drawn = xd.sweep(
+        model,
+        {"draw": xd.Draws(64, {"v_y": (10.0, 20.0)})},
+        keep=["y", "maximum_y"],
+        times=[0.2, 0.4],
+        method="heun",
+        **asked,
+    ).compute()
     bands = xd.plot(drawn)
     median = next(line for line in bands.axes[0].lines if line.get_label() == "median")
     np.testing.assert_allclose(median.get_ydata(), np.median(drawn.y.values, axis=0))

@@ -24,7 +24,14 @@ COMMAND = f"{sys.executable} -m xdynamics"
 
 def shell(folder: Path, line: str) -> tuple[int, str, str]:
     """Run a line of bash; what its first command ended with, and what came of both streams."""
-    done = subprocess.run(["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"], cwd=folder, capture_output=True, text=True, timeout=120, check=False)  # fmt: skip
+    done = subprocess.run(
+        ["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     return done.returncode, done.stdout, done.stderr
 
 
@@ -69,7 +76,9 @@ def test_too_little_memory_is_said_at_once(megabytes: int, tmp_path: Path) -> No
     begun = time.monotonic()
     code, _, said = shell(tmp_path, f"ulimit -v {megabytes}000; {COMMAND} {SHORT}")
     assert (code, len(said.splitlines())) == (1, 1)
-    assert said.endswith(f"about 700 MB of address space are needed, and room for the record; the limit (ulimit -v) is {megabytes * 1024 // 1000} MB\n")  # fmt: skip
+    assert said.endswith(
+        f"about 700 MB of address space are needed, and room for the record; the limit (ulimit -v) is {megabytes * 1024 // 1000} MB\n"
+    )
     assert time.monotonic() - begun < 10.0
     assert shell(tmp_path, f"ulimit -v {megabytes}000; {COMMAND} help events")[0] == 0
 

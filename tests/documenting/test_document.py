@@ -60,8 +60,18 @@ def test_a_report_is_one_whole_file(bundled: Path, tmp_path: Path) -> None:
     assert reader.sources
     assert all(one.startswith("data:image/") for one in reader.sources)
     assert "http" not in re.sub('data:image[^"]+', "", text)
-    for said in ("y before apogee = 301 ± 20 m", "It passes every gate.", "drag_coefficient", "observed order", "liftoff", "located within",
-                 "linear_drag", "xdynamics recheck rocket", "Runge 1895", "measured thrust"):  # fmt: skip
+    for said in (
+        "y before apogee = 301 ± 20 m",
+        "It passes every gate.",
+        "drag_coefficient",
+        "observed order",
+        "liftoff",
+        "located within",
+        "linear_drag",
+        "xdynamics recheck rocket",
+        "Runge 1895",
+        "measured thrust",
+    ):
         assert said in reader.text or said in text, said
     done = CliRunner().invoke(main, ["report", str(bundled), "-o", str(tmp_path / "again.html")])
     assert done.exit_code == 0, done.output
@@ -72,9 +82,15 @@ def test_the_same_in_markdown(bundled: Path, tmp_path: Path) -> None:
     """Assert headings, formulas in LaTeX, and tables with as many cells in each row."""
     text = xd.document(bundled, tmp_path / "report.md").read_text()
     assert [line for line in text.split("\n") if line.startswith("## ")] == [
-        "## What it has to pass", "## The model", "## The method", "## Convergence", "## The budget", "## The run",
-        "## The method's ledger", "## Made again",
-    ]  # fmt: skip
+        "## What it has to pass",
+        "## The model",
+        "## The method",
+        "## Convergence",
+        "## The budget",
+        "## The run",
+        "## The method's ledger",
+        "## Made again",
+    ]
     assert r"\ddot{y}" in text
     blocks = re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE)
     assert len(blocks) >= 7
@@ -113,7 +129,7 @@ def test_formulas_are_drawn_the_same_twice() -> None:
         (lambda folder, tmp: (folder, tmp), "the ending ''"),
         (lambda folder, tmp: (folder, tmp / "no" / "r.html"), "does not exist"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_bundle_is_named(make: Any, said: str, bundled: Path, tmp_path: Path) -> None:
     """Assert one clear error for each."""
     folder, path = make(bundled, tmp_path)

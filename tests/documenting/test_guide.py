@@ -78,7 +78,10 @@ def test_the_starter_marches(tmp_path: Path) -> None:
     assert {*tomllib.loads(commented)} >= {"name", "coordinates", "mass", "drives", "run"}
 
 
-@pytest.mark.parametrize(("path", "said"), [("pendulum.txt", "needs one like pendulum.toml"), ("no/p.toml", "No such file"), (".", "is no name for")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [("pendulum.txt", "needs one like pendulum.toml"), ("no/p.toml", "No such file"), (".", "is no name for")],
+)
 def test_names_that_are_none(path: str, said: str, tmp_path: Path) -> None:
     """Assert that a name of another kind or place is refused in one line."""
     done = call("new", tmp_path / path)
@@ -109,7 +112,12 @@ def test_check_says_equations_and_faults(tmp_path: Path) -> None:
 
 def test_what_show_prints_can_be_written() -> None:
     """Assert that a value with its uncertainty is read, changed and written."""
-    model = xd.Model(name="x", states={"q": {"unit": "g", "rate": "m/second"}}, parameters={"m": "50 ± 0.5 g"}, initial={"q": "1 +/- 0.1 g"})  # fmt: skip
+    model = xd.Model(
+        name="x",
+        states={"q": {"unit": "g", "rate": "m/second"}},
+        parameters={"m": "50 ± 0.5 g"},
+        initial={"q": "1 +/- 0.1 g"},
+    )
     assert (model.parameters["m"].quantity.value, model.parameters["m"].uncertainty) == (50.0, 0.5)
     assert model.starts["q"].uncertainty == 0.1
     assert xd.Model.from_text(model.to_toml()) == model

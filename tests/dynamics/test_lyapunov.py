@@ -56,10 +56,14 @@ def flow(name: str, rates: Mapping[str, str], start: Mapping[str, float]) -> xd.
 def oscillator(force: str, start: tuple[float, float], **parameters: float) -> xd.Model:
     """Return x'' = force without units."""
     return xd.Model(
-        name="oscillator", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"},
-        parameters={name: repr(value) for name, value in parameters.items()}, forces={"all": {"x": force}},
+        name="oscillator",
+        time={"unit": "1"},
+        coordinates={"x": "1"},
+        mass={"x": "1"},
+        parameters={name: repr(value) for name, value in parameters.items()},
+        forces={"all": {"x": force}},
         initial={"x": repr(start[0]), "v_x": repr(start[1])},
-    )  # fmt: skip
+    )
 
 
 LORENZ = {"x": "10*(y - x)", "y": "x*(28 - z) - y", "z": "x*y - 8/3*z"}
@@ -112,7 +116,9 @@ def test_a_direction_that_is_gone_is_certain() -> None:
     times, factors = np.linspace(0.0, 40.0, 401), np.full((400, 2), math.exp(0.1))
     factors[200, 0] = 0.0
     with np.errstate(divide="ignore"):
-        found = exponents_of(Local(times, factors, np.zeros((400, 2), np.int64), np.zeros(400), np.zeros((2, 2)), 0, 400, 2))  # fmt: skip
+        found = exponents_of(
+            Local(times, factors, np.zeros((400, 2), np.int64), np.zeros(400), np.zeros((2, 2)), 0, 400, 2)
+        )
     assert found.values == pytest.approx([1.0, -np.inf])
     assert found.uncertainties == pytest.approx([0.0, 0.0], abs=1e-12)
     assert found.finite_time == -math.inf
@@ -120,13 +126,31 @@ def test_a_direction_that_is_gone_is_certain() -> None:
 
 @pytest.mark.parametrize(
     ("rate", "span", "noise", "time"),
-    [(0.5, 20.0, 0.0, 2.0), (0.5, 14.0, 0.0, math.inf), (0.5, 15.4, 0.0, 2.0), (0.5, 20.0, 0.24, 2.0), (0.5, 20.0, 0.26, math.inf), (-0.5, 200.0, 0.0, math.inf)],
-)  # fmt: skip
-def test_a_time_follows_from_growth_that_is_certain(rate: float, span: float, noise: float, time: float, monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+    [
+        (0.5, 20.0, 0.0, 2.0),
+        (0.5, 14.0, 0.0, math.inf),
+        (0.5, 15.4, 0.0, 2.0),
+        (0.5, 20.0, 0.24, 2.0),
+        (0.5, 20.0, 0.26, math.inf),
+        (-0.5, 200.0, 0.0, math.inf),
+    ],
+)
+def test_a_time_follows_from_growth_that_is_certain(
+    rate: float, span: float, noise: float, time: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert exponents, units, and 1 over the largest: above twice its uncertainty, and grown a thousandfold behind the transient."""
     times = np.linspace(3.0, 3.0 + span, 3201)
     grown = np.exp(np.diff(times)[:, None] * [rate - 0.25, rate])
-    local = Local(times, grown, np.zeros(grown.shape, np.int64), np.full(3200, noise * span / 3200), np.diag([1.0, math.exp(0.3 * span)]), 0, 9, 2)  # fmt: skip
+    local = Local(
+        times,
+        grown,
+        np.zeros(grown.shape, np.int64),
+        np.full(3200, noise * span / 3200),
+        np.diag([1.0, math.exp(0.3 * span)]),
+        0,
+        9,
+        2,
+    )
     monkeypatch.setattr("xdynamics.evidence.diagnosing.chaos.local_growth", lambda *_: local)
     run = xr.Dataset({"time": ("step", times, {"units": "h"})})
     found = exponents(run)
@@ -151,7 +175,19 @@ def test_a_time_follows_from_growth_that_is_certain(rate: float, span: float, no
     assert list(exponents_in_words(xr.Dataset())) == []
 
 
-@pytest.mark.parametrize(("value", "doubt", "text"), [(0.5, 0.24, "0.50 ± 0.24"), (0.5, 2e6, "0.5 ± 2e+06"), (3.0, 9.4, "3.0 ± 9.4"), (12.0, 13.0, "12 ± 13"), (0.5, 2e-13, "0.500000000000 ± 2.0e-13"), (0.5, 2e-12, "0.500000000000 ± 0.000000000002"), (0.5, math.inf, "0.5 ± inf"), (math.nan, 0.1, "nan")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "doubt", "text"),
+    [
+        (0.5, 0.24, "0.50 ± 0.24"),
+        (0.5, 2e6, "0.5 ± 2e+06"),
+        (3.0, 9.4, "3.0 ± 9.4"),
+        (12.0, 13.0, "12 ± 13"),
+        (0.5, 2e-13, "0.500000000000 ± 2.0e-13"),
+        (0.5, 2e-12, "0.500000000000 ± 0.000000000002"),
+        (0.5, math.inf, "0.5 ± inf"),
+        (math.nan, 0.1, "nan"),
+    ],
+)
 def test_exponents_are_written_with_their_digits(value: float, doubt: float, text: str) -> None:
     """Assert two digits of the uncertainty, twelve places at most."""
     assert with_uncertainty(value, doubt) == text
@@ -216,7 +252,9 @@ def test_stages_and_ends_are_those_of_dop853() -> None:
     tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
     error = plain(growth.finish)(scheme, tangent, -0.5)
     assert tangent.end == pytest.approx(tangent.state - 0.5 * np.tensordot(scheme.b, tangent.slopes, 1))
-    low, lower = (float(np.sum(np.tensordot(one, tangent.slopes[:, 1:], 1) ** 2)) for one in (scheme.fifth, scheme.third))  # fmt: skip
+    low, lower = (
+        float(np.sum(np.tensordot(one, tangent.slopes[:, 1:], 1) ** 2)) for one in (scheme.fifth, scheme.third)
+    )
     assert error == pytest.approx(0.5 * low / math.sqrt(low + 0.01 * lower))
     tangent.slopes[:] = 0.0
     assert plain(growth.finish)(scheme, tangent, -0.5) == 0.0
@@ -318,11 +356,31 @@ def test_events_act_in_units_of_each_variable() -> None:
 def test_rows_are_carried_a_part_at_a_time() -> None:
     """Assert that parts of 1,024 steps share the row between them, and leave none out."""
     count, each = 2500, np.arange(2500)
-    rows = growth.Rows(np.arange(count + 1.0), each[:, None] * 1.0, each * 1.0, each[:, None] * 1.0, each[:, None], each, np.eye(2)[None], each, each)  # fmt: skip
+    rows = growth.Rows(
+        np.arange(count + 1.0),
+        each[:, None] * 1.0,
+        each * 1.0,
+        each[:, None] * 1.0,
+        each[:, None],
+        each,
+        np.eye(2)[None],
+        each,
+        each,
+    )
     parts = list(_chunks(rows))
     assert [len(one.times) - 1 for one in parts] == [1024, 1024, 452]
     assert [float(one.times[0]) for one in parts] == [0.0, 1024.0, 2048.0]
-    assert all(one.states[0, 0] == one.regimes[0] == one.sides[0, 0] == one.pieces[0, 0] == one.jumps[0] == one.parts[0] == one.blocks[0] == one.times[0] for one in parts)  # fmt: skip
+    assert all(
+        one.states[0, 0]
+        == one.regimes[0]
+        == one.sides[0, 0]
+        == one.pieces[0, 0]
+        == one.jumps[0]
+        == one.parts[0]
+        == one.blocks[0]
+        == one.times[0]
+        for one in parts
+    )
     assert all(len(one.states) == len(one.jumps) == len(one.blocks) == len(one.times) - 1 for one in parts)
     assert FEW == 16
 
@@ -364,10 +422,15 @@ def test_blocks_are_parts_of_the_time(case: int) -> None:
 def test_steps_know_their_middles_sides_and_pieces() -> None:
     """Assert states in the middle of steps of x = t**3 mm, the side of a switch there, the piece of a table, and ranges."""
     model = xd.Model(
-        name="cubic", coordinates={"x": "mm"}, mass={"x": "1*kilogram"}, forces={"push": {"x": "6e-3*newton*t/second + 0*newton*sign(x - edge) + 0*pull"}},
-        drives={"pull": {"csv": "t [s],pull [N]\n0,0\n1,3\n1.5,4\n5,0\n", "table": "a.csv"}}, initial={"x": "0 mm", "v_x": "0 mm s-1", "q": "0 g"},
-        states={"q": {"unit": "g", "rate": "2*gram/second"}}, parameters={"edge": "1.1 mm"},
-    )  # fmt: skip
+        name="cubic",
+        coordinates={"x": "mm"},
+        mass={"x": "1*kilogram"},
+        forces={"push": {"x": "6e-3*newton*t/second + 0*newton*sign(x - edge) + 0*pull"}},
+        drives={"pull": {"csv": "t [s],pull [N]\n0,0\n1,3\n1.5,4\n5,0\n", "table": "a.csv"}},
+        initial={"x": "0 mm", "v_x": "0 mm s-1", "q": "0 g"},
+        states={"q": {"unit": "g", "rate": "2*gram/second"}},
+        parameters={"edge": "1.1 mm"},
+    )
     path = Along(xd.simulate(model, method="rk4", step=0.25, until=2.0), None)
     middles, times = (path.times[1:] + path.times[:-1]) / 2, path.times
     for name, wanted in (("t", middles), ("x", 1e-3 * middles**3), ("v_x", 3e-3 * middles**2), ("q", 2e-3 * middles)):
@@ -395,9 +458,12 @@ def test_linear_systems_have_the_real_parts_of_their_eigenvalues(case: int) -> N
     start = random.normal(size=n) * (case % 2)
     states = {one: {"unit": "1", "rate": text} for one, text in rates.items()}
     model = xd.Model(
-        name="linear", time={"unit": "1"}, parameters=parameters, states=states,
+        name="linear",
+        time={"unit": "1"},
+        parameters=parameters,
+        states=states,
         initial=dict(zip(names, map(repr, start.tolist()), strict=True)),
-    )  # fmt: skip
+    )
     found = exponents(marched(model, 100.0, rtol=1e-6))
     real = np.sort(np.linalg.eigvals(matrix).real)[::-1]
     off = np.abs(found.lyapunov_exponents.values - real)
@@ -431,8 +497,11 @@ def test_saddle_at_rest_and_stiff_decay() -> None:
     assert said[1] == "lyapunov_time = 0.5"
     assert said[-1].startswith("finite_time_growth = ")
     assert {str(name): one.attrs["role"] for name, one in saddle.data_vars.items() if "lyapunov" in str(name)} == {
-        "lyapunov_exponents": "diagnostic", "lyapunov_exponent": "diagnostic", "lyapunov_time": "diagnostic", "lyapunov_uncertainty": "error",
-    }  # fmt: skip
+        "lyapunov_exponents": "diagnostic",
+        "lyapunov_exponent": "diagnostic",
+        "lyapunov_time": "diagnostic",
+        "lyapunov_uncertainty": "error",
+    }
     short = exponents(marched(oscillator("4*x", (0.0, 0.0)), 3.0))  # e**6 is less than a thousand
     assert math.isinf(short.lyapunov_time)
     assert any(
@@ -456,7 +525,9 @@ def test_units_of_a_model_with_seconds() -> None:
     """Assert s-1 and s, and the words of the lines."""
     model = xd.Model.from_toml(MODELS / "pendulum.toml")
     found = diagnosis(marched(model, 20.0))
-    assert {found[name].attrs["units"] for name in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")} == {"s-1"}  # fmt: skip
+    assert {
+        found[name].attrs["units"] for name in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")
+    } == {"s-1"}
     assert found.lyapunov_time.attrs["units"] == "s"
     assert any(line.startswith("lyapunov_exponents = ") and line.endswith(" s-1") for line in lines_of(found))
 
@@ -495,10 +566,13 @@ def test_orbit_in_an_unstable_invariant_line() -> None:
     """Assert the exponent of a pendulum's motion in a line that it leaves when pushed aside."""
     # x = cos(2 t) solves the first equation; the second, about y = 0, is then Mathieu's
     model = xd.Model(
-        name="line", time={"unit": "1"}, coordinates={"x": "1", "y": "1"}, mass={"x": "1", "y": "1"},
+        name="line",
+        time={"unit": "1"},
+        coordinates={"x": "1", "y": "1"},
+        mass={"x": "1", "y": "1"},
         forces={"all": {"x": "-4*x", "y": "-(1 - 0.8*x)*y"}},
         initial={"x": "1", "v_x": "0", "y": "0", "v_y": "0"},
-    )  # fmt: skip
+    )
     run = marched(model, 300.0)
     assert not run.y.values.any()
     found = exponents(run)
@@ -533,12 +607,21 @@ def test_ball_bouncing_in_step_with_a_table(case: int) -> None:
     amplitude, phase = math.hypot(slow / w, steep / w**2), math.atan2(steep / w**2, slow / w)
     height = amplitude * math.sin(phase) + speed / 2.0 - g / 8.0
     model = xd.Model(
-        name="table", coordinates={"y": "m"}, mass={"y": "m"},
-        parameters={"m": "1 kg", "g": f"{g!r} m s-2", "A": f"{amplitude!r} m", "w": f"{w!r} s-1", "p": repr(phase), "e": repr(e)},
+        name="table",
+        coordinates={"y": "m"},
+        mass={"y": "m"},
+        parameters={
+            "m": "1 kg",
+            "g": f"{g!r} m s-2",
+            "A": f"{amplitude!r} m",
+            "w": f"{w!r} s-1",
+            "p": repr(phase),
+            "e": repr(e),
+        },
         forces={"gravity": {"potential": "m*g*y"}},
         contacts={"table": {"gap": "y - A*sin(w*t + p)", "restitution": "e"}},
         initial={"t": "0.5 s", "y": f"{height!r} m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = marched(model, 100.5)
     assert 98 <= run.sizes["event"] <= 102
     dt = 1.0 / (speed + slow)
@@ -563,9 +646,13 @@ def test_switching_back_and_forth(case: int) -> None:
     }
     parameters = {"a": repr(a), "b": repr(b), "h": repr(h)}
     model = xd.Model(
-        name="relay", time={"unit": "1"}, parameters=parameters, states=states, events=events,
+        name="relay",
+        time={"unit": "1"},
+        parameters=parameters,
+        states=states,
+        events=events,
         initial={"x": repr(float(random.uniform(-0.9, 0.9)) * h), "push": "1"},
-    )  # fmt: skip
+    )
     found = exponents(marched(model, 60.0))
     assert abs(float(found.lyapunov_exponents[0])) <= 3.0 * float(found.lyapunov_uncertainty[0]) + 1e-6
     assert abs(float(found.lyapunov_exponents[0])) < 0.01
@@ -580,12 +667,21 @@ def test_ball_that_is_kicked(case: int) -> None:
     e, kick = float(random.uniform(0.2, 0.9)), float(random.uniform(1.0, 5.0))
     speed = kick / (1.0 - e)
     model = xd.Model(
-        name="kicked", coordinates={"y": "m"}, mass={"y": "m"},
+        name="kicked",
+        coordinates={"y": "m"},
+        mass={"y": "m"},
         parameters={"m": "1 kg", "g": "10 m s-2", "e": repr(e), "k": f"{kick!r} m s-1"},
         forces={"gravity": {"potential": "m*g*y"}},
-        events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"y": "0*metre", "v_y": "k - e*v_y"}}},
+        events={
+            "floor": {
+                "function": "y",
+                "direction": "falling",
+                "action": "reset",
+                "set": {"y": "0*metre", "v_y": "k - e*v_y"},
+            }
+        },
         initial={"y": f"{speed**2 / 20.0!r} m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+    )
     flight = 2.0 * speed / 10.0
     found = exponents(marched(model, 60.0 * flight))
     off = np.abs(found.lyapunov_exponents.values - [0.0, math.log(e) / flight])
@@ -617,7 +713,17 @@ def test_steps_from_switch_to_switch() -> None:
 def shaken(case: int) -> xd.Model:
     """Return two driven bodies with a mass matrix that moves, and one kind of event."""
     random = np.random.default_rng(case)
-    ranges = {"a": (0.5, 2), "b": (0, 1), "c": (0, 0.3), "d": (0.2, 1), "w": (1, 3), "f": (1, 2.5), "e": (0.5, 0.95), "g": (0.2, 0.6), "j": (0.1, 0.4)}  # fmt: skip
+    ranges = {
+        "a": (0.5, 2),
+        "b": (0, 1),
+        "c": (0, 0.3),
+        "d": (0.2, 1),
+        "w": (1, 3),
+        "f": (1, 2.5),
+        "e": (0.5, 0.95),
+        "g": (0.2, 0.6),
+        "j": (0.1, 0.4),
+    }
     force = {"x": "-a*x - b*x**3 - d*(x - y) - c*v_x**3 + f*cos(w*t)", "y": "-y - d*(y - x) - c*v_y"}
     hit = {"function": "x - 0.4 + 0.1*y*y", "direction": "rising", "action": "reset"}
     event: dict[str, Any] = (
@@ -629,11 +735,15 @@ def shaken(case: int) -> xd.Model:
     force["x"] += " - g*abs(x - 0.1*y)" if case % 4 == 1 else ""
     force["y"] += " - g*sign(x + 0.2)" if case % 4 == 3 else ""
     return xd.Model(
-        name="shaken", time={"unit": "1"}, coordinates={"x": "1", "y": "1"},
-        mass={"matrix": [["1.5 + j*cos(y)", "j"], ["j", "1"]]}, forces={"all": force},
+        name="shaken",
+        time={"unit": "1"},
+        coordinates={"x": "1", "y": "1"},
+        mass={"matrix": [["1.5 + j*cos(y)", "j"], ["j", "1"]]},
+        forces={"all": force},
         parameters={name: repr(float(random.uniform(*ends))) for name, ends in ranges.items()},
-        initial={name: repr(float(random.uniform(-0.5, 0.2))) for name in ("x", "y", "v_x", "v_y")}, **event,
-    )  # fmt: skip
+        initial={name: repr(float(random.uniform(-0.5, 0.2))) for name in ("x", "y", "v_x", "v_y")},
+        **event,
+    )
 
 
 @pytest.mark.cases(200)
@@ -660,7 +770,10 @@ def test_growth_is_that_of_runs_that_start_beside(case: int) -> None:
 def test_regimes_with_other_forces() -> None:
     """Assert 0 and 0 for a speed that two regimes drive up and down between bounds, though each alone grows it."""
     model = xd.Model(
-        name="thermostat", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"},
+        name="thermostat",
+        time={"unit": "1"},
+        coordinates={"x": "1"},
+        mass={"x": "1"},
         forces={"gain": {"x": "0.4*v_x"}, "up": {"x": "1"}, "down": {"x": "-1"}},
         regimes={"rise": {"forces": ["gain", "up"]}, "fall": {"forces": ["gain", "down"]}},
         events={
@@ -668,7 +781,7 @@ def test_regimes_with_other_forces() -> None:
             "bottom": {"function": "v_x + 0.5", "direction": "falling", "action": "switch", "to": "rise"},
         },
         initial={"x": "0", "v_x": "0"},
-    )  # fmt: skip
+    )
     found = exponents(marched(model, 200.0))
     values, doubts = found.lyapunov_exponents.values, found.lyapunov_uncertainty.values
     assert (np.abs(values) <= 2.0 * doubts + 1e-6).all()
@@ -686,8 +799,12 @@ PUBLISHED = {  # J. C. Sprott, Chaos and Time-Series Analysis (2003), appendix A
     ),
     "ueda": (oscillator("-x**3 - 0.05*v_x + 7.5*sin(t)", (2.5, 0.0)), 3000.0, (0.1034, -0.1534)),
     "duffing": (oscillator("x - x**3 - 0.25*v_x + 0.4*cos(t)", (0.2, 0.0)), 3000.0, (0.1572, -0.4072)),
-    "jerk": (flow("jerk", {"x": "y", "y": "z", "z": "y**2 - x - 2.017*z"}, {"x": 0.0, "y": 0.0, "z": 1.0}), 3000.0, (0.0551, 0.0, -2.0721)),
-}  # fmt: skip
+    "jerk": (
+        flow("jerk", {"x": "y", "y": "z", "z": "y**2 - x - 2.017*z"}, {"x": 0.0, "y": 0.0, "z": 1.0}),
+        3000.0,
+        (0.0551, 0.0, -2.0721),
+    ),
+}
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -708,10 +825,13 @@ def test_published_exponents(name: str) -> None:
 def test_henon_heiles() -> None:
     """Assert pairs of opposite exponents, a positive one in the chaotic sea at E = 1/8 and none on a torus."""
     model = xd.Model(
-        name="Hénon-Heiles", time={"unit": "1"}, coordinates={"x": "1", "y": "1"}, mass={"x": "1", "y": "1"},
+        name="Hénon-Heiles",
+        time={"unit": "1"},
+        coordinates={"x": "1", "y": "1"},
+        mass={"x": "1", "y": "1"},
         forces={"all": {"potential": "(x**2 + y**2)/2 + x**2*y - y**3/3"}},
         initial={"x": "0", "y": "-0.25", "v_x": "0.42081", "v_y": "0"},
-    )  # fmt: skip
+    )
     chaotic = exponents(marched(model, 20000.0))  # long enough for any orbit of the sea
     calm = exponents(marched(model.replace(initial={"y": "0.55", "v_x": "0.2417"}), 4000.0))
     for found in (chaotic, calm):
@@ -796,9 +916,12 @@ def test_force_in_python() -> None:
         return -4.0 * x - 0.3 * v_x
 
     written = xd.Model(
-        name="python", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"all": {"x": push}},
+        name="python",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"all": {"x": push}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = marched(written, 60.0, rtol=1e-8)
     agree(diagnosis(run, functions={"push": push}), [-0.15, -0.15], 1e-5)
 
@@ -808,20 +931,31 @@ def test_drives_are_followed() -> None:
     csv = "t [s],push [N]\n0,0\n1,1\n2,-1\n3,0.5\n100,0\n"
     spring = "x [m],pull [N]\n-5,20\n0,0\n5,-20\n"
     model = xd.Model(
-        name="driven", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, parameters={"c": "0.3 kg s-1"},
-        drives={"push": {"table": "push.csv", "csv": csv}, "pull": {"table": "pull.csv", "csv": spring, "argument": "x"}},
+        name="driven",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        parameters={"c": "0.3 kg s-1"},
+        drives={
+            "push": {"table": "push.csv", "csv": csv},
+            "pull": {"table": "pull.csv", "csv": spring, "argument": "x"},
+        },
         forces={"push": {"x": "push"}, "pull": {"x": "pull"}, "drag": {"x": "-c*v_x"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     agree(exponents(marched(model, 90.0)), [-0.15, -0.15], 1e-5)
 
 
 def test_events_that_do_nothing_and_many_rows() -> None:
     """Assert that recorded crossings change nothing, and that short steps are taken together."""
     watched = xd.Model(
-        name="watched", time={"unit": "1"}, coordinates={"x": "1"}, mass={"x": "1"}, forces={"all": {"x": "-4*x - 0.3*v_x"}},
-        events={"zero": {"function": "x", "action": "record"}}, initial={"x": "1", "v_x": "0"},
-    )  # fmt: skip
+        name="watched",
+        time={"unit": "1"},
+        coordinates={"x": "1"},
+        mass={"x": "1"},
+        forces={"all": {"x": "-4*x - 0.3*v_x"}},
+        events={"zero": {"function": "x", "action": "record"}},
+        initial={"x": "1", "v_x": "0"},
+    )
     run = marched(watched, 50.0, method="rk4", step=0.005, rtol=None)
     assert run.sizes["event"] > 20
     agree(exponents(run), [-0.15, -0.15], 1e-5)

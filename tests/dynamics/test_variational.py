@@ -44,11 +44,14 @@ def agree(model: xd.Model, quantity: str, close: float = 1e-9, **where: Any) -> 
 def falling(**more: Any) -> xd.Model:
     """A ball with an uncertain start and gravity that meets what is added."""
     made = {
-        "name": "ball", "coordinates": {"y": "m"}, "mass": {"y": "1*kilogram"}, "forces": {"gravity": {"y": "-g*1*kilogram"}},
+        "name": "ball",
+        "coordinates": {"y": "m"},
+        "mass": {"y": "1*kilogram"},
+        "forces": {"gravity": {"y": "-g*1*kilogram"}},
         "parameters": {"g": {"value": "9.81 m s-2", "uncertainty": 1e-3}, "e": {"value": "0.8", "uncertainty": 1e-3}},
         "initial": {"y": {"value": "1 m", "uncertainty": 1e-3}, "v_y": {"value": "0.5 m s-1", "uncertainty": 1e-3}},
         "run": {"method": "dop853", "until": "2 s"},
-    }  # fmt: skip
+    }
     return xd.Model(**made | more)
 
 
@@ -76,21 +79,30 @@ def bounced(y: complex, v_y: complex, g: complex, e: complex) -> dict[tuple[Any,
     speed: complex = (v_y**2 + 2 * g * y) ** 0.5
     met, late = (v_y + speed) / g, 0.95
     return {
-        ("y", 0.3): y + v_y * 0.3 - g * 0.045, ("v_y", 0.25): v_y - g * 0.25, ("kinetic_energy", 0.25): (v_y - g * 0.25) ** 2,
-        ("t", None, 1, "before"): met, ("t", None, 2, "after"): met + 2 * e * speed / g,
-        ("v_y", None, 1, "before"): -speed, ("v_y", None, 1, "after"): e * speed, ("v_y", None, 2, "before"): -e * speed,
-        ("y", late): e * speed * (late - met) - g * (late - met) ** 2 / 2, ("v_y", late): e * speed - g * (late - met),
-    }  # fmt: skip
+        ("y", 0.3): y + v_y * 0.3 - g * 0.045,
+        ("v_y", 0.25): v_y - g * 0.25,
+        ("kinetic_energy", 0.25): (v_y - g * 0.25) ** 2,
+        ("t", None, 1, "before"): met,
+        ("t", None, 2, "after"): met + 2 * e * speed / g,
+        ("v_y", None, 1, "before"): -speed,
+        ("v_y", None, 1, "after"): e * speed,
+        ("v_y", None, 2, "before"): -e * speed,
+        ("y", late): e * speed * (late - met) - g * (late - met) ** 2 / 2,
+        ("v_y", late): e * speed - g * (late - met),
+    }
 
 
 def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
     """Assert values before, at and behind a bounce: of mm, mm s-1, s and J by cm, km h-1 and m s-2."""
     model = xd.Model(
-        name="ball", coordinates={"y": "mm"}, mass={"y": "2*kilogram"}, forces={"gravity": {"potential": "2*kilogram*g*y"}},
+        name="ball",
+        coordinates={"y": "mm"},
+        mass={"y": "2*kilogram"},
+        forces={"gravity": {"potential": "2*kilogram*g*y"}},
         parameters={"g": {"value": "10 m s-2", "uncertainty": 1e-3}, "e": {"value": "0.8", "uncertainty": 1e-3}},
         initial={"y": {"value": "100 cm", "uncertainty": 0.1}, "v_y": {"value": "1.8 km h-1", "uncertainty": 1e-3}},
         events={"ground": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-e*v_y"}}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step="0.125 s", until="1.75 s", time_tolerance="1e-13 s")
     own, tiny = {"y": 1.0, "v_y": 0.5, "g": 10.0, "e": 0.8}, 1e-30
     factors = {"y": 0.01, "v_y": 1 / 3.6, "g": 1.0, "e": 1.0}
@@ -105,7 +117,14 @@ def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
         slopes_along(run, model, Target("maximum_y"), [*model.uncertain])
 
 
-@pytest.mark.parametrize(("quantity", "where"), [("y", {"at": "1.6 s"}), ("v_y", {"event": "floor", "occurrence": 2, "side": "after"}), ("t", {"event": "floor", "occurrence": 3})])  # fmt: skip
+@pytest.mark.parametrize(
+    ("quantity", "where"),
+    [
+        ("y", {"at": "1.6 s"}),
+        ("v_y", {"event": "floor", "occurrence": 2, "side": "after"}),
+        ("t", {"event": "floor", "occurrence": 3}),
+    ],
+)
 def test_impacts_on_a_moving_floor_by_a_changing_restitution(quantity: str, where: dict[str, Any]) -> None:
     """Assert slopes through impacts whose gap moves and whose restitution knows how fast it closes."""
     floor = {"gap": "y - 0.05*metre*sin(9*t/second)", "restitution": "e*exp(-approach_speed/(60*metre/second))"}
@@ -115,12 +134,23 @@ def test_impacts_on_a_moving_floor_by_a_changing_restitution(quantity: str, wher
 def test_an_impact_whose_normal_and_masses_change() -> None:
     """Assert slopes through bounces on a curved floor, of a body with two inertias that depend on uncertain numbers."""
     model = xd.Model(
-        name="bowl", coordinates={"x": "m", "y": "m"}, mass={"x": "m", "y": "2*m + k"},
-        parameters={"m": {"value": "1 kg", "uncertainty": 1e-3}, "k": {"value": "0.3 kg", "uncertainty": 1e-3}, "b": {"value": "0.4 m-1", "uncertainty": 1e-4}},
-        forces={"weight": {"y": "-9.81*newton"}}, contacts={"bowl": {"gap": "y - b*x**2", "restitution": 0.9}},
-        initial={"x": {"value": "0.4 m", "uncertainty": 1e-4}, "y": {"value": "1 m", "uncertainty": 1e-4}, "v_x": "0.3 m s-1"},
+        name="bowl",
+        coordinates={"x": "m", "y": "m"},
+        mass={"x": "m", "y": "2*m + k"},
+        parameters={
+            "m": {"value": "1 kg", "uncertainty": 1e-3},
+            "k": {"value": "0.3 kg", "uncertainty": 1e-3},
+            "b": {"value": "0.4 m-1", "uncertainty": 1e-4},
+        },
+        forces={"weight": {"y": "-9.81*newton"}},
+        contacts={"bowl": {"gap": "y - b*x**2", "restitution": 0.9}},
+        initial={
+            "x": {"value": "0.4 m", "uncertainty": 1e-4},
+            "y": {"value": "1 m", "uncertainty": 1e-4},
+            "v_x": "0.3 m s-1",
+        },
         run={"method": "dop853", "until": "2 s"},
-    )  # fmt: skip
+    )
     agree(model, "x", close=1e-8, at="1.9 s")
     agree(model, "v_y", close=1e-8, event="bowl", occurrence=2, side="after")
 
@@ -157,10 +187,22 @@ def test_first_order_states_and_drives() -> None:
     """Assert slopes of a state whose rate reads a table of time and one of the motion."""
     model = falling(
         states={"q": {"unit": "J", "rate": "pull*v_y*e + 0.1*abs(v_y)*pull"}},
-        drives={"pull": {"csv": "t [s],pull [N]\n0,0\n1,3\n5,0\n", "table": "a.csv"}, "soft": {"csv": "y [m],soft [N]\n-30,2\n0,0\n30,-2\n", "table": "b.csv", "argument": "y", "interpolation": "cubic"}},
+        drives={
+            "pull": {"csv": "t [s],pull [N]\n0,0\n1,3\n5,0\n", "table": "a.csv"},
+            "soft": {
+                "csv": "y [m],soft [N]\n-30,2\n0,0\n30,-2\n",
+                "table": "b.csv",
+                "argument": "y",
+                "interpolation": "cubic",
+            },
+        },
         forces={"gravity": {"y": "-g*1*kilogram"}, "pull": {"y": "pull + e*soft"}},
-        initial={"y": {"value": "1 m", "uncertainty": 1e-3}, "v_y": {"value": "0.5 m s-1", "uncertainty": 1e-3}, "q": "0 J"},
-    )  # fmt: skip
+        initial={
+            "y": {"value": "1 m", "uncertainty": 1e-3},
+            "v_y": {"value": "0.5 m s-1", "uncertainty": 1e-3},
+            "q": "0 J",
+        },
+    )
     agree(model, "q", at="1.7 s")
 
 
@@ -193,7 +235,9 @@ def test_a_number_at_the_very_time_of_an_event_is_behind_it() -> None:
     assert 0.5 in run.event_time.values
     behind = {"y": 0.0, "v_y": -0.8, "g": 0.4, "e": 9.81 * 0.5 - 0.5}
     assert slopes_along(run, model, Target("v_y", 0.5), [*model.uncertain]) == pytest.approx(behind, abs=1e-12)
-    assert slopes_along(run, model, Target("y", 0.5), [*model.uncertain]) == pytest.approx({"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12)  # fmt: skip
+    assert slopes_along(run, model, Target("y", 0.5), [*model.uncertain]) == pytest.approx(
+        {"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12
+    )
     before = slopes_along(run, model, Target("v_y", 0.5 - 1e-9), [*model.uncertain])
     assert before == pytest.approx({"y": 0.0, "v_y": 1.0, "g": -0.5, "e": 0.0}, abs=1e-8)
 
@@ -214,9 +258,13 @@ def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypa
 def test_a_slope_below_the_rounding_of_its_number_is_that_of_the_equations() -> None:
     """Assert the closed form of a push that moves an oscillator by less than rounding does, without a warning."""
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"k": "1 N m-1", "m": "1 kg", "push": {"value": 0.0, "unit": "N", "uncertainty": 1e-14}}, mass={"x": "m"},
-        forces={"spring": {"x": "-k*x"}, "push": {"x": "push"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"k": "1 N m-1", "m": "1 kg", "push": {"value": 0.0, "unit": "N", "uncertainty": 1e-14}},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "push": {"x": "push"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
     budget = xd.error_budget(model, "x", at="300 s", method="rk4", step="10 ms", until="300 s")
     found = float(budget.sensitivity[4])
     assert budget.standard_uncertainty[4] < budget.bound[1]

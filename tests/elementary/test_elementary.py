@@ -112,21 +112,27 @@ def test_exact_values() -> None:
 
 
 SPECIAL = {
-    "sin": {INF: NAN, -INF: NAN, NAN: NAN}, "cos": {INF: NAN, NAN: NAN}, "tan": {-INF: NAN, NAN: NAN},
+    "sin": {INF: NAN, -INF: NAN, NAN: NAN},
+    "cos": {INF: NAN, NAN: NAN},
+    "tan": {-INF: NAN, NAN: NAN},
     "exp": {INF: INF, -INF: 0.0, NAN: NAN, 710.0: INF, -746.0: 0.0, 1e300: INF, -1e300: 0.0, -745.0: 5e-324},
     "log": {INF: INF, 0.0: -INF, -1.0: NAN, -INF: NAN, NAN: NAN, 5e-324: -744.4400719213812},
-    "asin": {1.1: NAN, -1.1: NAN, INF: NAN, NAN: NAN}, "acos": {1.1: NAN, -INF: NAN, NAN: NAN},
+    "asin": {1.1: NAN, -1.1: NAN, INF: NAN, NAN: NAN},
+    "acos": {1.1: NAN, -INF: NAN, NAN: NAN},
     "atan": {INF: math.pi / 2, -INF: -math.pi / 2, NAN: NAN, 1e308: math.pi / 2},
-    "sinh": {INF: INF, -INF: -INF, NAN: NAN, 711.0: INF}, "cosh": {INF: INF, -INF: INF, NAN: NAN, -711.0: INF},
+    "sinh": {INF: INF, -INF: -INF, NAN: NAN, 711.0: INF},
+    "cosh": {INF: INF, -INF: INF, NAN: NAN, -711.0: INF},
     "tanh": {INF: 1.0, -INF: -1.0, NAN: NAN, 1e300: 1.0},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", sorted(SPECIAL))
 def test_special_values(name: str) -> None:
     """Assert what IEEE 754 asks at infinities, poles, outside a domain and of what is no number."""
     for x, value in SPECIAL[name].items():
-        assert struct.pack("d", FUNCTIONS[name](x)) == struct.pack("d", value) or (math.isnan(value) and math.isnan(FUNCTIONS[name](x))), x  # fmt: skip
+        assert struct.pack("d", FUNCTIONS[name](x)) == struct.pack("d", value) or (
+            math.isnan(value) and math.isnan(FUNCTIONS[name](x))
+        ), x
 
 
 @pytest.mark.parametrize("name", ["power", "atan2", "hypot"])
@@ -193,11 +199,13 @@ def test_tables_are_what_mpmath_says() -> None:
 @pytest.mark.parametrize(
     ("powers", "function", "end"),
     [
-        (circular.ARCTANGENT, mpmath.atan, "0.0361"), (circular.ARCSINE, mpmath.asin, "0.25"),
-        (exponential.SINH, mpmath.sinh, "1"), (exponential.TANH, mpmath.tanh, "0.0625"),
+        (circular.ARCTANGENT, mpmath.atan, "0.0361"),
+        (circular.ARCSINE, mpmath.asin, "0.25"),
+        (exponential.SINH, mpmath.sinh, "1"),
+        (exponential.TANH, mpmath.tanh, "0.0625"),
     ],
     ids=["atan", "asin", "sinh", "tanh"],
-)  # fmt: skip
+)
 def test_polynomials_are_what_is_fitted(
     powers: tuple[float, ...], function: Callable[..., mpmath.mpf], end: str
 ) -> None:

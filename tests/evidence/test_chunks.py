@@ -15,13 +15,16 @@ from cases.problems import MODELS
 from xdynamics.evidence.memory import LIMIT
 
 DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "harmonic_oscillator": ({"method": "velocity_verlet", "step": 0.05, "until": 20.0}, {"exact": {"x": "cos(2*t/second)*metre"}}),
+    "harmonic_oscillator": (
+        {"method": "velocity_verlet", "step": 0.05, "until": 20.0},
+        {"exact": {"x": "cos(2*t/second)*metre"}},
+    ),
     "ball_drag": ({"step": 0.05}, {}),
     "double_pendulum": ({"method": "dop853", "rtol": 1e-6, "until": 5.0}, {}),
     "kepler": ({"method": "radau_iia", "rtol": 1e-6, "until": 5.0}, {"of": "y", "reference": 1.0}),
     "coupled_masses": ({"until": 5.0}, {"level": "1 mm"}),
     "bouncing_ball": ({"until": 3.0}, {}),
-}  # fmt: skip
+}
 
 
 def assert_same(found: xr.Dataset, whole: xr.Dataset) -> None:

@@ -95,11 +95,13 @@ ODD = {
     "times of whole seconds": lambda run: run.assign_coords(time=run.time.astype("M8[s]", keep_attrs=True)),
     "one time": lambda run: run.drop_vars("time").assign_coords(time=1.0),
     "fewer times": lambda run: run.drop_vars("time").assign_coords(time=("q", np.arange(5.0), run.time.attrs)),
-    "kinds along another dimension": lambda run: run.drop_vars("row_kind").assign(row_kind=("q", np.zeros(500, "i1"), run.row_kind.attrs)),
+    "kinds along another dimension": lambda run: run.drop_vars("row_kind").assign(
+        row_kind=("q", np.zeros(500, "i1"), run.row_kind.attrs)
+    ),
     "a text for a state": lambda run: run.assign(x=("step", np.array(["a"] * run.sizes["step"], object), run.x.attrs)),
     "a plane of states": lambda run: run.assign(x=(("step", "bound"), np.zeros((run.sizes["step"], 2)), run.x.attrs)),
     "no units": lambda run: run.assign(x=("step", run.x.values, {"role": "coordinate", "long_name": "x"})),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", ODD)
@@ -301,9 +303,14 @@ def test_what_two_falls_differ_in_is_said() -> None:
 
     def fall(g: float, m: float) -> xr.Dataset:
         model = xd.Model(
-            name="fall", coordinates={"y": "m"}, parameters={"m": f"{m!r} kg", "g": f"{g!r} m s-2"}, mass={"y": "m"}, forces={"gravity": {"y": "-m*g"}},
-            initial={"y": "0 m", "v_y": "4 m s-1"}, events={"mark": {"function": "y + 1*metre"}, "level": {"function": "y - 0.5*metre"}},
-        )  # fmt: skip
+            name="fall",
+            coordinates={"y": "m"},
+            parameters={"m": f"{m!r} kg", "g": f"{g!r} m s-2"},
+            mass={"y": "m"},
+            forces={"gravity": {"y": "-m*g"}},
+            initial={"y": "0 m", "v_y": "4 m s-1"},
+            events={"mark": {"function": "y + 1*metre"}, "level": {"function": "y - 0.5*metre"}},
+        )
         return xd.simulate(model, method="rk4", step=0.1, until=1.5)
 
     first, second = fall(10.0, 1.0), fall(9.0, 1.0)

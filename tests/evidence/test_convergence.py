@@ -88,7 +88,9 @@ def test_the_parabola_of_eca_and_hoekstra() -> None:
     ("exponents", "formal", "orders"),
     [((2.0,), 2.0, (2.0,)), ((3.5,), 2.0, (2.0,)), ((0.2,), 2.0, None), ((4.0,), 4.0, (4.0,)), ((1.0, 2.0), 2.0, None)],
 )
-def test_a_fit_has_no_order_that_the_method_has_not(exponents: tuple[float, ...], formal: float, orders: tuple[float, ...] | None) -> None:  # fmt: skip
+def test_a_fit_has_no_order_that_the_method_has_not(
+    exponents: tuple[float, ...], formal: float, orders: tuple[float, ...] | None
+) -> None:
     """Assert that an order above the formal one is set to it, and a low one gives way to fixed ones."""
     h = 0.5 * 0.7 ** np.arange(6)
     one = fitted(1.0 + sum(h**p for p in exponents), h, formal)
@@ -148,7 +150,15 @@ LEAST = "least squares"
         (SQUARES, H, {"interpolation": 0.0226}, "interpolation_limited", np.nan, 0.0226 + 5e-5 + 3 * 0.0225, THREE),
         (SQUARES, H, {"events": 0.0068}, "event_limited", np.nan, 0.0068 + 3e-5 + 3 * 0.0225, THREE),
         (SQUARES, H, {"events": 0.0067}, "asymptotic", 10.0, 0.0067 + 3e-5 + 1.25 * 0.0075, "grid convergence index"),
-        (1 + H**0.1, H, {"events": 0.1}, "event_limited", np.nan, 0.1 + 3e-5 + 3 * (0.1**0.1 - 0.05**0.1) / (sqrt(2) - 1), THREE),
+        (
+            1 + H**0.1,
+            H,
+            {"events": 0.1},
+            "event_limited",
+            np.nan,
+            0.1 + 3e-5 + 3 * (0.1**0.1 - 0.05**0.1) / (sqrt(2) - 1),
+            THREE,
+        ),
         (SQUARES, H, {"kink": 1.0}, "event_limited", np.nan, 3 * 0.09 / 2 + BEHIND, STEPPED),
         (SQUARES, H, {"kink": 3.0, "formal": 4.0}, "event_limited", np.nan, 3 * 0.0075 + BEHIND, STEPPED),
         (SQUARES, H, {"kink": 3.0}, "asymptotic", 10.0, 1.25 * 0.0075 + BEHIND, "grid convergence index"),
@@ -159,8 +169,16 @@ LEAST = "least squares"
         (1 / H, H, {}, "not_converging", np.nan, None, None),
         ([1.0, 2.0, np.nan], H[1:], {}, "not_converging", np.nan, np.nan, "none: a value is missing"),
     ],
-)  # fmt: skip
-def test_levels_are_judged(values: Any, steps: Any, asked: dict[str, float], verdict: str, limit: float, uncertainty: float | None, rule: str | None) -> None:  # fmt: skip
+)
+def test_levels_are_judged(
+    values: Any,
+    steps: Any,
+    asked: dict[str, float],
+    verdict: str,
+    limit: float,
+    uncertainty: float | None,
+    rule: str | None,
+) -> None:
     """Assert verdict, limit, uncertainty and rule of powers of the step, by what is known of all that is left."""
     found = judge(np.array(values), steps, **{"formal": 2.0} | OFF | asked)
     assert VERDICTS[found.verdict] == verdict
@@ -183,8 +201,10 @@ TOLERANCES = 10.0 ** -np.arange(4.0, 8.0)
         (1000 * TOLERANCES**1.5, {}, "pre_asymptotic", np.nan, 1250 * sqrt(10) * (10**-7.5 - 1e-9) / 90 + 3e-9),
         (1 / TOLERANCES, {}, "not_converging", np.nan, None),
     ],
-)  # fmt: skip
-def test_levels_of_tolerances_are_judged(errors: Any, asked: dict[str, Any], verdict: str, limit: float, uncertainty: float | None) -> None:  # fmt: skip
+)
+def test_levels_of_tolerances_are_judged(
+    errors: Any, asked: dict[str, Any], verdict: str, limit: float, uncertainty: float | None
+) -> None:
     """Assert that an error in proportion to the tolerance is trusted as far as a choice of steps can be."""
     given = {"formal": 1.0, "rounding": 1e-9, "interpolation": 1e-9, "events": 1e-9, "accepted": 10_000, "order": 5.0}
     found = judge(1.0 + errors, TOLERANCES[-len(errors) :], **given | asked, smooth=False)

@@ -56,12 +56,14 @@ class Swing:
     def run(self, **more: Any) -> xr.Dataset:
         """The march."""
         model = xd.Model(
-            name="swing", coordinates={"x": "m"}, mass={"x": "1*kilogram"},
+            name="swing",
+            coordinates={"x": "m"},
+            mass={"x": "1*kilogram"},
             parameters={"k": f"{self.k!r} kg s-2", "c": f"{2 * self.d!r} kg s-1", "x0": f"{self.middle!r} m"},
             forces={"spring": {"potential": "k*(x - x0)**2/2"}, "drag": {"x": "-c*v_x"}},
             observables={"clock": "2*newton*t/second"},
             initial={"x": f"{float(self.x(0.0))!r} m", "v_x": f"{float(self.v(0.0))!r} m s-1"},
-        )  # fmt: skip
+        )
         return xd.simulate(model, until=self.end, **({"method": "dop853", "rtol": 1e-10, "atol": 1e-12} | more))
 
 
@@ -155,11 +157,18 @@ def test_a_level_is_the_first_that_swings_rise_through() -> None:
     assert risen([7.0, 8.0, 6.0, 7.0], time[:4], 7.0) == [2]
 
 
-@pytest.mark.parametrize(("rises", "maxima", "times"), [(0, 2, "never"), (1, 3, "once"), (2, 4, "2 times"), (2, 3, ""), (0, 1, ""), (0, 0, "")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rises", "maxima", "times"),
+    [(0, 2, "never"), (1, 3, "once"), (2, 4, "2 times"), (2, 3, ""), (0, 1, ""), (0, 0, "")],
+)
 def test_a_level_that_is_missed_by_two_maxima_is_doubted(rises: int, maxima: int, times: str) -> None:
     """Assert the words from two maxima more than rises on, and phases of fewer than two rises."""
     found = Cycles("x", 0.5, np.arange(float(rises)), np.zeros(rises), "given", maxima)
-    assert found.doubt.startswith(f"x has {maxima} maxima and rises through the level {times}: ") if times else not found.doubt  # fmt: skip
+    assert (
+        found.doubt.startswith(f"x has {maxima} maxima and rises through the level {times}: ")
+        if times
+        else not found.doubt
+    )
     phases = found.phase(np.array([0.0, 0.5]))
     assert phases.tolist() == [0.0, np.pi] if rises > 1 else np.isnan(phases).tolist() == [True, True]
 
@@ -167,21 +176,47 @@ def test_a_level_that_is_missed_by_two_maxima_is_doubted(rises: int, maxima: int
 def test_a_diagnosis_in_words() -> None:
     """Assert numbers with their digits, rule and scale, attention, and the first and the last cycle's."""
     role = {"role": "diagnostic", "units": "m"}
-    found = xr.Dataset({"energy_band": ((), 0.1234567, role | {"units": "1"}), "maximum_x": ((), 1.23456789, role), "maximum_x_uncertainty": ((), 0.002, {"role": "error", "units": "m"})})  # fmt: skip
+    found = xr.Dataset(
+        {
+            "energy_band": ((), 0.1234567, role | {"units": "1"}),
+            "maximum_x": ((), 1.23456789, role),
+            "maximum_x_uncertainty": ((), 0.002, {"role": "error", "units": "m"}),
+        }
+    )
     found["maximum_x_rule"] = ((), 1, {"role": "flag", "units": "1", "flag_meanings": "sampled interpolated"})
     found["largest_residual_x"] = ((), 0.5, {"role": "residual", "units": "m"})
-    found["scaled_largest_residual_x"], found["residual_scale_x"] = ((), 0.25, {"role": "scaled"}), ((), 2.0, {"role": "scale", "units": "m"})  # fmt: skip
-    for name, values, units in (("period", [2.0, 2.5], "s"), ("phase_offset", [-0.125, 0.25], "rad"), ("amplitude", [1.0, 0.75], "m"), ("phase_space_area", [3.0, 4.0], "m2 s-1")):  # fmt: skip
+    found["scaled_largest_residual_x"], found["residual_scale_x"] = (
+        ((), 0.25, {"role": "scaled"}),
+        ((), 2.0, {"role": "scale", "units": "m"}),
+    )
+    for name, values, units in (
+        ("period", [2.0, 2.5], "s"),
+        ("phase_offset", [-0.125, 0.25], "rad"),
+        ("amplitude", [1.0, 0.75], "m"),
+        ("phase_space_area", [3.0, 4.0], "m2 s-1"),
+    ):
         found[name] = ("cycle", values, role | {"units": units})
     found["period_uncertainty"] = ("cycle", [0.25, 1e-12], {"role": "error", "units": "s"})
-    found.attrs = {"coordinate": "x", "level": 0.5, "level_units": "m", "level_rule": "given", "reference": "none", "cycle_doubt": "few"}  # fmt: skip
+    found.attrs = {
+        "coordinate": "x",
+        "level": 0.5,
+        "level_units": "m",
+        "level_rule": "given",
+        "reference": "none",
+        "cycle_doubt": "few",
+    }
     lines = list(diagnosis.lines_of(found))
     assert lines == [
-        "energy_band = 0.123457", "maximum_x = 1.235 m, interpolated", "largest_residual_x = 0.5 m, scaled 0.25 by 2 m", "attention: few",
-        "cycles of x, each from one rise through 0.5 m, given, to the next: 2, phases beside none", "period = 2 s in the first cycle, 2.5 s in the last",
-        "phase_offset = -0.125 rad in the first cycle, 0.25 rad in the last", "amplitude = 1 m in the first cycle, 0.75 m in the last",
+        "energy_band = 0.123457",
+        "maximum_x = 1.235 m, interpolated",
+        "largest_residual_x = 0.5 m, scaled 0.25 by 2 m",
+        "attention: few",
+        "cycles of x, each from one rise through 0.5 m, given, to the next: 2, phases beside none",
+        "period = 2 s in the first cycle, 2.5 s in the last",
+        "phase_offset = -0.125 rad in the first cycle, 0.25 rad in the last",
+        "amplitude = 1 m in the first cycle, 0.75 m in the last",
         "phase_space_area = 3 m2 s-1 in the first cycle, 4 m2 s-1 in the last",
-    ]  # fmt: skip
+    ]
     assert len(list(diagnosis.lines_of(found.isel(cycle=[])))) == 4
     del found.attrs["level_rule"]
     assert diagnosis.cycles_said(found) == "x, each from one rise through 0.5 m, to the next"
@@ -199,9 +234,14 @@ def test_amplitudes_are_of_located_turns_and_where_it_bounces_of_states_between(
         inside = swing.x(turns[(turns > begin) & (turns < end)])
         assert float(found.amplitude[k]) == pytest.approx(np.ptp(inside) / 2, rel=1e-6)
     ball = xd.Model(
-        name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": "2 m s-2"}, forces={"gravity": {"potential": "1*kilogram*g*y"}},
-        initial={"y": "1 m"}, contacts={"floor": {"gap": "y", "restitution": 1.0}},
-    )  # fmt: skip
+        name="ball",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        parameters={"g": "2 m s-2"},
+        forces={"gravity": {"potential": "1*kilogram*g*y"}},
+        initial={"y": "1 m"},
+        contacts={"floor": {"gap": "y", "restitution": 1.0}},
+    )
     bounced = xd.diagnose(xd.simulate(ball, method="rk4", step=0.125, until=8.0), level=0.5, companion=False)
     assert bounced.sizes["cycle"] == 3
     assert bounced.amplitude.values == pytest.approx(0.5, abs=0.02)
@@ -209,14 +249,24 @@ def test_amplitudes_are_of_located_turns_and_where_it_bounces_of_states_between(
 
 def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the first time that errors are beyond a tenth of a range and stay there, and the end where they never are."""
-    run = xd.simulate(xd.Model.from_text(str(Swing(np.random.default_rng(7)).run().model_toml.values)), method="rk4", step=0.02, until=8.0)  # fmt: skip
+    run = xd.simulate(
+        xd.Model.from_text(str(Swing(np.random.default_rng(7)).run().model_toml.values)),
+        method="rk4",
+        step=0.02,
+        until=8.0,
+    )
     span, speeds, end = float(np.ptp(run.x.values)), float(np.ptp(run.v_x.values)), float(run.time[-1])
 
     def believed(off: Any, companions_end: float = 8.0) -> float:
         """Return until when, of errors of x and v_x that are functions of time."""
 
         def beside(states: xr.Dataset) -> xr.Dataset:
-            return xr.Dataset({f"global_error_{name}": ("at", off(states["time"].values if "time" in states else times)[k]) for k, name in enumerate(("x", "v_x"))})  # fmt: skip
+            return xr.Dataset(
+                {
+                    f"global_error_{name}": ("at", off(states["time"].values if "time" in states else times)[k])
+                    for k, name in enumerate(("x", "v_x"))
+                }
+            )
 
         other = xr.Dataset({"time": ("step", [0.0, companions_end])})
         stub: Any = type("Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside)})()

@@ -238,9 +238,12 @@ def test_no_tighter_run() -> None:
 def growing() -> xd.Model:
     """An oscillator whose swings grow by 0.3 % each."""
     return xd.Model(
-        name="growing", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        name="growing",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
         forces={"spring": {"x": "-x*newton/metre"}, "push": {"x": "0.002*v_x*kilogram/second"}},
-    )  # fmt: skip
+    )
 
 
 def test_the_largest_is_that_of_every_hump() -> None:

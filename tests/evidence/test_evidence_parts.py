@@ -59,17 +59,26 @@ def test_a_family_judges_every_place_by_its_own_numbers(case: int, varied: Varie
     assert one.kinks is not None
     expected = [
         judge(
-            one.values[k], levels.values, 2.0, float(one.rounding[k]), max(one.errors[k, 2:].tolist()), float(one.moved[k]),
-            smooth=varied is not RTOLS, kink=math.inf if varied is TIME_TOLERANCES else float(one.kinks[k]), accepted=accepted,
+            one.values[k],
+            levels.values,
+            2.0,
+            float(one.rounding[k]),
+            max(one.errors[k, 2:].tolist()),
+            float(one.moved[k]),
+            smooth=varied is not RTOLS,
+            kink=math.inf if varied is TIME_TOLERANCES else float(one.kinks[k]),
+            accepted=accepted,
         )
         for k in range(3)
-    ]  # fmt: skip
+    ]
     assert found["verdict_x"][1].tolist() == [each.verdict for each in expected]
     assert found["limit_x"][1] == pytest.approx([each.limit for each in expected], nan_ok=True)
     assert found["uncertainty_x"][1] == pytest.approx([each.uncertainty for each in expected])
     words = found["uncertainty_rule_x"][2]["flag_meanings"].split()
     assert words == sorted(words)
-    assert [words[k] for k in found["uncertainty_rule_x"][1].tolist()] == [each.rule.replace(" ", "_").replace(":", "") for each in expected]  # fmt: skip
+    assert [words[k] for k in found["uncertainty_rule_x"][1].tolist()] == [
+        each.rule.replace(" ", "_").replace(":", "") for each in expected
+    ]
     assert pytest.approx(observed_orders(one.values, levels.values), nan_ok=True) == found["order_x"][1].T
     changes = np.full((4, 3), np.nan)
     changes[:3] = one.values[:, 1:].T - one.values[:, :3].T
@@ -100,7 +109,12 @@ def test_a_number_of_a_whole_run_has_levels_alone() -> None:
 
 def levels_of(**given: Any) -> Levels:
     """Levels of the oscillator, from what `refine` is given."""
-    return Levels.of(OSCILLATOR, {"steps": None, "rtols": None, "time_tolerances": None, "rules": None} | given, {"method": "dop853"}, fewest=2)  # fmt: skip
+    return Levels.of(
+        OSCILLATOR,
+        {"steps": None, "rtols": None, "time_tolerances": None, "rules": None} | given,
+        {"method": "dop853"},
+        fewest=2,
+    )
 
 
 def test_levels_know_what_is_varied_and_its_order() -> None:
@@ -133,12 +147,19 @@ def test_a_finer_level_goes_on_as_the_last_one_went() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"steps": [0.1, 0.1]}, "need 2 or more that get smaller"), ({"steps": [0.1]}, "need 2 or more"), ({"steps": [0.1, 0.0]}, "all positive"),
-        ({"steps": [0.1, 0.2]}, "get smaller"), ({"steps": 0.1}, "needs a row of them"), ({"rules": ["interpolant"]}, "need both"),
-        ({"rules": ["interpolant", "interpolant"]}, "need both"), ({"rules": ["interpolant", "other"]}, "need both"), ({}, "one of them"),
-        ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"), ({"rtols": [1e-3, "x"]}, "needs numbers"),
+        ({"steps": [0.1, 0.1]}, "need 2 or more that get smaller"),
+        ({"steps": [0.1]}, "need 2 or more"),
+        ({"steps": [0.1, 0.0]}, "all positive"),
+        ({"steps": [0.1, 0.2]}, "get smaller"),
+        ({"steps": 0.1}, "needs a row of them"),
+        ({"rules": ["interpolant"]}, "need both"),
+        ({"rules": ["interpolant", "interpolant"]}, "need both"),
+        ({"rules": ["interpolant", "other"]}, "need both"),
+        ({}, "one of them"),
+        ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"),
+        ({"rtols": [1e-3, "x"]}, "needs numbers"),
     ],
-)  # fmt: skip
+)
 def test_levels_that_do_not_get_finer_are_refused(given: dict[str, Any], said: str) -> None:
     """Assert one clear error for each."""
     with pytest.raises(xd.InputError, match=said):
@@ -163,9 +184,30 @@ def test_levels_of_location_change_every_event() -> None:
 
 def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **more: Any) -> Any:
     """A study of one number, of which nothing was marched: levels of 0.4, 0.2, … and runs of so many rows of 16 bytes."""
-    runs = [xr.Dataset({"time": ("step", np.zeros(n)), "x": ("step", np.zeros(n)), "g": ((), 9.81), "f": ("at", np.zeros(5))}) for n in rows]  # fmt: skip
-    one = Watched("x", "m", "x", (), np.array([values]), np.zeros((1, len(values))), np.full(1, more.pop("rounding", 0.0)), np.zeros(1), 1.0)  # fmt: skip
-    levels = SimpleNamespace(keep=more.pop("keep", None), varied=varied, values=0.4 / more.pop("ratio", 2.0) ** np.arange(len(rows)), formal=2.0, model=OSCILLATOR)  # fmt: skip
+    runs = [
+        xr.Dataset(
+            {"time": ("step", np.zeros(n)), "x": ("step", np.zeros(n)), "g": ((), 9.81), "f": ("at", np.zeros(5))}
+        )
+        for n in rows
+    ]
+    one = Watched(
+        "x",
+        "m",
+        "x",
+        (),
+        np.array([values]),
+        np.zeros((1, len(values))),
+        np.full(1, more.pop("rounding", 0.0)),
+        np.zeros(1),
+        1.0,
+    )
+    levels = SimpleNamespace(
+        keep=more.pop("keep", None),
+        varied=varied,
+        values=0.4 / more.pop("ratio", 2.0) ** np.arange(len(rows)),
+        formal=2.0,
+        model=OSCILLATOR,
+    )
     return SimpleNamespace(runs=runs, levels=levels, numbers=lambda: [one])
 
 
@@ -250,7 +292,13 @@ def test_tolerances_of_changes_are_in_the_numbers_unit() -> None:
     assert _tolerances({"x": "3 mm"}, study) == pytest.approx({"x": 3e-3})
     assert _tolerances({"x": 3.0}, study) == {"x": 3.0}
     assert _tolerances({}, study) == {}
-    for given, said in (({"y": 1.0}, "names 'y'; there are x"), ({"x": "3 s"}, "needs the unit 'm'"), ({"x": 0.0}, "needs a positive one"), ({"x": "-1 m"}, "needs a positive one"), ({"x": "3"}, "needs the unit 'm'")):  # fmt: skip
+    for given, said in (
+        ({"y": 1.0}, "names 'y'; there are x"),
+        ({"x": "3 s"}, "needs the unit 'm'"),
+        ({"x": 0.0}, "needs a positive one"),
+        ({"x": "-1 m"}, "needs a positive one"),
+        ({"x": "3"}, "needs the unit 'm'"),
+    ):
         with pytest.raises(xd.InputError, match=said):
             _tolerances(given, study)
     study.levels.ordered = False
@@ -266,9 +314,21 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
     assert _changing(study, {"x": 0.2499}) == ["x"]
     assert _changing(study, {"x": 0.25, "y": 1.0}) == ["y"]
     assert _changing(forecast([0.0], [101]), {"x": 9.0}) == ["x"]
-    two = Watched("x", "m", "x", ("at",), np.array([[1.0, 1.1], [1.0, 0.5], [np.nan, 1.0]]), np.zeros((3, 2)), np.zeros(3), np.zeros(3), 1.0)  # fmt: skip
+    two = Watched(
+        "x",
+        "m",
+        "x",
+        ("at",),
+        np.array([[1.0, 1.1], [1.0, 0.5], [np.nan, 1.0]]),
+        np.zeros((3, 2)),
+        np.zeros(3),
+        np.zeros(3),
+        1.0,
+    )
     for rows, tolerance, changing in ((slice(2), 0.5, False), (slice(2), 0.49, True), (slice(3), 9.0, True)):
-        some = Watched("x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0)  # fmt: skip
+        some = Watched(
+            "x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0
+        )
         study = SimpleNamespace(runs=[None, None], numbers=lambda one=some: [one])
         assert _changing(study, {"x": tolerance}) == ["x"] * changing
 
@@ -280,7 +340,10 @@ def test_bounds_of_levels_and_why_none_was_added() -> None:
         with pytest.raises(xd.InputError, match="most_rows is .*, needs a number of rows"):
             _bounds(rows, None)  # type: ignore[arg-type]
     assert _stopped([], 4, "") == "every change under its tolerance from level 2 to level 3"
-    assert _stopped(["x", "y"], 3, "room") == "after 3 levels, with x, y still changing by more than its tolerance: no finer level, room"  # fmt: skip
+    assert (
+        _stopped(["x", "y"], 3, "room")
+        == "after 3 levels, with x, y still changing by more than its tolerance: no finer level, room"
+    )
     assert _known(OSCILLATOR, "x") == ("x",)
     assert _known(OSCILLATOR, ["energy_range", "period_x", "phase_x"]) == ("energy_range", "period_x", "phase_x")
     with pytest.raises(xd.InputError, match="'speed' is none of the model's; there are x, v_x"):
@@ -290,13 +353,24 @@ def test_bounds_of_levels_and_why_none_was_added() -> None:
 def refined_by_hand(**more: Any) -> xr.Dataset:
     """A study of x at two times, four landings and a range, by hand: three levels."""
     flag = {"flag_values": np.arange(2), "flag_meanings": "asymptotic not_converging"}
-    found = xr.Dataset({"step_size": ("level", [0.4, 0.2, 0.1], {"units": "s"}), "run_outcome": ("level", np.array(["completed", "completed", "event"]))})  # fmt: skip
+    found = xr.Dataset(
+        {
+            "step_size": ("level", [0.4, 0.2, 0.1], {"units": "s"}),
+            "run_outcome": ("level", np.array(["completed", "completed", "event"])),
+        }
+    )
     found["at_time"] = ("at", [1.0, 2.5], {"units": "s"})
-    numbers = {"x": ("at", np.array([[1.0, 2.0], [1.5, np.nan], [1.75, np.nan]]), "m"), "event_time_low": ("occurrence", np.arange(12.0).reshape(3, 4), "s")}  # fmt: skip
+    numbers = {
+        "x": ("at", np.array([[1.0, 2.0], [1.5, np.nan], [1.75, np.nan]]), "m"),
+        "event_time_low": ("occurrence", np.arange(12.0).reshape(3, 4), "s"),
+    }
     for name, (place, values, units) in numbers.items():
         count = values.shape[1]
         changes = np.vstack([np.diff(values, axis=0), np.full((1, count), np.nan)])
-        found[name], found[f"difference_{name}"] = (("level", place), values, {"units": units}), (("level", place), changes)  # fmt: skip
+        found[name], found[f"difference_{name}"] = (
+            (("level", place), values, {"units": units}),
+            (("level", place), changes),
+        )
         found[f"order_{name}"] = (("level", place), np.array([[np.nan] * count, [1.0] * count, [np.nan] * count]))
         found[f"verdict_{name}"] = (place, np.zeros(count, np.int8), flag)
         found[f"uncertainty_{name}"] = (place, np.full(count, 0.25))
@@ -307,13 +381,18 @@ def refined_by_hand(**more: Any) -> xr.Dataset:
 def test_a_refinement_in_words() -> None:
     """Assert every line of a study by hand: levels, outcomes, the finest values with uncertainty, order and verdict."""
     assert refinement_in_words(refined_by_hand(stopped="done")) == [
-        "levels    step_size 0.4, 0.2, 0.1 s", "outcomes  completed, event",
+        "levels    step_size 0.4, 0.2, 0.1 s",
+        "outcomes  completed, event",
         "±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it",
-        "x at t = 1 s = 1.8 ± 0.25 m, order 1, asymptotic", "x at t = 2.5 s is not there in the finest level",
-        "event_time_low [1] = 8.0 ± 0.25 s, order 1, asymptotic".replace("8.0", "8"), "event_time_low [2] = 9 ± 0.25 s, order 1, asymptotic",
-        "event_time_low [3] = 10 ± 0.25 s, order 1, asymptotic", "event_time_low: 1 further occurrences are in the record",
-        "n = 3.625, changed by 0.125", "stopped   done",
-    ]  # fmt: skip
+        "x at t = 1 s = 1.8 ± 0.25 m, order 1, asymptotic",
+        "x at t = 2.5 s is not there in the finest level",
+        "event_time_low [1] = 8.0 ± 0.25 s, order 1, asymptotic".replace("8.0", "8"),
+        "event_time_low [2] = 9 ± 0.25 s, order 1, asymptotic",
+        "event_time_low [3] = 10 ± 0.25 s, order 1, asymptotic",
+        "event_time_low: 1 further occurrences are in the record",
+        "n = 3.625, changed by 0.125",
+        "stopped   done",
+    ]
     two = refined_by_hand().isel(level=[1, 2], occurrence=[0, 1, 2])
     lines = refinement_in_words(two.assign(step_size=("level", np.array(["a", "b"]), {"units": "1"})))
     assert lines[0] == "levels    step_size a, b"
@@ -327,7 +406,10 @@ def test_a_refinement_in_words() -> None:
 def test_differences_are_in_the_first_runs_unit() -> None:
     """Assert second less first, errors of both, and the scale of the first, of metres beside millimetres; none of what is not known."""
     one, other = (xr.DataArray(0.0, attrs={"units": units}) for units in ("m", "mm"))
-    here, there = (np.array([2.0, -4.0]), np.array([0.5, 0.25])), (np.array([2500.0, -3000.0]), np.array([100.0, 200.0]))  # fmt: skip
+    here, there = (
+        (np.array([2.0, -4.0]), np.array([0.5, 0.25])),
+        (np.array([2500.0, -3000.0]), np.array([100.0, 200.0])),
+    )
     found = _difference("x", one, other, here, there)
     assert found["difference_x"][1].tolist() == [0.5, 1.0]
     assert found["interpolation_error_x"][1].tolist() == pytest.approx([0.6, 0.45])
@@ -370,13 +452,19 @@ def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
     first = met_by_hand([], 0.0).assign(x=("step", np.full(11, 2.0)), y=("step", np.full(11, -1.0)))
 
     def said(x: list[float], y: list[float], passed: tuple[int, ...] = ()) -> str:
-        variables = {"at_time": ((), times), "difference_x": ((), np.array(x), {"units": "m"}), "interpolation_error_x": ((), np.full(4, 0.25))}  # fmt: skip
+        variables = {
+            "at_time": ((), times),
+            "difference_x": ((), np.array(x), {"units": "m"}),
+            "interpolation_error_x": ((), np.full(4, 0.25)),
+        }
         variables |= {"difference_y": ((), np.array(y), {"units": "s"}), "interpolation_error_y": ((), np.zeros(4))}
         return _parted(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
 
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4) == "t = 3 s: x by -0.5 m, beyond an interpolation error of 0.25 m"
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4, (2,)).startswith("t = 4 s: x by 9 m")
-    assert said([0.0, 0.0, 1.0, 0.0], [0.0, 1e-3, 0.0, 0.0]).startswith("t = 2 s: y by 0.001 s, beyond an interpolation error of 0 s")  # fmt: skip
+    assert said([0.0, 0.0, 1.0, 0.0], [0.0, 1e-3, 0.0, 0.0]).startswith(
+        "t = 2 s: y by 0.001 s, beyond an interpolation error of 0 s"
+    )
     assert said([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1e-3, 0.0]).startswith("t = 3 s: x")
     assert said([0.25] * 4, [1e-17, -1e-17, 0.0, 0.0]) == ""
 
@@ -391,7 +479,11 @@ def test_a_cause_is_the_first_of_what_differs() -> None:
     assert independent(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
     assert independent(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
     assert (_short("a" * 60), _short("a" * 61)) == ("a" * 60, "a" * 57 + "…")
-    assert list(_flat("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [("m.value", "2 kg"), ("m.u", "1"), ("n.a", "1")]  # fmt: skip
+    assert list(_flat("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [
+        ("m.value", "2 kg"),
+        ("m.u", "1"),
+        ("n.a", "1"),
+    ]
 
 
 def test_times_of_comparison_are_those_that_both_reach() -> None:
@@ -413,7 +505,13 @@ def test_times_of_comparison_are_those_that_both_reach() -> None:
 def test_a_comparison_in_words() -> None:
     """Assert how many variables differ, what differs, and the largest difference of each quantity with its place and scale."""
     role = {"role": "difference", "units": "m"}
-    found = xr.Dataset({"same": ("variable", [0, 1, 0]), "at_time": ("at", [1.0, 2.0, 3.0], {"units": "s"}), "difference_x": ("at", [1.0, -3.0, 2.0], role)})  # fmt: skip
+    found = xr.Dataset(
+        {
+            "same": ("variable", [0, 1, 0]),
+            "at_time": ("at", [1.0, 2.0, 3.0], {"units": "s"}),
+            "difference_x": ("at", [1.0, -3.0, 2.0], role),
+        }
+    )
     found["difference_event_time_low"] = ("occurrence", [0.25, 0.5], role | {"units": "s"})
     for name, size, units in (("x", 6.0, "m"), ("event_time_low", 2.0, "s")):
         found[f"scaled_difference_{name}"] = (
@@ -421,13 +519,30 @@ def test_a_comparison_in_words() -> None:
             found[f"difference_{name}"].values / size,
         )
         found[f"difference_scale_{name}"] = ((), size, {"units": units, "role": "scale"})
-    found.attrs = {"identical": False, "first_difference": "x", "model": "", "parameters": "k: 1 | 2\nm: 1 | 2", "initial": "", "events": "low: 1 | 2", "settings": "s: 1 | 2", "cause": "why", "parted": ""}  # fmt: skip
+    found.attrs = {
+        "identical": False,
+        "first_difference": "x",
+        "model": "",
+        "parameters": "k: 1 | 2\nm: 1 | 2",
+        "initial": "",
+        "events": "low: 1 | 2",
+        "settings": "s: 1 | 2",
+        "cause": "why",
+        "parted": "",
+    }
     lines = comparison_in_words(found)
     assert lines == [
-        "2 of 3 variables differ; first: x", "parameter k: 1 | 2", "parameter m: 1 | 2", "events    low: 1 | 2", "setting   s: 1 | 2", "cause     why",
-        "times     3 at which both are known", "parted    nowhere by more than interpolation can be off",
-        "largest   difference_x = -3 m at t = 2 s, scaled -0.5 by 6 m", "largest   difference_event_time_low = 0.5 s occurrence 2, scaled 0.25 by 2 s",
-    ]  # fmt: skip
+        "2 of 3 variables differ; first: x",
+        "parameter k: 1 | 2",
+        "parameter m: 1 | 2",
+        "events    low: 1 | 2",
+        "setting   s: 1 | 2",
+        "cause     why",
+        "times     3 at which both are known",
+        "parted    nowhere by more than interpolation can be off",
+        "largest   difference_x = -3 m at t = 2 s, scaled -0.5 by 6 m",
+        "largest   difference_event_time_low = 0.5 s occurrence 2, scaled 0.25 by 2 s",
+    ]
     found.attrs["identical"] = True
     assert comparison_in_words(found) == ["the same: 3 variables and every setting, bit for bit"]
 
@@ -461,7 +576,13 @@ def test_an_exhibit_says_what_it_is_and_of_which_runs() -> None:
     """Assert digests of runs, title, kind and further attributes, coordinates, and every variable as it was given."""
     variables = {"at_time": (("at",), np.array([1.0]), {"units": "s"}), "x": (("at",), np.array([2.0]), {"units": "m"})}
     found = exhibit("study", "a title", ["abc", "def"], variables, {"more": 3})
-    assert [found.attrs[name] for name in ("title", "source", "evidence", "runs", "more")] == ["a title", "study by xdynamics", "study", "abc def", 3]  # fmt: skip
+    assert [found.attrs[name] for name in ("title", "source", "evidence", "runs", "more")] == [
+        "a title",
+        "study by xdynamics",
+        "study",
+        "abc def",
+        3,
+    ]
     assert list(found.coords) == ["at_time"]
     assert found.x.attrs["units"] == "m"
 
@@ -472,10 +593,15 @@ def test_an_exhibit_says_what_it_is_and_of_which_runs() -> None:
 def observed() -> xd.Model:
     """A mass on a spring, in kilojoule and centimetre, with an observable that is a product."""
     return xd.Model(
-        name="observed", coordinates={"x": "cm"}, parameters={"m": "2 kg", "k": "8 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "100 cm", "v_x": "0 cm s-1", "q": "0 m"}, observables={"power": "k*x*v_x", "pull": "m*a_x"},
+        name="observed",
+        coordinates={"x": "cm"},
+        parameters={"m": "2 kg", "k": "8 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "100 cm", "v_x": "0 cm s-1", "q": "0 m"},
+        observables={"power": "k*x*v_x", "pull": "m*a_x"},
         states={"q": {"unit": "m", "rate": "v_x"}},
-    )  # fmt: skip
+    )
 
 
 def test_derived_quantities_have_the_errors_of_all_they_read() -> None:
@@ -505,9 +631,13 @@ def test_derived_quantities_have_the_errors_of_all_they_read() -> None:
 def test_what_contacts_do_behind_a_row_is_that_of_the_step_from_it() -> None:
     """Assert that an open contact holds nothing, a closed one does, and of a corner's two the one without force does not."""
     model = xd.Model(
-        name="block", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"weight": {"y": "-10*newton"}}, initial={"y": "0 m", "v_y": "0 m s-1"},
+        name="block",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-10*newton"}},
+        initial={"y": "0 m", "v_y": "0 m s-1"},
         contacts={"floor": {"gap": "y", "restitution": 0.0}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.5, until=1.0)
     columns = {name: run[name].values.copy() for name in ("contact_state_floor", "contact_force_floor")}
     rows = np.array([0, 1])
@@ -542,7 +672,9 @@ def test_a_study_has_the_energy_range_and_the_mean_period_of_each_level() -> Non
         assert float(period.values[0, k]) == pytest.approx(float(counted.period.mean()))
         ends = np.array([float(counted.cycle_time[0] - counted.period[0]), *counted.cycle_time.values.tolist()])
         assert phase.values[:, k] == pytest.approx(np.interp([4.0, 7.0], ends, 2 * np.pi * np.arange(ends.size)))
-        assert 0.0 < float(period.errors[0, k]) <= 2.0 * float(counted.period_uncertainty.max()) / counted.sizes["cycle"]  # fmt: skip
+        assert (
+            0.0 < float(period.errors[0, k]) <= 2.0 * float(counted.period_uncertainty.max()) / counted.sizes["cycle"]
+        )
         speed = 2 * np.pi / float(counted.period.mean())
         assert phase.errors[:, k] == pytest.approx(float(period.errors[0, k]) / 2 * counted.sizes["cycle"] * speed)
     assert (energy.errors == 0.0).all()
@@ -599,12 +731,14 @@ def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
 
 def recorded(rng: np.random.Generator) -> xr.Dataset:
     """A record made by hand: numbers along two dimensions, a pair of them, a text and a parameter."""
-    found = xr.Dataset({
-        "x": ("step", rng.normal(size=6), {"units": "m", "role": "coordinate"}),
-        "both": (("event", "bound"), rng.normal(size=(3, 2)), {"units": "s"}),
-        "m": ((), float(rng.normal()), {"units": "kg", "role": "parameter"}),
-        "word": ("step", np.array(list("abcdef")), {"units": "1"}),
-    })  # fmt: skip
+    found = xr.Dataset(
+        {
+            "x": ("step", rng.normal(size=6), {"units": "m", "role": "coordinate"}),
+            "both": (("event", "bound"), rng.normal(size=(3, 2)), {"units": "s"}),
+            "m": ((), float(rng.normal()), {"units": "kg", "role": "parameter"}),
+            "word": ("step", np.array(list("abcdef")), {"units": "1"}),
+        }
+    )
     return found.assign_coords(time=("step", np.arange(6.0), {"units": "s"})).assign_attrs(solver_step=0.1)
 
 
@@ -623,7 +757,9 @@ def test_the_first_row_that_differs_is_named(case: int) -> None:
         if name == "time":
             second = second.assign_coords(time=("step", values, {"units": "s"}))
     table = bitwise(first, second)
-    assert {str(name): int(row) for name, row in zip(table.name.values, table.first_row.values, strict=True)} == {name: rows.get(name, -1) for name in ("time", "x", "both", "m", "word")}  # fmt: skip
+    assert {str(name): int(row) for name, row in zip(table.name.values, table.first_row.values, strict=True)} == {
+        name: rows.get(name, -1) for name in ("time", "x", "both", "m", "word")
+    }
     assert table.same.values.tolist() == [int(name not in rows) for name in table.name.values]
     assert table.attrs["identical"] == int(not rows)
     along = {name: row for name, row in rows.items() if name in ("time", "x")} or rows
@@ -631,7 +767,9 @@ def test_the_first_row_that_differs_is_named(case: int) -> None:
         earliest = min(along.values())
         names = [name for name in table.name.values if along.get(str(name)) == earliest]
         where = "" if names[0] == "m" else f", row {earliest}"
-        before, after = ((one[names[0]] if names[0] == "m" else one[names[0]][earliest]).values.tolist() for one in (first, second))  # fmt: skip
+        before, after = (
+            (one[names[0]] if names[0] == "m" else one[names[0]][earliest]).values.tolist() for one in (first, second)
+        )
         assert table.attrs["first_difference"] == f"variable '{names[0]}'{where}: {before!r} | {after!r}"
     else:
         assert table.attrs["first_difference"] == ""
@@ -641,7 +779,13 @@ def test_lengths_kinds_units_and_settings_differ_too() -> None:
     """Assert the row behind the shorter, row 0 of another kind, unit or name, and settings in the order of both runs."""
     first = recorded(np.random.default_rng(1))
     shorter = bitwise(first, first.isel(step=slice(4)))
-    assert dict(zip(shorter.name.values.tolist(), shorter.first_row.values.tolist(), strict=True)) == {"time": 4, "x": 4, "both": -1, "m": -1, "word": 4}  # fmt: skip
+    assert dict(zip(shorter.name.values.tolist(), shorter.first_row.values.tolist(), strict=True)) == {
+        "time": 4,
+        "x": 4,
+        "both": -1,
+        "m": -1,
+        "word": 4,
+    }
     assert shorter.attrs["first_difference"] == "variable 'time', row 4: 4.0 | no such row (4 rows)"
     others = [
         first.assign(x=one)
@@ -665,7 +809,9 @@ def test_lengths_kinds_units_and_settings_differ_too() -> None:
 @pytest.mark.parametrize(("row", "size", "relative"), [(2, 5.0, 2.5), (5, 0.5, 0.25)])
 def test_the_largest_difference_is_against_the_largest_value(row: int, size: float, relative: float) -> None:
     """Assert that of an archive that comes out otherwise the worst state is told, its row and its share of the range."""
-    kept = recorded(np.random.default_rng(2)).assign(x=("step", np.array([0.0, 1.0, -2.0, 0.5, 0.0, 1.0]), {"units": "m", "role": "coordinate"}))  # fmt: skip
+    kept = recorded(np.random.default_rng(2)).assign(
+        x=("step", np.array([0.0, 1.0, -2.0, 0.5, 0.0, 1.0]), {"units": "m", "role": "coordinate"})
+    )
     again = kept.copy(deep=True)
     again["x"].values[row] += size
     again["both"].values[0, 1] *= 100.0  # no state
@@ -678,7 +824,10 @@ def test_the_largest_difference_is_against_the_largest_value(row: int, size: flo
     only["both"].values[2, 0] += 1.0
     assert "in 'both', row 2: " in reproduced(kept, only).attrs["arithmetic"]
     other = reproduced(kept.assign_attrs(math_functions="old"), kept.assign_attrs(math_functions="new"))
-    assert other.attrs["arithmetic"] == "the archive was made with the elementary functions 'old', here they are 'new'; every number has the same bits"  # fmt: skip
+    assert (
+        other.attrs["arithmetic"]
+        == "the archive was made with the elementary functions 'old', here they are 'new'; every number has the same bits"
+    )
     assert other.attrs["identical"] == 1
     for key, said in (
         ("xdynamics_version", "version 1 wrote the law in other words than 2"),
@@ -698,9 +847,14 @@ def falling(*events: str, **more: Any) -> xr.Dataset:
     """Euler's fall, too high by g h t/2, past 5 m."""
     known = {"level": {"function": "y + 5*metre"}, "early": {"function": "v_y + 0.5*metre/second"}}
     model = xd.Model(
-        name="fall", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-g*1*kilogram"}},
-        initial={"y": "0 m", "v_y": "0 m s-1"}, events={name: known[name] for name in events},
-    )  # fmt: skip
+        name="fall",
+        coordinates={"y": "m"},
+        parameters={"g": "10 m s-2"},
+        mass={"y": "1*kilogram"},
+        forces={"gravity": {"y": "-g*1*kilogram"}},
+        initial={"y": "0 m", "v_y": "0 m s-1"},
+        events={name: known[name] for name in events},
+    )
     return xd.simulate(model, until=2.0, **({"method": "forward_euler", "step": 0.1} | more))
 
 
@@ -712,7 +866,11 @@ def test_a_tighter_run_tells_the_error_since_the_start() -> None:
         assert found.attrs["companion"] == "half the steps"
         assert len(set(found.attrs["runs"].split())) == 2
     assert "difference from the run with half the steps, times 2" in found.global_error_y.attrs["long_name"]
-    assert list(lines_of(companion(falling()))) == ["beside a run with half the steps", "y = -19 m at t = 2 s, off by 1", "v_y = -20 m s-1 at t = 2 s, off by 0"]  # fmt: skip
+    assert list(lines_of(companion(falling()))) == [
+        "beside a run with half the steps",
+        "y = -19 m at t = 2 s, off by 1",
+        "v_y = -20 m s-1 at t = 2 s, off by 0",
+    ]
 
 
 def test_every_event_has_its_own_error() -> None:
@@ -732,9 +890,14 @@ def test_every_event_has_its_own_error() -> None:
 def test_events_that_only_one_run_has_met_have_no_error() -> None:
     """Assert the difference times the factor of each event that both have, in its own row, and none of one that is missing."""
     model = xd.Model(
-        name="passing", coordinates={"x": "m"}, parameters={"v": "1 m s-1"}, mass={"x": "1*kilogram"}, forces={}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        name="passing",
+        coordinates={"x": "m"},
+        parameters={"v": "1 m s-1"},
+        mass={"x": "1*kilogram"},
+        forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
         events={"late": {"function": "x - 0.8*metre"}, "early": {"function": "x - 0.2*metre"}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     faster = xd.simulate(model.replace(initial={"v_x": "1.25 m s-1"}), method="rk4", step=0.1, until=0.5)
     for one, other, errors in ((run, faster, [3.0 * (0.2 - 0.16), math.nan]), (faster, run, [3.0 * (0.16 - 0.2)])):
@@ -813,9 +976,14 @@ def test_levels_that_end_apart_are_compared_at_the_earliest_end() -> None:
 def bounced(steps: list[float], until: float) -> Study:
     """A ball that a reset turns back at the ground, in levels of velocity Verlet, which is exact between."""
     model = xd.Model(
-        name="bounced", coordinates={"y": "m"}, parameters={"g": "10 m s-2"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-g*1*kilogram"}},
-        initial={"y": "1 m", "v_y": "0 m s-1"}, events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
-    )  # fmt: skip
+        name="bounced",
+        coordinates={"y": "m"},
+        parameters={"g": "10 m s-2"},
+        mass={"y": "1*kilogram"},
+        forces={"gravity": {"y": "-g*1*kilogram"}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+        events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
+    )
     levels = Levels(model, STEPS, np.array(steps), 2.0, {"method": "velocity_verlet", "until": until})
     return Study(levels, [levels.marched(k) for k in range(len(steps))], ("y", "v_y"), None)
 
@@ -850,7 +1018,10 @@ def test_a_level_that_ended_before_the_times_is_named() -> None:
     ended = Study(study.levels, [bad.isel(step=slice(0, 3)), study.runs[1]], ("x",), None)
     ended.check_reached(np.array([0.1, 0.6]))
     study.check_reached(np.array([0.1, 2.0]))
-    with pytest.raises(xd.InputError, match="the level with step_size = 0.3 s ended before t = 0.7 s, as 'step_limit': too many steps; leave"):  # fmt: skip
+    with pytest.raises(
+        xd.InputError,
+        match="the level with step_size = 0.3 s ended before t = 0.7 s, as 'step_limit': too many steps; leave",
+    ):
         ended.check_reached(np.array([0.1, 0.7]))
 
 
@@ -859,11 +1030,17 @@ def test_switches_that_were_stepped_over_are_known_from_their_step_on() -> None:
     study = studied(OSCILLATOR, [0.2, 0.1], 1.0, ("x",))
     assert study.kink_before(1.0) == math.inf
     model = xd.Model(
-        name="drag", coordinates={"y": "m"}, parameters={"c": "1 kg m-1"}, mass={"y": "1*kilogram"},
-        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}}, initial={"y": "0 m", "v_y": "3 m s-1"},
-    )  # fmt: skip
+        name="drag",
+        coordinates={"y": "m"},
+        parameters={"c": "1 kg m-1"},
+        mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}},
+        initial={"y": "0 m", "v_y": "3 m s-1"},
+    )
     past = studied(model, [0.1, 0.05], 1.0, ("y",))
-    first = min(float(run.switch_first_passed.min()) for run in past.runs) if "switch_first_passed" in past.runs[0] else 0.0  # fmt: skip
+    first = (
+        min(float(run.switch_first_passed.min()) for run in past.runs) if "switch_first_passed" in past.runs[0] else 0.0
+    )
     assert past.kink_before(1.0) < math.inf
     assert past.kink_before(0.0) == math.inf
     assert past.kink_before(max(first - 0.2, 0.0)) == math.inf
@@ -889,9 +1066,13 @@ def test_switches_count_from_when_a_number_is_of() -> None:
     assert all(kinks is not None for kinks in found.values())
     times = last.event_time.values.tolist()
     assert {name: kinks.tolist() for name, kinks in found.items() if kinks is not None} == {
-        "y": [0.4, 1.1], "v_y": [0.4, 1.1], "period_y": [float(last.time[-1])],
-        "event_time_back": times, "after_back_y": times, "after_back_v_y": times,
-    }  # fmt: skip
+        "y": [0.4, 1.1],
+        "v_y": [0.4, 1.1],
+        "period_y": [float(last.time[-1])],
+        "event_time_back": times,
+        "after_back_y": times,
+        "after_back_v_y": times,
+    }
     fewer = Timed(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y",), [0.2])
     (missed, _) = [one.kinks for one in fewer.watched() if "back" in one.name]
     assert missed is not None
@@ -901,14 +1082,21 @@ def test_switches_count_from_when_a_number_is_of() -> None:
 def test_what_located_switches_change_is_added_once_and_a_quarter() -> None:
     """Assert 1.25 times the larger change of the two finest levels, not of the coarsest."""
     model = xd.Model(
-        name="drag", coordinates={"y": "m"}, parameters={"c": "1 kg m-1"}, mass={"y": "1*kilogram"},
-        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}}, initial={"y": "0 m", "v_y": "3 m s-1"},
-    )  # fmt: skip
+        name="drag",
+        coordinates={"y": "m"},
+        parameters={"c": "1 kg m-1"},
+        mass={"y": "1*kilogram"},
+        forces={"weight": {"y": "-10*newton"}, "drag": {"y": "-c*v_y*abs(v_y)", "smooth": True}},
+        initial={"y": "0 m", "v_y": "3 m s-1"},
+    )
     study = studied(model, [0.16, 0.08, 0.05], 0.8, ("y",))
     located = study.levels.located()
     assert located is not None
     (plain,), (watched,) = study.numbers(), study.watched()
-    exact = [float(observe(located.marched(k), located.model, ["y"], study.times, located.rule(k))["y"][0][0]) for k in range(3)]  # fmt: skip
+    exact = [
+        float(observe(located.marched(k), located.model, ["y"], study.times, located.rule(k))["y"][0][0])
+        for k in range(3)
+    ]
     off = np.abs(exact - plain.values[0])
     assert off[0] > off[1:].max() > 0.0
     assert watched.moved == pytest.approx(plain.moved + 1.25 * off[1:].max(), rel=1e-12)
@@ -917,10 +1105,13 @@ def test_what_located_switches_change_is_added_once_and_a_quarter() -> None:
 def test_a_smooth_table_leaves_the_second_order() -> None:
     """Assert it from the start on, of a force that reads a table which bends."""
     model = xd.Model(
-        name="bent", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        name="bent",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
         drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n0,0\n1,1\n2,0\n"}},
         forces={"table": {"x": "f", "smooth": True}},
-    )  # fmt: skip
+    )
     assert studied(model, [0.2, 0.1], 0.4, ("x",)).kink_before(0.0) == 2.0
 
 
@@ -948,9 +1139,13 @@ def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> 
 def test_an_event_in_the_first_step_moves_what_follows() -> None:
     """Assert the mean rates of the finest level from the start to the event, times its uncertainty, of a place and a speed."""
     model = xd.Model(
-        name="thrown", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-10*newton"}}, initial={"y": "1 m", "v_y": "1 m s-1"},
+        name="thrown",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        forces={"gravity": {"y": "-10*newton"}},
+        initial={"y": "1 m", "v_y": "1 m s-1"},
         events={"low": {"function": "y - 1.04*metre", "direction": "rising", "time_tolerance": "1e-6 s"}},
-    )  # fmt: skip
+    )
     study = studied(model, [0.1, 0.06], 0.3, ("y", "v_y"), [0.2])
     run = study.runs[-1]
     assert run.event_row_before.values.tolist() == [1]
@@ -970,7 +1165,11 @@ def test_a_run_that_was_just_written_is_not_examined_again(tmp_path: Path, monke
         opened.append(more)
         return archive.open_run(path, **more)
 
-    monkeypatch.setitem(march.__globals__, "archive", SimpleNamespace(open_run=opening, stream=archive.stream, has_segments=archive.has_segments))  # fmt: skip
+    monkeypatch.setitem(
+        march.__globals__,
+        "archive",
+        SimpleNamespace(open_run=opening, stream=archive.stream, has_segments=archive.has_segments),
+    )
     with march(OSCILLATOR, tmp_path / "run.nc", method="rk4", step=0.1, until=1.0) as run:
         assert run.sizes["step"] == 11
     assert opened == [{"check": False}]

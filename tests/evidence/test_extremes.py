@@ -29,10 +29,14 @@ def rule(found: xr.Dataset, name: str) -> str:
 def swinging(k: float, m: float, x: float, v: float) -> xd.Model:
     """A mass on a spring, with its power and a load that is largest where it is fastest."""
     return xd.Model(
-        name="swinging", coordinates={"x": "m"}, parameters={"m": f"{m!r} kg", "k": f"{k!r} N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, observables={"load": "-3*newton*(v_x*second/(1*metre))**2", "power": "k*x*v_x"},
+        name="swinging",
+        coordinates={"x": "m"},
+        parameters={"m": f"{m!r} kg", "k": f"{k!r} N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        observables={"load": "-3*newton*(v_x*second/(1*metre))**2", "power": "k*x*v_x"},
         initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.cases(200)
@@ -45,10 +49,17 @@ def test_extremes_of_a_spring(case: int) -> None:
     found = xd.diagnose(xd.simulate(model, **FINE, until=end, max_step=0.6 / w), companion=False)
     energy = k * size**2 / 2.0
     true = {
-        "maximum_force_spring_x": k * size, "minimum_force_spring_x": -k * size, "minimum_load": -3.0 * (w * size) ** 2,
-        "maximum_load": 0.0, "maximum_power": w * energy, "minimum_power": -w * energy, "maximum_kinetic_energy": energy,
-        "maximum_potential_energy": energy, "maximum_x": size, "minimum_v_x": -w * size,
-    }  # fmt: skip
+        "maximum_force_spring_x": k * size,
+        "minimum_force_spring_x": -k * size,
+        "minimum_load": -3.0 * (w * size) ** 2,
+        "maximum_load": 0.0,
+        "maximum_power": w * energy,
+        "minimum_power": -w * energy,
+        "maximum_kinetic_energy": energy,
+        "maximum_potential_energy": energy,
+        "maximum_x": size,
+        "minimum_v_x": -w * size,
+    }
     for name, value in true.items():
         assert abs(float(found[name]) - value) <= float(found[f"{name}_uncertainty"]) + 1e-9 * max(1.0, abs(value)), (
             name
@@ -75,10 +86,14 @@ def test_rules_of_extremes_are_told() -> None:
 def resting() -> xd.Model:
     """A mass on a floor, pressed by a force that swings."""
     return xd.Model(
-        name="pressed", coordinates={"y": "m"}, parameters={"m": "2 kg", "F": "5 ± 0.1 N"}, mass={"y": "m"},
+        name="pressed",
+        coordinates={"y": "m"},
+        parameters={"m": "2 kg", "F": "5 ± 0.1 N"},
+        mass={"y": "m"},
         forces={"weight": {"y": "-m*9.81*newton/kilogram"}, "press": {"y": "F*sin(3*t/second)"}},
-        contacts={"floor": {"gap": "y", "restitution": 0.0}}, initial={"y": "0 m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+        contacts={"floor": {"gap": "y", "restitution": 0.0}},
+        initial={"y": "0 m", "v_y": "0 m s-1"},
+    )
 
 
 def test_the_largest_contact_force_lies_between_accepted_states() -> None:
@@ -97,9 +112,13 @@ def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
         return math.sin(t)
 
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": push}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s")
     found = xd.diagnose(run, companion=False, functions={"push": push})
     assert rule(found, "maximum_force_push_x") == "sampled"
@@ -116,9 +135,13 @@ def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: fl
         return 2.0 - 3.0 * (t - peak) ** 2
 
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg", "peak": f"{peak} s"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "peak": f"{peak} s"},
+        mass={"x": "m"},
+        forces={"push": {"x": push}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s", nodes=[node])
     found = xd.diagnose(run, companion=False, functions={"push": push})
     above = 2.0 - float(run.force_push_x.max()) if 0.0 < peak < 3.0 else 0.0
@@ -133,10 +156,17 @@ def test_an_event_at_the_top_of_a_force_in_python_is_all_there_is_to_know() -> N
         return 2.0 - 3.0 * (t - 1.3) ** 2
 
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"push": {"x": push}},
-        initial={"x": "0 m", "v_x": "0 m s-1"}, events={"top": {"function": "t - 1.3*second"}},
-    )  # fmt: skip
-    found = xd.diagnose(xd.simulate(model, method="rk4", step="0.35 s", until="3 s"), companion=False, functions={"push": push})  # fmt: skip
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"push": {"x": push}},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+        events={"top": {"function": "t - 1.3*second"}},
+    )
+    found = xd.diagnose(
+        xd.simulate(model, method="rk4", step="0.35 s", until="3 s"), companion=False, functions={"push": push}
+    )
     assert (rule(found, "maximum_force_push_x"), float(found.maximum_force_push_x)) == ("located", pytest.approx(2.0))
     assert float(found.maximum_force_push_x_uncertainty) == 0.0
 
@@ -148,17 +178,39 @@ def test_a_sweep_has_what_a_diagnosis_has(request: pytest.FixtureRequest) -> Non
     """
     each = 1 if request.config.getoption("--whole") else 9
     for model, axis, names, settings in (
-        (BALL, {"vt": ["20 m s-1", "30 m s-1"]}, ("force_drag_y", "kinetic_energy"), {"method": "rk4", "step": "70 ms", "until": "5 s"}),
-        (resting(), {"F": ["3 N", "5 N"]}, ("contact_force_floor", "force_press_y"), {"method": "rk4", "step": "0.37 s", "until": "5 s"}),
-        (swinging(2.0, 1.5, 1.0, 0.7), {"k": [f"{0.5 + 0.02 * i!r} N m-1" for i in range(80)]}, ("x", "power", "load"), {"method": "dop853", "rtol": 1e-5, "until": "9 s"}),
-        (swinging(2.0, 1.5, 1.0, 0.7), {"k": ["1 N m-1", "3 N m-1"]}, ("power", "v_x"), {"method": "radau_iia", "rtol": 1e-5, "until": "9 s"}),
-    ):  # fmt: skip
+        (
+            BALL,
+            {"vt": ["20 m s-1", "30 m s-1"]},
+            ("force_drag_y", "kinetic_energy"),
+            {"method": "rk4", "step": "70 ms", "until": "5 s"},
+        ),
+        (
+            resting(),
+            {"F": ["3 N", "5 N"]},
+            ("contact_force_floor", "force_press_y"),
+            {"method": "rk4", "step": "0.37 s", "until": "5 s"},
+        ),
+        (
+            swinging(2.0, 1.5, 1.0, 0.7),
+            {"k": [f"{0.5 + 0.02 * i!r} N m-1" for i in range(80)]},
+            ("x", "power", "load"),
+            {"method": "dop853", "rtol": 1e-5, "until": "9 s"},
+        ),
+        (
+            swinging(2.0, 1.5, 1.0, 0.7),
+            {"k": ["1 N m-1", "3 N m-1"]},
+            ("power", "v_x"),
+            {"method": "radau_iia", "rtol": 1e-5, "until": "9 s"},
+        ),
+    ):
         words = [f"{word}_{name}" for word in ("maximum", "minimum") for name in names]
         grid = xd.sweep(model, axis, keep=words, **settings).compute()
         values = next(iter(axis.values()))
         for k in range(0, len(values), each if len(values) > each else 1):
             value = values[k]
-            one = xd.diagnose(xd.simulate(model.replace(parameters={next(iter(axis)): value}), **settings), companion=False)  # fmt: skip
+            one = xd.diagnose(
+                xd.simulate(model.replace(parameters={next(iter(axis)): value}), **settings), companion=False
+            )
             for word in words:
                 for end in ("", "_time", "_uncertainty"):
                     assert float(grid[word + end][k]) == float(one[word + end]), word + end
@@ -168,11 +220,21 @@ def test_a_sweep_has_what_a_diagnosis_has(request: pytest.FixtureRequest) -> Non
 
 def test_rules_of_members_differ_and_are_told() -> None:
     """Assert events, starts and states between in one sweep, in its lines too; and that neither slopes nor panels are drawn of them."""
-    grid = xd.sweep(BALL, {"v_y": ["20 m s-1", "0 m s-1", "-1 m s-1"]}, keep=["maximum_y", "maximum_force_drag_y"], until="9 s", **FINE).compute()  # fmt: skip
+    grid = xd.sweep(
+        BALL,
+        {"v_y": ["20 m s-1", "0 m s-1", "-1 m s-1"]},
+        keep=["maximum_y", "maximum_force_drag_y"],
+        until="9 s",
+        **FINE,
+    ).compute()
     assert words_of(grid.maximum_y_rule) == ["located", "sampled", "sampled"]
     assert (grid.maximum_y_uncertainty == 0.0).all()
     assert "maximum_y_rule is sampled in 2, located in 1" in summary(grid)
-    assert {"maximum_y", "maximum_force_drag_y"} <= {*numbers(grid)} <= {name for name in grid if not name.endswith(("_rule", "_uncertainty"))}  # fmt: skip
+    assert (
+        {"maximum_y", "maximum_force_drag_y"}
+        <= {*numbers(grid)}
+        <= {name for name in grid if not name.endswith(("_rule", "_uncertainty"))}
+    )
 
 
 def test_a_force_in_python_is_sampled_in_sweeps_too() -> None:
@@ -182,9 +244,13 @@ def test_a_force_in_python_is_sampled_in_sweeps_too() -> None:
         return math.sin(w * t)
 
     model = xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg", "w": "1 rad s-1"}, mass={"x": "m"}, forces={"push": {"x": push}},
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "w": "1 rad s-1"},
+        mass={"x": "m"},
+        forces={"push": {"x": push}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     asked: dict[str, Any] = {"method": "rk4", "step": "0.35 s", "until": "3 s"}
     grid = xd.sweep(model, {"w": ["0.2 rad s-1", "1 rad s-1"]}, keep=["maximum_force_push_x"], **asked).compute()
     for k, w in enumerate(("0.2 rad s-1", "1 rad s-1")):
@@ -227,7 +293,19 @@ def test_an_extreme_is_budgeted_certified_and_made_again(tmp_path: Path) -> None
     assert "found     located by an event, at t = 3.71" in "\n".join(summary(found))
     xd.save(found, tmp_path / "C.nc")
     assert xd.recheck(tmp_path / "C.nc").attrs["result"] == found.attrs["result"]
-    said = CliRunner().invoke(main, ["budget", str(MODELS / "ball_drag.toml"), "--quantity", "minimum_force_drag_y", "--rtol", "1e-7", "--method", "dormand_prince"])  # fmt: skip
+    said = CliRunner().invoke(
+        main,
+        [
+            "budget",
+            str(MODELS / "ball_drag.toml"),
+            "--quantity",
+            "minimum_force_drag_y",
+            "--rtol",
+            "1e-7",
+            "--method",
+            "dormand_prince",
+        ],
+    )
     assert said.exit_code == 0, said.output
     assert "minimum of force_drag_y = -0.632" in said.output
     assert "found     sampled at an accepted state, at t = 0 s" in said.output
@@ -243,7 +321,9 @@ def test_an_extreme_that_is_none_is_named(quantity: str) -> None:
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e-3), ("km", 1e3)])
 def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) -> None:
     """Assert value, time and what the errors of place and speed there come to, in any unit, of a power and of a place."""
-    model = swinging(2.0, 1.5, 1.0, 0.7).replace(coordinates={"x": unit}, initial={"x": f"{1.0 / factor!r} {unit}", "v_x": f"{0.7 / factor!r} {unit} s-1"})  # fmt: skip
+    model = swinging(2.0, 1.5, 1.0, 0.7).replace(
+        coordinates={"x": unit}, initial={"x": f"{1.0 / factor!r} {unit}", "v_x": f"{0.7 / factor!r} {unit} s-1"}
+    )
     run = xd.simulate(model, method="rk4", step=0.5, until=5.0)
     found, scale = xd.diagnose(run, companion=False), float(run.power.attrs["units"] == "W") or factor**2
     w, size = math.sqrt(2.0 / 1.5), math.hypot(1.0, 0.7 / math.sqrt(2.0 / 1.5))
@@ -267,9 +347,13 @@ def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) 
 def test_extremes_at_events_are_located() -> None:
     """Assert the speed before a reset as the largest, the one behind it as the least, without uncertainty, and when."""
     model = xd.Model(
-        name="back", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, forces={"gravity": {"y": "-10*newton"}}, initial={"y": "1 m", "v_y": "0 m s-1"},
+        name="back",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        forces={"gravity": {"y": "-10*newton"}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
         events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
-    )  # fmt: skip
+    )
     found = xd.diagnose(xd.simulate(model, method="rk4", step=0.1, until=0.8), companion=False)
     for name, sign in (("maximum_v_y", 1.0), ("minimum_v_y", -1.0)):
         assert (rule(found, name), float(found[f"{name}_uncertainty"])) == ("located", 0.0)

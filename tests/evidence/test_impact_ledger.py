@@ -28,20 +28,35 @@ def test_rods_of_every_law_pass(case: int) -> None:
     rod, law = random_rod(case), IMPACT_LAWS[case % len(IMPACT_LAWS)]
     found = list(checks_of(rod.struck(law), rod.model(law)))
     assert [one.name for one in found] == [
-        "impulse_x", "impulse_y", "impulse_theta", "kinetic_energy", "floor.direction", "floor.restitution", "floor.friction", "floor.energy_lost",
-    ]  # fmt: skip
+        "impulse_x",
+        "impulse_y",
+        "impulse_theta",
+        "kinetic_energy",
+        "floor.direction",
+        "floor.restitution",
+        "floor.friction",
+        "floor.energy_lost",
+    ]
     assert all(bool(one.note) == (law in ("poisson", "energetic") and one.name == "floor.restitution") for one in found)
     assert not {one.name for one in found if not one.note and not one.residual <= one.bound}
 
 
 WRONG = {
-    "an impulse along x that is too large": ("event_impulse_x", 1.0 + 1e-6, {"impulse_x", "kinetic_energy", "floor.direction", "floor.energy_lost"}),
-    "one of the other sign": ("event_impulse_y", -1.0, {"impulse_y", "kinetic_energy", "floor.direction", "floor.energy_lost"}),
+    "an impulse along x that is too large": (
+        "event_impulse_x",
+        1.0 + 1e-6,
+        {"impulse_x", "kinetic_energy", "floor.direction", "floor.energy_lost"},
+    ),
+    "one of the other sign": (
+        "event_impulse_y",
+        -1.0,
+        {"impulse_y", "kinetic_energy", "floor.direction", "floor.energy_lost"},
+    ),
     "an energy of the other sign": ("event_energy_lost", -1.0, {"floor.energy_lost"}),
     "an energy without its half": ("event_energy_lost", 2.0, {"floor.energy_lost"}),
     "no energy": ("event_energy_lost", 0.0, {"floor.energy_lost"}),
     "a kinetic energy without its half": ("kinetic_energy", 2.0, {"kinetic_energy"}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("wrong", WRONG)
@@ -55,7 +70,10 @@ def test_a_wrong_number_is_found(wrong: str) -> None:
     assert not failed(run, rod.model("newton"))
 
 
-@pytest.mark.parametrize(("changed", "broken"), [({"restitution": "e/2 + 0.1"}, {"floor.restitution"}), ({"friction": "mu/3"}, {"floor.friction"})])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "broken"),
+    [({"restitution": "e/2 + 0.1"}, {"floor.restitution"}), ({"friction": "mu/3"}, {"floor.friction"})],
+)
 def test_another_law_than_the_models_is_found(changed: dict[str, str], broken: set[str]) -> None:
     """Assert that a run is not that of another coefficient."""
     rod = random_rod(0)
@@ -81,8 +99,9 @@ def test_a_model_with_contacts_is_validated_by_its_own_run() -> None:
     table = tomllib.loads(ball(0.5).to_toml()) | {"run": {"method": "dop853", "rtol": 1e-9, "until": "2 s"}}
     found = xd.validate(model=xd.Model(**table))
     assert found.case_name.values.tolist() == [
-        f"impacts.{one}" for one in ("impulse_y", "kinetic_energy", "floor.direction", "floor.restitution", "floor.energy_lost")
-    ]  # fmt: skip
+        f"impacts.{one}"
+        for one in ("impulse_y", "kinetic_energy", "floor.direction", "floor.restitution", "floor.energy_lost")
+    ]
     assert set(words_of(found.verdict)) == {"passed"}
     assert found.case_units.values.tolist() == ["kg m s-1", "J", "1", "m s-1", "J"]
     assert all("impacts, worst at event" in str(one) for one in found.case_where.values)
@@ -118,7 +137,13 @@ def test_bounds_are_rounding_and_what_is_located(tolerance: str | None) -> None:
     bound = share * (m * speeds + impulse) + time * m * pulls
     found = {one.name: one for one in checks_of(run, model)}
     rate = 2.0 * share * speeds + time * pulls
-    wanted = {"impulse_y": bound, "kinetic_energy": bound * speeds, "floor.direction": share, "floor.restitution": rate, "floor.energy_lost": impulse * rate}  # fmt: skip
+    wanted = {
+        "impulse_y": bound,
+        "kinetic_energy": bound * speeds,
+        "floor.direction": share,
+        "floor.restitution": rate,
+        "floor.energy_lost": impulse * rate,
+    }
     assert {name: one.bound for name, one in found.items()} == pytest.approx(wanted, rel=1e-6, abs=0.0)
 
 

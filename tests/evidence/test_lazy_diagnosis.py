@@ -16,12 +16,16 @@ from xdynamics.documenting.summary import summary
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any], int]] = {
-    "harmonic_oscillator": ({"method": "rk4", "step": 0.05, "until": 8.0}, {"exact": {"x": "cos(2*t/second)*metre"}}, 3),
+    "harmonic_oscillator": (
+        {"method": "rk4", "step": 0.05, "until": 8.0},
+        {"exact": {"x": "cos(2*t/second)*metre"}},
+        3,
+    ),
     "ball_drag": ({"step": 0.05}, {}, 3),
     "coupled_masses": ({"step": 0.01, "until": 5.0}, {"level": "1 mm", "reference": "2 s"}, 2),
     "bouncing_ball": ({"until": 2.0}, {"companion": False}, 1),
     "double_pendulum": ({"method": "dop853", "rtol": 1e-6, "until": 2.0}, {"lyapunov": 2, "companion": False}, 1),
-}  # fmt: skip
+}
 SAID_LATER = ("drift_", "energy_drift", "cycle_time", "lyapunov_exponents")  # whose words depend on cycles and pieces
 
 
@@ -37,7 +41,14 @@ def test_a_lazy_diagnosis_is_described_and_has_the_bits_of_the_eager_one(name: s
     apart = [name for name in eager.variables if str(name).startswith(SAID_LATER)]
     later = {*found.variables} - {*eager.variables}
     assert later == {"level", "level_rule", "maxima", "reference", "cycle_doubt"}
-    assert_described(*(item.drop_vars(apart).drop_attrs(deep=False).assign_attrs({k: v for k, v in item.attrs.items() if k not in later}) for item in (found.drop_vars(later), eager)))  # fmt: skip
+    assert_described(
+        *(
+            item.drop_vars(apart)
+            .drop_attrs(deep=False)
+            .assign_attrs({k: v for k, v in item.attrs.items() if k not in later})
+            for item in (found.drop_vars(later), eager)
+        )
+    )
     with marches() as begun:
         assert_same_bits(found, eager)
     assert len(begun) == count
@@ -90,8 +101,12 @@ def test_diagnoses_of_several_methods_share_their_reference() -> None:
     with marches() as begun:
         dask.compute(*stages, study, *(run.x for run in runs))
     assert sorted(line.partition("oscillator ")[2] for line in begun) == [
-        "dop853 None", "heun 0.01", "heun 0.02", "rk4 0.01", "rk4 0.02",
-    ]  # fmt: skip
+        "dop853 None",
+        "heun 0.01",
+        "heun 0.02",
+        "rk4 0.01",
+        "rk4 0.02",
+    ]
 
 
 def test_exponents_of_a_run_in_chunks() -> None:

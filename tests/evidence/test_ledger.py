@@ -49,9 +49,21 @@ def test_stages_are_those_of_the_text(ledger: Any) -> None:
     """Assert the order in which cases stand, and that each says relation, place, norm, unit and bound."""
     names = list(dict.fromkeys(str(one).partition(".")[0] for one in ledger.case_name.values))
     assert names == [
-        "zero_force", "constant_acceleration", "linear_drag", "linear_oscillator", "long_oscillation", "zero_coupling",
-        "slow_mode", "fast_mode", "both_modes", "drive", "impact", "resting_contact", "dry_friction", "unit_scaling",
-    ]  # fmt: skip
+        "zero_force",
+        "constant_acceleration",
+        "linear_drag",
+        "linear_oscillator",
+        "long_oscillation",
+        "zero_coupling",
+        "slow_mode",
+        "fast_mode",
+        "both_modes",
+        "drive",
+        "impact",
+        "resting_contact",
+        "dry_friction",
+        "unit_scaling",
+    ]
     assert (np.diff(ledger.case_stage) >= 0).all()
     for name in ("case_relation", "case_observable", "case_where", "case_norm", "case_bound_rule", "case_units"):
         assert all(str(one) for one in ledger[name].values), name
@@ -75,12 +87,32 @@ def test_exact_limits_are_exact(ledger: Any) -> None:
 
 
 DEFECTS = {
-    "wrong update order": ("euler_cromer", "broken('euler_cromer', xd.METHODS['forward_euler'].update)", "long_oscillation.energy"),
-    "stale force": ("velocity_verlet", "broken('velocity_verlet', xd.METHODS['velocity_verlet'].update.replace('h/2*(a + a1)', 'h*a'))", "linear_oscillator.position"),
-    "midpoint drive at the wrong time": ("midpoint", "broken('midpoint', xd.METHODS['midpoint'].update.replace('t + h/2', 't'))", "drive.position"),
-    "restitution of the wrong velocity": ("rk4", "Model.rate_of = lambda self, node: derivative(self.expanded(node), {k: v for k, v in self.rates.items() if k != 't'})", "impact.velocity"),
-    "energy with half a mass": ("rk4", "whole = Layout._energies; Layout._energies = lambda self: {k: multiply(Number(0.5), v) if k == 'kinetic_energy' else v for k, v in whole(self).items()}", "linear_oscillator.kinetic_energy_at_the_start"),
-}  # fmt: skip
+    "wrong update order": (
+        "euler_cromer",
+        "broken('euler_cromer', xd.METHODS['forward_euler'].update)",
+        "long_oscillation.energy",
+    ),
+    "stale force": (
+        "velocity_verlet",
+        "broken('velocity_verlet', xd.METHODS['velocity_verlet'].update.replace('h/2*(a + a1)', 'h*a'))",
+        "linear_oscillator.position",
+    ),
+    "midpoint drive at the wrong time": (
+        "midpoint",
+        "broken('midpoint', xd.METHODS['midpoint'].update.replace('t + h/2', 't'))",
+        "drive.position",
+    ),
+    "restitution of the wrong velocity": (
+        "rk4",
+        "Model.rate_of = lambda self, node: derivative(self.expanded(node), {k: v for k, v in self.rates.items() if k != 't'})",
+        "impact.velocity",
+    ),
+    "energy with half a mass": (
+        "rk4",
+        "whole = Layout._energies; Layout._energies = lambda self: {k: multiply(Number(0.5), v) if k == 'kinetic_energy' else v for k, v in whole(self).items()}",
+        "linear_oscillator.kinetic_energy_at_the_start",
+    ),
+}
 
 
 PLANTING = """
@@ -178,11 +210,20 @@ EPS = float(np.finfo(float).eps)
 
 def falling_from(second: float) -> CaseRuns:
     """A fall of 1 m that begins at some time, by Verlet's method, which is exact: y = h - g (t - t0)**2/2, in mm."""
-    text = OWN.replace("[events.ground]", f't = "{second!r} s"\n[events.ground]').replace('until = "1 s"', f'until = "{second + 1!r} s"')  # fmt: skip
+    text = OWN.replace("[events.ground]", f't = "{second!r} s"\n[events.ground]').replace(
+        'until = "1 s"', f'until = "{second + 1!r} s"'
+    )
     return CaseRuns(xd.Model.from_text(text), "velocity_verlet", own=False)
 
 
-def closed(expression: str, quantity: str = "y", times: tuple[float, ...] = (), bound: Any = "rounding", event: str = "", occurrence: int = 1) -> Validation:  # fmt: skip
+def closed(
+    expression: str,
+    quantity: str = "y",
+    times: tuple[float, ...] = (),
+    bound: Any = "rounding",
+    event: str = "",
+    occurrence: int = 1,
+) -> Validation:
     """A closed form of a fall."""
     return Validation(parse(expression), quantity, times, bound, event, occurrence)
 
@@ -200,7 +241,9 @@ def test_rounding_is_of_the_steps_and_at_an_event_of_its_location() -> None:
     assert doubt > 0.0
     assert abs(float(run.v_y[row])) > 4000.0
     for name in size:
-        assert fall.rounding(closed("h", name, event="ground")) == pytest.approx(once * size[name] + doubt * rates[name], rel=1e-9)  # fmt: skip
+        assert fall.rounding(closed("h", name, event="ground")) == pytest.approx(
+            once * size[name] + doubt * rates[name], rel=1e-9
+        )
         if name != "t":
             assert fall.rounding(closed("h", name)) == pytest.approx(once * size[name], rel=1e-12)
 
@@ -216,7 +259,11 @@ def test_residuals_are_taken_where_they_are_asked_for() -> None:
     every = closed("0*metre")
     assert fall.residual(run, every) == pytest.approx(np.abs(run.y.values), abs=1e-12)
     assert fall.true(run, every).shape == fall.expected(run, every).shape == run.y.shape
-    for name, wrong, residual, expected in (("y", "2*metre", 2000.0, 2000.0), ("v_y", "1*metre/second", 1000.0 + 9810.0 * (landed - 2.0), 1000.0), ("t", "5*second", 5.0 - landed, 3.0)):  # fmt: skip
+    for name, wrong, residual, expected in (
+        ("y", "2*metre", 2000.0, 2000.0),
+        ("v_y", "1*metre/second", 1000.0 + 9810.0 * (landed - 2.0), 1000.0),
+        ("t", "5*second", 5.0 - landed, 3.0),
+    ):
         one = closed(wrong, name, event="ground")
         assert fall.residual(run, one) == pytest.approx([residual], rel=1e-7)
         assert fall.expected(run, one) == pytest.approx([expected], rel=1e-12)
@@ -255,8 +302,16 @@ def test_bounds_are_given_derived_or_of_two_runs() -> None:
 
 @pytest.mark.parametrize(
     ("more", "verdict"),
-    [({"residual": 1.0, "bound": 1.0}, PASSED), ({"residual": 1.1, "bound": 1.0}, FAILED), ({"residual": np.nan, "bound": 1.0}, FAILED), ({}, FAILED), ({"note": "no"}, REFUSED), ({"note": "no", "residual": np.inf, "bound": 0.0}, FAILED), ({"note": "no", "residual": 0.0, "bound": 0.0}, PASSED)],
-)  # fmt: skip
+    [
+        ({"residual": 1.0, "bound": 1.0}, PASSED),
+        ({"residual": 1.1, "bound": 1.0}, FAILED),
+        ({"residual": np.nan, "bound": 1.0}, FAILED),
+        ({}, FAILED),
+        ({"note": "no"}, REFUSED),
+        ({"note": "no", "residual": np.inf, "bound": 0.0}, FAILED),
+        ({"note": "no", "residual": 0.0, "bound": 0.0}, PASSED),
+    ],
+)
 def test_a_row_has_passed_at_its_bound(more: dict[str, Any], verdict: int) -> None:
     """Assert the verdict of a row: what has no bound and a note is refused, what is no number has failed."""
     assert Row("a", "rk4", 0, "", "", "", "", **more).verdict == verdict
@@ -266,10 +321,13 @@ def test_methods_refuse_what_they_do_not_claim() -> None:
     """Assert who refuses bands, events and models, and with which steps the ledger's own cases are marched."""
     model = xd.Model.from_text(OWN)
     for name, case, said in (
-        ("velocity_verlet", closed("h", bound="band"), ""), ("rk4", closed("h", bound="band"), "it claims no band"),
-        ("rk4", closed("h"), ""), ("rk4", closed("h", event="ground"), ""), ("moreau_jean", closed("h", event="ground"), "the method locates no events"),
+        ("velocity_verlet", closed("h", bound="band"), ""),
+        ("rk4", closed("h", bound="band"), "it claims no band"),
+        ("rk4", closed("h"), ""),
+        ("rk4", closed("h", event="ground"), ""),
+        ("moreau_jean", closed("h", event="ground"), "the method locates no events"),
         ("moreau_jean", closed("h"), ""),
-    ):  # fmt: skip
+    ):
         refusal = CaseRuns(model, name, own=False).refusal(case)
         assert refusal.endswith(said)
         assert bool(refusal) is bool(said)
@@ -283,29 +341,54 @@ def test_methods_refuse_what_they_do_not_claim() -> None:
 
 def test_a_ledger_in_words() -> None:
     """Assert what failed with figures and scale, refusals of a model's own closed forms alone, and counts."""
-    texts = {"name": ["a", "b", "c", "d"], "method": ["rk4"] * 3 + ["heun"], "observable": ["y"] * 4, "where": ["t = 1 s"] * 4, "units": ["mm"] * 4, "note": ["", "late", "never", "own"]}  # fmt: skip
+    texts = {
+        "name": ["a", "b", "c", "d"],
+        "method": ["rk4"] * 3 + ["heun"],
+        "observable": ["y"] * 4,
+        "where": ["t = 1 s"] * 4,
+        "units": ["mm"] * 4,
+        "note": ["", "late", "never", "own"],
+    }
     found = xr.Dataset({f"case_{name}": ("case", np.array(one)) for name, one in texts.items()})
-    numbers = {"residual": [2.0, np.inf, np.nan, np.nan], "bound": [1.0, 0.0, np.nan, np.nan], "residual_scale": [4.0, np.nan, np.nan, np.nan], "scaled_residual": [0.5, np.nan, np.nan, np.nan]}  # fmt: skip
+    numbers = {
+        "residual": [2.0, np.inf, np.nan, np.nan],
+        "bound": [1.0, 0.0, np.nan, np.nan],
+        "residual_scale": [4.0, np.nan, np.nan, np.nan],
+        "scaled_residual": [0.5, np.nan, np.nan, np.nan],
+    }
     found = found.assign({name: ("case", np.array(one)) for name, one in numbers.items()})
     found["case_stage"] = ("case", np.array([0, 0, 0, 3]))
-    found["verdict"] = ("case", np.array([1, 1, 2, 2]), {"flag_values": np.arange(3), "flag_meanings": "passed failed refused"})  # fmt: skip
+    found["verdict"] = (
+        "case",
+        np.array([1, 1, 2, 2]),
+        {"flag_values": np.arange(3), "flag_meanings": "passed failed refused"},
+    )
     assert list(lines_of(found)) == [
         "failed    a by rk4: y, t = 1 s: residual 2 mm, bound 1 mm, scaled 0.5 by 4 mm",
         "failed    b by rk4: y, t = 1 s: residual inf mm, bound 0 mm; late",
-        "refused   c by rk4: never", "ledger    4 cases of 2 methods: 0 passed, 2 failed, 2 refused",
-    ]  # fmt: skip
+        "refused   c by rk4: never",
+        "ledger    4 cases of 2 methods: 0 passed, 2 failed, 2 refused",
+    ]
 
 
 def test_scaled_residuals_are_over_the_largest_expected_size() -> None:
     """Assert scale and scaled residual of a model's own closed forms, and of a landing from the start of its time."""
     text = OWN.replace("[events.ground]", 't = "2 s"\n[events.ground]').replace('until = "1 s"', 'until = "3 s"')
-    text = text.replace('"h - g*t**2/2"', '"4*metre"').replace('"0.1 s", "0.25 s"', '"2.1 s", "2.25 s"').replace('"sqrt(2*h/g)"', '"6*second"')  # fmt: skip
+    text = (
+        text.replace('"h - g*t**2/2"', '"4*metre"')
+        .replace('"0.1 s", "0.25 s"', '"2.1 s", "2.25 s"')
+        .replace('"sqrt(2*h/g)"', '"6*second"')
+    )
     found = validate(xd.Model.from_text(text))
     landed = float(np.sqrt(2 / 9.81))
     assert found.residual.values[:2] == pytest.approx([3000 + 4905 * 0.0625, 4.0 - landed], rel=1e-9)
     assert found.residual_scale.values[:2] == pytest.approx([4000.0, 4.0])
     assert found.scaled_residual.values[:2] == pytest.approx(found.residual.values[:2] / [4000.0, 4.0])
-    assert found.case_where.values.tolist() == ["t = 2.1, 2.25 s", "at ground 1", f"accepted states up to {2 + landed:.9g} s"]  # fmt: skip
+    assert found.case_where.values.tolist() == [
+        "t = 2.1, 2.25 s",
+        "at ground 1",
+        f"accepted states up to {2 + landed:.9g} s",
+    ]
     assert found.case_bound_rule.values.tolist() == ["given"] * 3
 
 
@@ -549,8 +632,14 @@ def test_other_units_are_refused() -> None:
 @pytest.mark.filterwarnings("ignore:no step of")
 @pytest.mark.parametrize(
     ("bound", "method", "step"),
-    [("band", "velocity_verlet", "0.1 s"), ("band", "velocity_verlet", "0.6 s"), ("order", "rk4", "0.2 s"), ("order", "forward_euler", "0.3 s"), ("rounding", "heun", "0.1 s")],
-)  # fmt: skip
+    [
+        ("band", "velocity_verlet", "0.1 s"),
+        ("band", "velocity_verlet", "0.6 s"),
+        ("order", "rk4", "0.2 s"),
+        ("order", "forward_euler", "0.3 s"),
+        ("rounding", "heun", "0.1 s"),
+    ],
+)
 def test_bounds_are_what_the_notes_say(bound: str, method: str, step: str) -> None:
     """Assert residual and bound of the closed form of a swing from the run's own rows, by each rule, its caps among them."""
     model = swing("metre*cos(t/second)", bound, method, step)
@@ -561,9 +650,10 @@ def test_bounds_are_what_the_notes_say(bound: str, method: str, step: str) -> No
     rounding = (xd.METHODS[method].evaluations + 2) * run.sizes["step"] * float(np.finfo(float).eps) * size
     part, order = off.size // 10, xd.METHODS[method].order
     wanted = {
-        "band": min(1.5 * off[:part].max(), 0.2 * float(np.abs(run.x).max())), "rounding": 0.0,
+        "band": min(1.5 * off[:part].max(), 0.2 * float(np.abs(run.x).max())),
+        "rounding": 0.0,
         "order": min(off_coarse.max() / 2 ** (order - 0.5), 0.5),
-    }[bound] + rounding  # fmt: skip
+    }[bound] + rounding
     assert found.bound.values == pytest.approx([wanted], rel=1e-9)
     assert found.residual.values == pytest.approx([off[-part:].max() if bound == "band" else off.max()], rel=1e-9)
     assert found.residual_scale.values == pytest.approx([1.0], rel=0.2)

@@ -124,16 +124,26 @@ def test_what_falls_over_has_no_frequency() -> None:
 
 def test_states_alone_have_eigenvalues_and_no_modes() -> None:
     """Assert that a model without coordinates is linearised too."""
-    model = xd.Model(name="decay", parameters={"k": "5 s-1"}, states={"n": {"unit": "mol", "rate": "-k*n"}}, initial={"n": "1 mol"})  # fmt: skip
+    model = xd.Model(
+        name="decay", parameters={"k": "5 s-1"}, states={"n": {"unit": "mol", "rate": "-k*n"}}, initial={"n": "1 mol"}
+    )
     found = modes(model)
     assert found.sizes["mode"] == 0
     assert found.eigenvalue_real.values.tolist() == [-5.0]
     assert of(found, "forward_euler", "largest_stable_step") == pytest.approx(0.4, rel=1e-9)
     assert np.isnan(of(found, "euler_cromer", "largest_stable_step"))
     rates = {"slow": "1", "fast": "1.5"}
-    both = xd.Model(name="decays", states={n: {"unit": "mol", "rate": f"-{k}*{n}/(1*second)"} for n, k in rates.items()}, initial=dict.fromkeys(rates, "1 mol"))  # fmt: skip
+    both = xd.Model(
+        name="decays",
+        states={n: {"unit": "mol", "rate": f"-{k}*{n}/(1*second)"} for n, k in rates.items()},
+        initial=dict.fromkeys(rates, "1 mol"),
+    )
     assert of(modes(both), "rk4", "suggested_step") == pytest.approx(2 * math.pi / 20, rel=1e-12)  # of the slowest
-    growing = xd.Model(name="grows", states={"up": {"unit": "mol", "rate": "2*up/second"}, "down": {"unit": "mol", "rate": "-0.1*down/second"}}, initial={"up": "1 mol", "down": "1 mol"})  # fmt: skip
+    growing = xd.Model(
+        name="grows",
+        states={"up": {"unit": "mol", "rate": "2*up/second"}, "down": {"unit": "mol", "rate": "-0.1*down/second"}},
+        initial={"up": "1 mol", "down": "1 mol"},
+    )
     assert of(modes(growing), "rk4", "suggested_step") == pytest.approx(
         2 * math.pi / 2 / 20, rel=1e-12
     )  # of what grows
@@ -216,9 +226,13 @@ def test_forces_in_python_have_no_derivative() -> None:
 def test_no_modes_beyond_a_table(x: float, fits: bool) -> None:
     """Assert stiffness from a table's slope wherever it reaches, its ends among them, and that it is named beyond."""
     model = xd.Model(
-        name="bent", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": f"{x!r} m", "v_x": "0 m s-1"},
-        drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n-1,4\n2,-8\n"}}, forces={"table": {"x": "f"}},
-    )  # fmt: skip
+        name="bent",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": f"{x!r} m", "v_x": "0 m s-1"},
+        drives={"f": {"table": "f.csv", "argument": "x", "csv": "x [m],f [N]\n-1,4\n2,-8\n"}},
+        forces={"table": {"x": "f"}},
+    )
     if fits:
         assert xd.modes(model).frequency.values == pytest.approx([2.0])
         return

@@ -20,10 +20,15 @@ from xdynamics.evidence.observables import (
 from xdynamics.schema import BACKWARD, FORWARD, STICKING
 
 SPRING: dict[str, Any] = {
-    "name": "spring", "coordinates": {"x": "m"}, "parameters": {"k": "2 N m-1"}, "mass": {"x": "1*kilogram"}, "forces": {"spring": {"x": "-k*x"}},
-    "observables": {"power": "k*x*v_x", "pull": "a_x*second"}, "states": {"q": {"unit": "m", "rate": "v_x - q/(4*second)"}},
+    "name": "spring",
+    "coordinates": {"x": "m"},
+    "parameters": {"k": "2 N m-1"},
+    "mass": {"x": "1*kilogram"},
+    "forces": {"spring": {"x": "-k*x"}},
+    "observables": {"power": "k*x*v_x", "pull": "a_x*second"},
+    "states": {"q": {"unit": "m", "rate": "v_x - q/(4*second)"}},
     "initial": {"x": "1 m", "v_x": "0 m s-1", "q": "0.5 m"},
-}  # fmt: skip
+}
 FLOOR = SPRING | {"contacts": {"floor": {"gap": "x + 3*metre", "restitution": "0.5"}}}
 RUBBED = SPRING | {
     "frictions": {"belt": {"slip": "v_x - 0.1*metre/second", "kinetic": "1*newton", "static": "2*newton"}}
@@ -42,8 +47,13 @@ def test_rates_are_those_along_the_motion() -> None:
     x, v, q = (run[name].values for name in ("x", "v_x", "q"))
     states, rows = {"x": x, "v_x": v, "q": q}, np.arange(5)
     wanted = {
-        "x": v, "v_x": -2.0 * x, "q": v - q / 4.0, "force_spring_x": -2.0 * v, "kinetic_energy": -2.0 * x * v, "power": 2.0 * v**2 - 4.0 * x**2,
-    }  # fmt: skip
+        "x": v,
+        "v_x": -2.0 * x,
+        "q": v - q / 4.0,
+        "force_spring_x": -2.0 * v,
+        "kinetic_energy": -2.0 * x * v,
+        "power": 2.0 * v**2 - 4.0 * x**2,
+    }
     for name, values in wanted.items():
         tree = rate_tree(model, name)
         assert tree is not None, name
@@ -73,7 +83,10 @@ def test_what_contacts_change_is_not_compared() -> None:
 def test_friction_holds_or_has_a_way() -> None:
     """Assert 1 and 0 where it sticks, else 0 and the sign of the slip, by the rows from which steps go."""
     model = xd.Model(**RUBBED)
-    columns = {"friction_state_belt": np.array([STICKING, FORWARD, BACKWARD]), "friction_force_belt": np.array([1.0, 1.0, 1.0])}  # fmt: skip
+    columns = {
+        "friction_state_belt": np.array([STICKING, FORWARD, BACKWARD]),
+        "friction_force_belt": np.array([1.0, 1.0, 1.0]),
+    }
     rows = np.array([0, 2, 1, 0])
     holds, way = modes_behind(model, columns, rows, np.minimum(rows + 1, 2)).values()
     assert (holds.tolist(), way.tolist()) == ([1.0, 0.0, 0.0, 1.0], [0.0, -1.0, 1.0, 0.0])
@@ -85,9 +98,10 @@ def test_friction_holds_or_has_a_way() -> None:
 def test_forces_between_rows_are_those_behind_their_row() -> None:
     """Assert the push of the regime, and the friction of the side, that hold behind each row, and what is needed for that."""
     model = xd.Model(
-        **SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": "3*newton"}}}, regimes={"pushed": {"forces": ["spring", "push"]}, "free": {"forces": ["spring"]}},
+        **SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": "3*newton"}}},
+        regimes={"pushed": {"forces": ["spring", "push"]}, "free": {"forces": ["spring"]}},
         events={"off": {"function": "t - 0.25*second", "action": "switch", "to": "free"}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=0.5)
     rows = np.arange(run.sizes["step"] - 1)
     states = {name: run[name].values[rows] for name in ("x", "v_x", "q")}
@@ -104,4 +118,11 @@ def test_forces_between_rows_are_those_behind_their_row() -> None:
     assert found == pytest.approx(slid.friction_force_belt.values[1:5])
     assert found == pytest.approx(1.0)
     with pytest.raises(xd.InputError, match="needs friction_state_belt; take the whole record"):
-        evaluated_on(slid.drop_vars("friction_state_belt"), rubbed, [tree_of(rubbed, "a_x")], states, slid.time.values[1:5], np.arange(1, 5))  # fmt: skip
+        evaluated_on(
+            slid.drop_vars("friction_state_belt"),
+            rubbed,
+            [tree_of(rubbed, "a_x")],
+            states,
+            slid.time.values[1:5],
+            np.arange(1, 5),
+        )

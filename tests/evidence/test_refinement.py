@@ -138,7 +138,9 @@ H = 0.1 / 2.0 ** np.arange(5)
         (np.array([1.0, 1.0, 1.0, 1.0, np.nan]), 1e-16, 0.0, 0.0, "not_converging"),
     ],
 )
-def test_verdicts_on_planted_cases(values: np.ndarray, rounding: float, interpolation: float, events: float, said: str) -> None:  # fmt: skip
+def test_verdicts_on_planted_cases(
+    values: np.ndarray, rounding: float, interpolation: float, events: float, said: str
+) -> None:
     """Assert the verdict of each, and that what converges has its limit within the uncertainty."""
     found = judge(values, H, 4.0, rounding, interpolation, events)
     assert VERDICTS[found.verdict] == said
@@ -191,9 +193,14 @@ def test_wrong_studies(asked: dict[str, Any], said: str) -> None:
 def test_the_period_is_the_numeric_one() -> None:
     """Assert the located period against Verlet's own, 2 pi h/arccos(1 - (wh)**2/2), and the phase against turns."""
     study = xd.refine(
-        OSCILLATOR, method="velocity_verlet", steps=[0.2, 0.1, 0.05], until=40, at=[20.0],
-        observables=["period_x", "phase_x", "energy_range"], defects=True,
-    )  # fmt: skip
+        OSCILLATOR,
+        method="velocity_verlet",
+        steps=[0.2, 0.1, 0.05],
+        until=40,
+        at=[20.0],
+        observables=["period_x", "phase_x", "energy_range"],
+        defects=True,
+    )
     h = study.step_size.values
     own = 2 * np.pi * h / np.arccos(1 - (2 * h) ** 2 / 2)
     # a crossing inside a step is off by what a shortened step is: some h**3 w**2/12 over all of the cycles
@@ -324,9 +331,13 @@ def test_an_interrupt_ends_the_study(tmp_path: Path) -> None:
 def test_absolute_tolerances_go_with_the_relative_one() -> None:
     """Assert that a given atol is that of the first level, and the errors of a nanometre go on to shrink."""
     model = xd.Model(
-        name="spring", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "1 nm", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="spring",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "1 nm", "v_x": "0 m s-1"},
+    )
     atol = {"x": "1e-4 nm", "v_x": "1e-4 nm s-1"}
     study = xd.refine(model, method="dop853", rtols=[1e-4, 1e-6, 1e-8], atol=atol, at=["3 s"], until="3 s")
     off = np.abs(study["x"].values[:, 0] - 1e-9 * np.cos(6.0))

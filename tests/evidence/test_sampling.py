@@ -57,8 +57,12 @@ def test_result_carries_rule_order_units_and_route() -> None:
 
 @pytest.mark.parametrize(
     ("estimator", "orders", "words"),
-    [("embedded", (5, 4), "Shampine"), ("step_doubling", (5, 3), "Hermite"), ("step_doubling_extrapolated", (6, 3), "Hermite")],
-)  # fmt: skip
+    [
+        ("embedded", (5, 4), "Shampine"),
+        ("step_doubling", (5, 3), "Hermite"),
+        ("step_doubling_extrapolated", (6, 3), "Hermite"),
+    ],
+)
 def test_rules_have_their_orders(estimator: str, orders: tuple[int, int], words: str) -> None:
     """Assert that a shorter step has the order of what goes on, and the interpolant that of its polynomial."""
     run = run_of(estimator=estimator)
@@ -101,11 +105,19 @@ def solution_through(name: str, starts: Any, states: Any, times: Any) -> Any:
 @pytest.mark.parametrize(
     ("problem", "method", "step"),
     [
-        ("kepler", "velocity_verlet", 0.02), ("kepler", "dormand_prince", 0.1), ("kepler", "kahan_li8", 0.2), ("kepler", "dop853", 0.25),
-        ("pendulum", "averaged_velocity", 0.01), ("pendulum", "kahan_li8", 0.15), ("pendulum", "dop853", 0.2), ("pendulum", "dprkn6", 0.1),
-        ("predators", "dormand_prince", 0.15), ("predators", "dop853", 0.4), ("predators", "radau_iia", 0.1),
+        ("kepler", "velocity_verlet", 0.02),
+        ("kepler", "dormand_prince", 0.1),
+        ("kepler", "kahan_li8", 0.2),
+        ("kepler", "dop853", 0.25),
+        ("pendulum", "averaged_velocity", 0.01),
+        ("pendulum", "kahan_li8", 0.15),
+        ("pendulum", "dop853", 0.2),
+        ("pendulum", "dprkn6", 0.1),
+        ("predators", "dormand_prince", 0.15),
+        ("predators", "dop853", 0.4),
+        ("predators", "radau_iia", 0.1),
     ],
-)  # fmt: skip
+)
 def test_error_is_that_of_the_solution_through_the_row(problem: str, method: str, step: float, rule: str) -> None:
     """Assert that of 600 random instants, and of those near the ends, few are told less than half of their error."""
     run = xd.simulate(model_of(problem), method=method, step=step, until=6.0, force_samples="none")
@@ -190,10 +202,14 @@ def test_a_step_never_reaches_over_an_event() -> None:
 def test_behind_a_jump_the_drive_s_new_piece_counts() -> None:
     """Assert that the step behind a node starts from the force on its far side."""
     model = xd.Model(
-        name="pulled", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"pull": {"x": "pull"}},
+        name="pulled",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"pull": {"x": "pull"}},
         drives={"pull": {"table": "p.csv", "csv": "time [s],pull [N]\n0,0\n1,2\n2,0\n", "interpolation": "previous"}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="velocity_verlet", step=0.5, until=2.0)
     found = xd.sample(run, [0.75, 1.25, 1.9])
     assert found.x.values == pytest.approx([0.0, 0.0625, 0.81], abs=4 * EPS)
@@ -288,7 +304,7 @@ def test_a_thinned_or_converted_record_is_refused() -> None:
         (["x" * 70], "times: quantity 'x{40}…' does not start"),
         ("1 m", "times"),
     ],
-)  # fmt: skip
+)
 def test_wrong_times_are_named(times: object, message: str) -> None:
     """Assert that what cannot be sampled is refused by its place and value; nothing is extrapolated."""
     with pytest.raises(xd.InputError, match=message):

@@ -18,13 +18,19 @@ from xdynamics.evidence.scaling import over, scale_of, scaled
 from xdynamics.evidence.validating.ledger_rows import lines_of as lines_of_ledger
 
 
-def swing(amplitude: float = 1.0, middle: float = 0.0, unit: str = "m", step: float = 0.05, until: float = 3.0, k: float = 4.0) -> xr.Dataset:  # fmt: skip
+def swing(
+    amplitude: float = 1.0, middle: float = 0.0, unit: str = "m", step: float = 0.05, until: float = 3.0, k: float = 4.0
+) -> xr.Dataset:
     """An oscillation about a point, in a unit, from its turn at the start."""
     model = xd.Model(
-        name="swing", coordinates={"x": unit}, parameters={"m": "1 kg", "k": f"{k!r} N m-1", "c": f"{middle!r} m", "A": f"{amplitude!r} m"},
-        mass={"x": "m"}, forces={"spring": {"potential": "k/2*(x - c)**2"}}, initial={"x": f"{middle + amplitude!r} m", "v_x": "0 m s-1"},
+        name="swing",
+        coordinates={"x": unit},
+        parameters={"m": "1 kg", "k": f"{k!r} N m-1", "c": f"{middle!r} m", "A": f"{amplitude!r} m"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k/2*(x - c)**2"}},
+        initial={"x": f"{middle + amplitude!r} m", "v_x": "0 m s-1"},
         events={"through": {"function": "x - c"}},
-    )  # fmt: skip
+    )
     return xd.simulate(model, method="rk4", step=step, until=until)
 
 
@@ -43,7 +49,9 @@ def test_scales_of_random_oscillations(case: int) -> None:
     off = run.x.values - expected
     assert found.scaled_residual_x.values == pytest.approx(off / np.abs(expected).max(), rel=1e-6, abs=1e-14)
     assert float(found.scaled_largest_residual_x) == np.abs(found.scaled_residual_x.values).max()
-    assert float(found.scaled_rms_residual_x) == pytest.approx(np.sqrt(np.mean(off**2)) / np.abs(expected).max(), rel=1e-6, abs=1e-14)  # fmt: skip
+    assert float(found.scaled_rms_residual_x) == pytest.approx(
+        np.sqrt(np.mean(off**2)) / np.abs(expected).max(), rel=1e-6, abs=1e-14
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,7 +104,9 @@ def test_times_of_events_are_scaled_by_the_time_since_the_start() -> None:
     found = xd.compare(first, second)
     last = float(first.event_time[min(first.sizes["event"], second.sizes["event"]) - 1])
     assert float(found.difference_scale_event_time_through) == last
-    assert found.scaled_difference_event_time_through.values == pytest.approx(found.difference_event_time_through.values / last)  # fmt: skip
+    assert found.scaled_difference_event_time_through.values == pytest.approx(
+        found.difference_event_time_through.values / last
+    )
 
 
 def test_what_was_measured_is_the_scale_of_data() -> None:
@@ -194,8 +204,14 @@ def test_the_ledgers_own_cases_are_scaled() -> None:
 def test_lines_say_the_scale(tmp_path: Path) -> None:
     """Assert that tables of the command line have scaled residuals and their scale beside the absolute ones."""
     run, other = swing(), swing(k=4.1)
-    assert any(" m, scaled " in line and " by 1 m" in line for line in lines_of_diagnosis(xd.diagnose(run, companion=False, exact={"x": "A*cos(sqrt(k/m)*t)"})))  # fmt: skip
-    assert any(line.startswith("largest   difference_x") and line.endswith("by 1 m") for line in lines_of(xd.compare(run, other)))  # fmt: skip
+    assert any(
+        " m, scaled " in line and " by 1 m" in line
+        for line in lines_of_diagnosis(xd.diagnose(run, companion=False, exact={"x": "A*cos(sqrt(k/m)*t)"}))
+    )
+    assert any(
+        line.startswith("largest   difference_x") and line.endswith("by 1 m")
+        for line in lines_of(xd.compare(run, other))
+    )
     paths = [str(xd.save(one, tmp_path / f"{k}.nc")) for k, one in enumerate((run, other))]
     said = CliRunner().invoke(main, ["compare", *paths]).output
     assert ", scaled " in said

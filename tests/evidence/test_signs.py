@@ -37,18 +37,26 @@ def passing(step: float = 0.1, height: float = 0.0, method: str = "velocity_verl
 def falling() -> xd.Model:
     """A body of 2 kg under gravity, downward negative."""
     return xd.Model(
-        name="fall", coordinates={"y": "m"}, parameters={"m": "2 kg", "g": f"{G!r} m s-2"}, mass={"y": "m"},
-        forces={"gravity": {"potential": "m*g*y"}}, initial={"y": "0 m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+        name="fall",
+        coordinates={"y": "m"},
+        parameters={"m": "2 kg", "g": f"{G!r} m s-2"},
+        mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={"y": "0 m", "v_y": "0 m s-1"},
+    )
 
 
 @cache
 def slide() -> xr.Dataset:
     """A body of 2 kg that drag slows down: v = 3 exp(-t/5) m s-1; its only energy is kinetic."""
     model = xd.Model(
-        name="slide", coordinates={"x": "m"}, parameters={"m": "2 kg", "c": f"{2 * LOSS!r} N s m-1"}, mass={"x": "m"},
-        forces={"drag": {"x": "-c*v_x"}, "none": {"potential": "0*joule + 0*c*x*metre/second"}}, initial={"x": "0 m", "v_x": "3 m s-1"},
-    )  # fmt: skip
+        name="slide",
+        coordinates={"x": "m"},
+        parameters={"m": "2 kg", "c": f"{2 * LOSS!r} N s m-1"},
+        mass={"x": "m"},
+        forces={"drag": {"x": "-c*v_x"}, "none": {"potential": "0*joule + 0*c*x*metre/second"}},
+        initial={"x": "0 m", "v_x": "3 m s-1"},
+    )
     return xd.simulate(model, method="dop853", rtol=1e-12, until=T)
 
 
@@ -56,9 +64,13 @@ def slide() -> xr.Dataset:
 def swing(stiffness: float = 4.0, loss: float = 0.0, method: str = "dop853", **asked: Any) -> xr.Dataset:
     """An oscillator of 1 kg that starts at rest, 1 m from its middle; with a loss it is damped by exp(-loss t)."""
     model = xd.Model(
-        name="swing", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": f"{stiffness!r} N m-1", "c": f"{2 * loss!r} N s m-1"},
-        mass={"x": "m"}, forces={"spring": {"potential": "k*x**2/2"}} | ({"drag": {"x": "-c*v_x"}} if loss else {}), initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="swing",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": f"{stiffness!r} N m-1", "c": f"{2 * loss!r} N s m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}} | ({"drag": {"x": "-c*v_x"}} if loss else {}),
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
     return xd.simulate(model, method=method, until=20.0, **(asked or {"rtol": 1e-11}))
 
 
@@ -117,7 +129,9 @@ def test_periods_are_those_of_the_damped_oscillator() -> None:
     found, period = diagnosed("damped"), 2.0 * np.pi / np.sqrt(4.0 - 0.05**2)
     assert found.period.values == pytest.approx(period, rel=1e-9)
     assert np.diff(found.cycle_time.values) == pytest.approx(period, rel=1e-9)
-    assert found.cycle_time.values - found.period.values == pytest.approx(cycles(swing(loss=0.05), "x").times[:-1], rel=1e-12)  # fmt: skip
+    assert found.cycle_time.values - found.period.values == pytest.approx(
+        cycles(swing(loss=0.05), "x").times[:-1], rel=1e-12
+    )
 
 
 def test_the_uncertainty_of_a_period_is_that_of_both_crossings() -> None:
@@ -158,9 +172,13 @@ def test_a_crossing_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
 def about(middle: float, speed: float = 0.0, start: float = 1.0) -> xr.Dataset:
     """An oscillator of the frequency 2 rad s-1 about a point."""
     model = xd.Model(
-        name="about", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "c": f"{middle!r} m"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*(x - c)**2/2"}}, initial={"x": f"{middle + start!r} m", "v_x": f"{speed!r} m s-1"},
-    )  # fmt: skip
+        name="about",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1", "c": f"{middle!r} m"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*(x - c)**2/2"}},
+        initial={"x": f"{middle + start!r} m", "v_x": f"{speed!r} m s-1"},
+    )
     return xd.simulate(model, method="dop853", rtol=1e-11, until=7.0)
 
 
@@ -304,7 +322,9 @@ def test_what_was_measured_less_what_was_computed() -> None:
     """Assert sign and size of residuals of data, their root mean square, and chi-square over the square of u."""
     run = fall()
     off = np.where(np.arange(run.sizes["step"]) % 2, 0.02, 0.04)
-    data = pd.DataFrame({"time [s]": run.time.values, "y [mm]": 1000 * (run.y.values + off), "u(y) [mm]": np.full(off.size, 10.0)})  # fmt: skip
+    data = pd.DataFrame(
+        {"time [s]": run.time.values, "y [mm]": 1000 * (run.y.values + off), "u(y) [mm]": np.full(off.size, 10.0)}
+    )
     found = xd.compare(run, data)
     assert found.difference_y.values == pytest.approx(off, abs=1e-12)
     assert float(found.rms_difference_y) == pytest.approx(np.sqrt(np.mean(off**2)))
@@ -324,7 +344,9 @@ def test_bits_are_those_of_the_first_and_of_the_second() -> None:
 @cache
 def study() -> xr.Dataset:
     """Euler's fall with steps of 0.2, 0.1, 0.05 and 0.025 s."""
-    return xd.refine(falling(), method="forward_euler", steps=[0.2, 0.1, 0.05, 0.025], until=T, at=[T], observables=["y"])  # fmt: skip
+    return xd.refine(
+        falling(), method="forward_euler", steps=[0.2, 0.1, 0.05, 0.025], until=T, at=[T], observables=["y"]
+    )
 
 
 def test_differences_are_the_finer_level_less_the_coarser() -> None:
@@ -372,7 +394,9 @@ def test_an_event_that_comes_late_is_off_by_more_than_0() -> None:
 def test_decay_is_below_0_and_growth_above() -> None:
     """Assert that eigenvalues of a damped oscillator are -loss and +-w, of one that is driven by its speed +loss."""
     for loss in (0.05, -0.05):
-        model = xd.Model.from_text(str(swing(loss=abs(loss)).model_toml.values)).replace(parameters={"c": f"{2 * loss!r} N s m-1"})  # fmt: skip
+        model = xd.Model.from_text(str(swing(loss=abs(loss)).model_toml.values)).replace(
+            parameters={"c": f"{2 * loss!r} N s m-1"}
+        )
         found = xd.modes(model)
         assert found.eigenvalue_real.values == pytest.approx([-loss, -loss], rel=1e-9)
         assert np.sort(found.eigenvalue_imag.values) == pytest.approx(
@@ -410,7 +434,12 @@ def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:
     asked: dict[str, Any] = {"at": [1.0], "method": "velocity_verlet", "step": 0.5, "until": 1.0}
     near = xd.limiting(falling(), "g", [11.0, 10.0 + np.exp(-0.015), 10.0 + np.exp(-0.02)], 10.0, **asked)
     assert near.order_y.values[1:, 0] == pytest.approx([1.0, np.nan], nan_ok=True, abs=1e-6)
-    for values, order_in in (([0.0, 10.0, 20.0], "g"), ([5.0, 10.0, 20.0], "1/g"), ([5.0, 10.0, 9.9e5], "1/g"), ([1e5, 8e5, 9.9e5], "g")):  # fmt: skip
+    for values, order_in in (
+        ([0.0, 10.0, 20.0], "g"),
+        ([5.0, 10.0, 20.0], "1/g"),
+        ([5.0, 10.0, 9.9e5], "1/g"),
+        ([1e5, 8e5, 9.9e5], "g"),
+    ):
         far = xd.limiting(falling(), "g", values, 1e6, **asked)
         assert far.attrs["order_in"] == order_in
         size = np.abs(
@@ -441,7 +470,10 @@ def test_the_manufactured_force_is_what_is_missing() -> None:
 
 def test_a_ledger_has_the_largest_size_of_a_residual() -> None:
     """Assert that of a run that is too low everywhere the residual is above 0: g h t/2 of Euler at its end."""
-    text = falling().to_toml() + '\n[run]\nmethod = "forward_euler"\nstep = "0.1 s"\nuntil = "2 s"\n[validation.y]\nexpression = "-g*t**2/2 + 4*metre"\nbound = "10 m"\n'  # fmt: skip
+    text = (
+        falling().to_toml()
+        + '\n[run]\nmethod = "forward_euler"\nstep = "0.1 s"\nuntil = "2 s"\n[validation.y]\nexpression = "-g*t**2/2 + 4*metre"\nbound = "10 m"\n'
+    )
     found = xd.validate(xd.Model.from_text(text))
     assert float(found.residual[0]) == pytest.approx(4.0, rel=1e-12)
     assert float(found.bound[0]) == 10.0

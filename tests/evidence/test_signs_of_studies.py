@@ -54,9 +54,22 @@ def test_orders_have_their_sign() -> None:
 def test_states_behind_events_and_their_doubt() -> None:
     """Assert that what is behind a reset is, with the location's uncertainty times the rate, and counts of each level."""
     model = xd.Model(
-        name="reset", coordinates={"y": "m"}, parameters={"m": "1 kg", "g": "9.81 m s-2"}, mass={"y": "m"}, forces={"gravity": {"potential": "m*g*y"}},
-        initial={"y": "1 m", "v_y": "0 m s-1"}, events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.5*v_y"}, "time_tolerance": "1e-6 s"}},
-    )  # fmt: skip
+        name="reset",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+        events={
+            "back": {
+                "function": "y",
+                "direction": "falling",
+                "action": "reset",
+                "set": {"v_y": "-0.5*v_y"},
+                "time_tolerance": "1e-6 s",
+            }
+        },
+    )
     study = xd.refine(model, method="rk4", steps=[0.04, 0.02], until=0.9)
     speed = np.sqrt(2 * 9.81)
     assert study.after_back_v_y.values[:, 0] == pytest.approx(0.5 * speed, rel=1e-5)
@@ -101,7 +114,9 @@ def test_comparisons_of_events_know_both_runs() -> None:
 @pytest.mark.parametrize(("limit", "said"), [("1e9 m s-1", "1/vt"), ("1e7 m s-1", "1/vt")])
 def test_a_limit_that_stands_for_infinity_has_an_order(limit: str, said: str) -> None:
     """Assert order two of drag in 1/vt, and that distances have the sign of y less that of the limit."""
-    found = xd.limiting(DRAG, "vt", ["100 m s-1", "1000 m s-1", "10000 m s-1"], limit, at=["1 s"], method="dop853", rtol=1e-12)  # fmt: skip
+    found = xd.limiting(
+        DRAG, "vt", ["100 m s-1", "1000 m s-1", "10000 m s-1"], limit, at=["1 s"], method="dop853", rtol=1e-12
+    )
     assert found.attrs["order_in"] == said
     assert found.order_y.values[1:, 0] == pytest.approx(2.0, abs=0.01)
     assert np.isnan(found.order_y.values[0, 0])
@@ -156,7 +171,11 @@ def test_levels_are_not_added_beyond_bounds() -> None:
 
 def test_a_level_that_ended_badly_is_named() -> None:
     """Assert that of levels whose steps are used up before the times of comparison the first is named, with its outcome."""
-    with pytest.raises(xd.InputError, match="the level with rtol = 1e-07 ended before t = 2 s, as 'step_limit': .* raise max_steps"):  # fmt: skip
+    with pytest.raises(
+        xd.InputError, match="the level with rtol = 1e-07 ended before t = 2 s, as 'step_limit': .* raise max_steps"
+    ):
         xd.refine(OSCILLATOR, method="forward_euler", rtols=[1e-3, 1e-4, 1e-7], until=3.0, at=[2.0], max_steps=20_000)
-    study = xd.refine(OSCILLATOR, method="forward_euler", rtols=[1e-2], until=3.0, max_steps=20_000, until_change={"x": 1e-5})  # fmt: skip
+    study = xd.refine(
+        OSCILLATOR, method="forward_euler", rtols=[1e-2], until=3.0, max_steps=20_000, until_change={"x": 1e-5}
+    )
     assert "as 'step_limit'" in study.attrs["stopped"] or "more than" in study.attrs["stopped"]

@@ -42,20 +42,32 @@ def oscillator(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[flo
     w, z = 10 ** float(rng.uniform(-0.5, 1.0)), float(rng.uniform(0.0, 0.3))
     x, v = rng.normal(size=2).tolist()
     model = xd.Model(
-        name="oscillator", coordinates={"x": "m"}, parameters={"k": f"{w * w!r} N m-1", "c": f"{2 * z * w!r} kg s-1", "m": "1 kg"}, mass={"x": "m"},
-        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}}, initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
-    )  # fmt: skip
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"k": f"{w * w!r} N m-1", "c": f"{2 * z * w!r} kg s-1", "m": "1 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
+        initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
+    )
     turn = w * math.sqrt(1 - z * z)
-    return model, rng.uniform(1, 30) / w, lambda t: math.exp(-z * w * t) * (x * math.cos(turn * t) + (v + z * w * x) / turn * math.sin(turn * t))  # fmt: skip
+    return (
+        model,
+        rng.uniform(1, 30) / w,
+        lambda t: math.exp(-z * w * t) * (x * math.cos(turn * t) + (v + z * w * x) / turn * math.sin(turn * t)),
+    )
 
 
 def thrown(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], float]]:
     """A ball with linear drag."""
     c, v, g = float(rng.uniform(0.1, 3.0)), float(rng.uniform(5, 30)), 9.81
     model = xd.Model(
-        name="ball", coordinates={"x": "m"}, parameters={"c": f"{c!r} kg s-1", "m": "1 kg", "g": "9.81 m s-2"}, mass={"x": "m"},
-        forces={"gravity": {"x": "-m*g"}, "drag": {"x": "-c*v_x"}}, initial={"x": "0 m", "v_x": f"{v!r} m s-1"},
-    )  # fmt: skip
+        name="ball",
+        coordinates={"x": "m"},
+        parameters={"c": f"{c!r} kg s-1", "m": "1 kg", "g": "9.81 m s-2"},
+        mass={"x": "m"},
+        forces={"gravity": {"x": "-m*g"}, "drag": {"x": "-c*v_x"}},
+        initial={"x": "0 m", "v_x": f"{v!r} m s-1"},
+    )
     return model, rng.uniform(0.5, 5.0), lambda t: -g / c * t + (v + g / c) / c * -math.expm1(-c * t)
 
 
@@ -63,10 +75,13 @@ def orbit(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], 
     """A planet, from its perihelion."""
     e = float(rng.uniform(0.0, 0.8))
     model = xd.Model(
-        name="orbit", coordinates={"x": "m", "y": "m"}, parameters={"mu": "1 m3 s-2", "m": "1 kg"}, mass={"x": "m", "y": "m"},
+        name="orbit",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"mu": "1 m3 s-2", "m": "1 kg"},
+        mass={"x": "m", "y": "m"},
         forces={"gravity": {q: f"-m*mu*{q}/(x**2 + y**2)**1.5" for q in "xy"}},
         initial={"x": f"{1 - e!r} m", "y": "0 m", "v_x": "0 m s-1", "v_y": f"{math.sqrt((1 + e) / (1 - e))!r} m s-1"},
-    )  # fmt: skip
+    )
 
     def x(t: float) -> float:
         anomaly = t

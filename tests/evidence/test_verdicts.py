@@ -154,9 +154,13 @@ def test_no_lucky_cancellation_passes(method: str, levels: int, request: pytest.
 def test_names_that_take_each_others_place() -> None:
     """Assert that a state named like the tolerances is refused where tolerances are varied."""
     model = xd.Model(
-        name="clash", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"s": {"x": "-x*newton/metre"}},
-        states={"rtol": {"unit": "1", "rate": "-rtol/second"}}, initial={"x": "1 m", "v_x": "0 m s-1", "rtol": "1"},
-    )  # fmt: skip
+        name="clash",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"s": {"x": "-x*newton/metre"}},
+        states={"rtol": {"unit": "1", "rate": "-rtol/second"}},
+        initial={"x": "1 m", "v_x": "0 m s-1", "rtol": "1"},
+    )
     with pytest.raises(xd.InputError, match="'rtol' is a name of the model, and of what is said of its numbers"):
         xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0)
     assert "x" in xd.refine(model, method="rk4", rtols=[1e-3, 1e-4], until=1.0, observables=["x"])

@@ -119,7 +119,7 @@ STEADY: dict[str, Make] = {
     "an error with numbers": lambda _: of(lambda t, y: 0.1 + 0 / (not isinstance(t, float))),
     "sums of many": lambda draw: of(lambda t, y, a=draw.normal(size=(400, 2)): (a @ np.array([y[0], y[1]])).sum()),
     "branches": lambda draw: of(lambda t, y, c=float(draw.normal()): np.where(y[1] > c, 1.0, np.abs(y[0] - c))),
-}  # fmt: skip
+}
 
 
 @pytest.mark.cases(400)
@@ -159,7 +159,9 @@ def test_numbers_apart_are_shown() -> None:
     def other(t: Any, y: Any) -> Any:
         return [-y[0] * (2.0 if isinstance(t, float) else 1.0)]
 
-    with pytest.raises(xd.InputError, match=r"gives -2\.0 for the rate of 'y0' at t = 0 s, and the expression .* gives -1\.0 there"):  # fmt: skip
+    with pytest.raises(
+        xd.InputError, match=r"gives -2\.0 for the rate of 'y0' at t = 0 s, and the expression .* gives -1\.0 there"
+    ):
         xd.solve(other, (0, 1), [1.0])
 
 

@@ -181,10 +181,18 @@ def test_precedence_is_that_of_python(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("x y", r"at column 3: 'y' has no operator before it"), ("x + ", r"at column 4: the expression ends too early"), ("(x", r"at column 3: '\)' is missing"),
-     ("x + * y", r"at column 5: '\*' is out of place"), ("2x", "at column 1: no word, number or sign"), ("1 < x < 2", "a comparison has two sides"),
-     ("sin(x > 1)", "no part of the language"), ("x if y", "'if' has no operator before it"), ("max(1, x", r"'\)' is missing")],
-)  # fmt: skip
+    [
+        ("x y", r"at column 3: 'y' has no operator before it"),
+        ("x + ", r"at column 4: the expression ends too early"),
+        ("(x", r"at column 3: '\)' is missing"),
+        ("x + * y", r"at column 5: '\*' is out of place"),
+        ("2x", "at column 1: no word, number or sign"),
+        ("1 < x < 2", "a comparison has two sides"),
+        ("sin(x > 1)", "no part of the language"),
+        ("x if y", "'if' has no operator before it"),
+        ("max(1, x", r"'\)' is missing"),
+    ],
+)
 def test_what_cannot_be_read_says_where(text: str, said: str) -> None:
     """Assert the column and the word that stands there."""
     with pytest.raises(InputError, match=said):

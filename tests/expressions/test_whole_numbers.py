@@ -55,16 +55,22 @@ def test_intervals_hold_the_values_inside(text: str) -> None:
 def stairs(rate: str, start: str = "0 1") -> xd.Model:
     """A state whose rate jumps."""
     return xd.Model(
-        name="stairs", states={"w": {"unit": "1", "rate": rate}}, initial={"t": "0 s", "w": start},
+        name="stairs",
+        states={"w": {"unit": "1", "rate": rate}},
+        initial={"t": "0 s", "w": start},
         parameters={"floor": "1 1", "mod": "0 1"},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
     ("rate", "first", "end"),
-    [("floor(t/second)/second", 1.0, 21 + 2.1), ("ceil(t/second)/second", 1.0, 28 + 2.4),
-     ("round(t/second)/second", 0.5, 21 + 5.6), ("mod(t, 1.5*second)/second**2", 1.5, 4.5 + 1.3**2 / 2)],
-)  # fmt: skip
+    [
+        ("floor(t/second)/second", 1.0, 21 + 2.1),
+        ("ceil(t/second)/second", 1.0, 28 + 2.4),
+        ("round(t/second)/second", 0.5, 21 + 5.6),
+        ("mod(t, 1.5*second)/second**2", 1.5, 4.5 + 1.3**2 / 2),
+    ],
+)
 def test_jumps_are_located(rate: str, first: float, end: float) -> None:
     """Assert the times of jumps, the area below stairs, and the bits of a run among others side by side."""
     model = stairs(rate)

@@ -22,10 +22,14 @@ def spring(x: float, v: float, k: float, damping: float = 0.0) -> xd.Model:
     if damping:
         forces["drag"] = {"x": "-c*v_x"}
     return xd.Model(
-        name="spring", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces=forces,
+        name="spring",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces=forces,
         parameters={"k": f"{k!r} N m-1"} | ({"c": f"{damping!r} kg s-1"} if damping else {}),
-        initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"}, observables={"power": "-k*x*v_x"},
-    )  # fmt: skip
+        initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
+        observables={"power": "-k*x*v_x"},
+    )
 
 
 def uneven(random: np.random.Generator, span: float) -> list[float]:
@@ -63,11 +67,15 @@ def test_parts_polynomials_have_values_and_slopes_of_both_ends() -> None:
     w, u = np.array([0.5, 2.0]), np.array([0.3, 0.8])
     for degree in (5, 3):
         one = np.polynomial.Polynomial(np.arange(1.0, degree + 2.0) * (-1.0) ** np.arange(degree + 1))
-        ends = [[part(x) for part in (one, one.deriv(1), one.deriv(2))[: (degree + 1) // 2]] for x in (1.0 + 0 * w, 1.0 + w)]  # fmt: skip
+        ends = [
+            [part(x) for part in (one, one.deriv(1), one.deriv(2))[: (degree + 1) // 2]] for x in (1.0 + 0 * w, 1.0 + w)
+        ]
         assert _hermite(ends[0], ends[1], w, u) == pytest.approx(one(1.0 + w * u), rel=1e-12)
     time = np.array([0.0, 0.5, 2.5])
     flight = np.polynomial.Polynomial([1.0, -2.0, 3.0, 0.5, -0.25, 0.125])
-    run = xr.Dataset({name: ("step", flight.deriv(k)(time)) for k, name in enumerate(("x", "v_x", "a_x"))} | {"time": ("step", time)})  # fmt: skip
+    run = xr.Dataset(
+        {name: ("step", flight.deriv(k)(time)) for k, name in enumerate(("x", "v_x", "a_x"))} | {"time": ("step", time)}
+    )
     run["s"], run["rate_s"] = ("step", time**3), ("step", 3.0 * time**2)
     times, rows = np.array([0.2, 1.0, 2.4]), np.array([0, 1, 1])
     assert _bent(run, "x", times, rows) == pytest.approx(flight(times), rel=1e-12)
@@ -111,9 +119,13 @@ def test_parts_what_is_thinned_keeps_both_ends_and_every_peak() -> None:
 def test_parts_lines_are_in_the_records_unit() -> None:
     """Assert places in mm and accelerations in mm s-2 between long steps, of a spring."""
     model = xd.Model(
-        name="spring", coordinates={"x": "mm"}, mass={"x": "1*kilogram"}, forces={"spring": {"x": "-k*x"}}, parameters={"k": "4 N m-1"},
+        name="spring",
+        coordinates={"x": "mm"},
+        mass={"x": "1*kilogram"},
+        forces={"spring": {"x": "-k*x"}},
+        parameters={"k": "4 N m-1"},
         initial={"x": "5 mm", "v_x": "0 mm s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="dop853", step=0.5, until=2.0)
     times, (line, places) = drawn(run, "a_x", "x")
     assert times.size > 100
@@ -134,9 +146,14 @@ def test_parts_energy_is_changed_by_forces_events_and_the_method() -> None:
     assert swing["the method's error"] == pytest.approx(float(run.total_energy[-1] - run.total_energy[0]), rel=1e-9)
     assert max(swing["forces"], swing["events"]) < 1e-9
     ball = xd.Model(
-        name="ball", coordinates={"y": "m"}, mass={"y": "2*kilogram"}, parameters={"g": "10 m s-2"}, forces={"gravity": {"potential": "2*kilogram*g*y"}},
-        initial={"y": "1 m"}, contacts={"floor": {"gap": "y", "restitution": 0.5}},
-    )  # fmt: skip
+        name="ball",
+        coordinates={"y": "m"},
+        mass={"y": "2*kilogram"},
+        parameters={"g": "10 m s-2"},
+        forces={"gravity": {"potential": "2*kilogram*g*y"}},
+        initial={"y": "1 m"},
+        contacts={"floor": {"gap": "y", "restitution": 0.5}},
+    )
     bounced = energy_changes(xd.simulate(ball, method="dop853", rtol=1e-9, until=1.0))
     assert bounced is not None
     assert bounced["events"] == pytest.approx(20.0 * (1.0 - 1.0 / 16.0), rel=1e-6)  # of two bounces
@@ -173,9 +190,13 @@ def test_energies_of_long_steps_are_those_of_the_closed_form(case: int) -> None:
     methods = [name for name, one in xd.METHODS.items() if one.order > 1 and name != "moreau_jean"]
     speed, g = random.uniform(1, 30), random.uniform(1, 20)
     flight = xd.Model(
-        name="flight", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": f"{g!r} m s-2"},
-        forces={"gravity": {"potential": "1*kilogram*g*y"}}, initial={"y": "0 m", "v_y": f"{speed!r} m s-1"},
-    )  # fmt: skip
+        name="flight",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        parameters={"g": f"{g!r} m s-2"},
+        forces={"gravity": {"potential": "1*kilogram*g*y"}},
+        initial={"y": "0 m", "v_y": f"{speed!r} m s-1"},
+    )
     end, count = 2 * speed / g, int(random.integers(1, 4))
     run = xd.simulate(flight, method=str(random.choice(methods)), step=end / count, until=end)
     times, (potential, kinetic) = drawn(run, "potential_energy", "kinetic_energy")
@@ -191,12 +212,14 @@ def test_contact_forces_are_evaluated_between_rows(case: int) -> None:
     random = np.random.default_rng(case)
     load, pull, w = random.uniform(0.1, 5), random.uniform(0.1, 1.0), random.uniform(1, 10)
     block = xd.Model(
-        name="block", coordinates={"x": "m", "y": "m"}, mass={"x": "1*kilogram", "y": "1*kilogram"},
+        name="block",
+        coordinates={"x": "m", "y": "m"},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
         parameters={"g": "9.81 m s-2", "load": f"{load!r} N", "pull": f"{pull!r} N", "w": f"{w!r} s-1"},
         forces={"weight": {"potential": "1*kilogram*g*y"}, "push": {"x": "pull*sin(w*t)", "y": "load*cos(w*t)"}},
         contacts={"floor": {"gap": "y", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.9}},
         initial={"x": "0 m", "y": "0 m"},
-    )  # fmt: skip
+    )
     run = xd.simulate(
         block, method=("dop853", "rk4", "bogacki_shampine")[case % 3], step=random.uniform(0.2, 1.0), until=2.0
     )
@@ -213,10 +236,14 @@ def test_what_changes_the_energy_is_named(case: int) -> None:
     x, k, kind = random.uniform(0.5, 2), random.uniform(1, 9), case % 3
     if kind == 2:
         ball = xd.Model(
-            name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, parameters={"g": f"{k!r} m s-2"},
-            forces={"gravity": {"potential": "1*kilogram*g*y"}}, initial={"y": f"{x!r} m"},
+            name="ball",
+            coordinates={"y": "m"},
+            mass={"y": "1*kilogram"},
+            parameters={"g": f"{k!r} m s-2"},
+            forces={"gravity": {"potential": "1*kilogram*g*y"}},
+            initial={"y": f"{x!r} m"},
             contacts={"floor": {"gap": "y", "restitution": random.uniform(0.3, 0.8)}},
-        )  # fmt: skip
+        )
         run = xd.simulate(ball, method="dop853", rtol=1e-8, until=1.5 * np.sqrt(2 * x / k))
     else:
         model = spring(x, 0.0, k, random.uniform(0.2, 0.5) if kind else 0.0)
@@ -228,9 +255,13 @@ def test_what_changes_the_energy_is_named(case: int) -> None:
 def test_steps_of_impulses_are_joined_and_it_is_said() -> None:
     """Assert that forces of `moreau_jean`, means over its steps, are joined by straight lines, and that the panel says so."""
     ball = xd.Model(
-        name="ball", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, initial={"y": "0 m"},
-        forces={"load": {"y": "-newton*(5 + sin(t/second))"}}, contacts={"floor": {"gap": "y", "restitution": 0.0}},
-    )  # fmt: skip
+        name="ball",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        initial={"y": "0 m"},
+        forces={"load": {"y": "-newton*(5 + sin(t/second))"}},
+        contacts={"floor": {"gap": "y", "restitution": 0.0}},
+    )
     figure = xd.plot(xd.simulate(ball, method="moreau_jean", step=0.1, until=3.0), only="contact")
     assert figure.axes[0].get_title(loc="left") == "contact and friction; straight between rows"
 
@@ -239,11 +270,15 @@ def bodies(count: int) -> xr.Dataset:
     """A run of so many bodies on springs in the plane."""
     names = [f"{axis}{k}" for k in range(count) for axis in "xy"]
     model = xd.Model(
-        name="bodies", coordinates=dict.fromkeys(names, "m"), mass=dict.fromkeys(names, "1*kilogram"),
+        name="bodies",
+        coordinates=dict.fromkeys(names, "m"),
+        mass=dict.fromkeys(names, "1*kilogram"),
         forces={"springs": {"potential": " + ".join(f"{one}**2*newton/metre" for one in names)}},
         figure={"plane": [[f"x{k}", f"y{k}"] for k in range(count)]},
-        initial=dict.fromkeys(names, "0 m") | {f"x{k}": f"{k + 1} m" for k in range(count)} | {f"v_y{k}": "1 m s-1" for k in range(count)},
-    )  # fmt: skip
+        initial=dict.fromkeys(names, "0 m")
+        | {f"x{k}": f"{k + 1} m" for k in range(count)}
+        | {f"v_y{k}": "1 m s-1" for k in range(count)},
+    )
     return xd.simulate(model, method="velocity_verlet", step=0.2, until=1.0)
 
 

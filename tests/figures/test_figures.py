@@ -31,8 +31,11 @@ def test_axes_have_units_and_recorded_times() -> None:
     run = xd.simulate(oscillator().model, step=0.01, until=5.0)
     axes = [one for one in xd.plot(run).axes if one.get_visible()]
     assert [one.get_title(loc="left").split(" (")[0].split(",")[0] for one in axes] == [
-        "trajectory", "velocity", "phase portrait", "total energy less its start",
-    ]  # fmt: skip
+        "trajectory",
+        "velocity",
+        "phase portrait",
+        "total energy less its start",
+    ]
     assert axes[0].get_ylabel() == "x (m)"
     assert axes[0].get_xlabel() == "time (s)"
     assert np.isin(run.time.values, axes[0].lines[0].get_xdata()).all()
@@ -47,9 +50,12 @@ def test_events_are_marked_by_name() -> None:
 def test_units_are_not_mixed_on_one_axis() -> None:
     """Assert that an angle and a length have panels of their own."""
     model = xd.Model(
-        name="mixed", coordinates={"x": "m", "theta": "rad"}, parameters={"m": "1 kg", "J": "1 kg m2"}, mass={"x": "m", "theta": "J"},
+        name="mixed",
+        coordinates={"x": "m", "theta": "rad"},
+        parameters={"m": "1 kg", "J": "1 kg m2"},
+        mass={"x": "m", "theta": "J"},
         initial={"x": "0 m", "v_x": "1 m s-1", "theta": "0 rad", "v_theta": "1 rad s-1"},
-    )  # fmt: skip
+    )
     labels = [one.get_ylabel() for one in xd.plot(xd.simulate(model, method="midpoint", step=0.1, until=1.0)).axes]
     assert labels[:4] == ["x (m)", "theta (rad)", "v_x (m s⁻¹)", "v_theta (rad s⁻¹)"]
 

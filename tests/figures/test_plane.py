@@ -54,9 +54,12 @@ def test_positions_that_a_model_names() -> None:
 def test_three_coordinates_are_seen_from_three_sides() -> None:
     """Assert three views of a motion in space, and none of angles."""
     space = xd.Model(
-        name="space", coordinates=dict.fromkeys("xyz", "m"), mass=dict.fromkeys("xyz", "1*kilogram"),
-        forces={"pull": {one: f"-{one}*newton/metre" for one in "xyz"}}, initial={"x": "1 m", "y": "2 m", "z": "0 m", "v_z": "1 m s-1"},
-    )  # fmt: skip
+        name="space",
+        coordinates=dict.fromkeys("xyz", "m"),
+        mass=dict.fromkeys("xyz", "1*kilogram"),
+        forces={"pull": {one: f"-{one}*newton/metre" for one in "xyz"}},
+        initial={"x": "1 m", "y": "2 m", "z": "0 m", "v_z": "1 m s-1"},
+    )
     run = xd.simulate(space, method="rk4", step=0.1, until=3.0)
     assert [(one.across, one.up) for (one,) in views(run)] == [("x", "y"), ("x", "z"), ("y", "z")]
     assert views(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")) == []
@@ -76,16 +79,25 @@ def test_three_coordinates_are_seen_from_three_sides() -> None:
 def test_planes_that_are_none(figure: dict[str, Any], said: str) -> None:
     """Assert that a plane of other units, names or shapes is refused."""
     with pytest.raises(xd.ModelError, match=said):
-        xd.Model(name="x", coordinates={"x": "m", "y": "m"}, mass={"x": "1*kilogram", "y": "1*kilogram"}, initial={"x": "0 m", "y": "0 m"}, figure=figure)  # fmt: skip
+        xd.Model(
+            name="x",
+            coordinates={"x": "m", "y": "m"},
+            mass={"x": "1*kilogram", "y": "1*kilogram"},
+            initial={"x": "0 m", "y": "0 m"},
+            figure=figure,
+        )
 
 
 def test_many_variables_are_a_map() -> None:
     """Assert that a chain of 20 is drawn in colours with a bar, and no panel has twenty lines."""
     names = [f"x{k}" for k in range(20)]
     chain = xd.Model(
-        name="chain", coordinates=dict.fromkeys(names, "m"), mass=dict.fromkeys(names, "1*kilogram"), initial=dict.fromkeys(names, "0 m") | {"v_x0": "1 m s-1"},
+        name="chain",
+        coordinates=dict.fromkeys(names, "m"),
+        mass=dict.fromkeys(names, "1*kilogram"),
+        initial=dict.fromkeys(names, "0 m") | {"v_x0": "1 m s-1"},
         forces={"springs": {"potential": " + ".join(f"(x{k + 1} - x{k})**2*newton/metre" for k in range(19))}},
-    )  # fmt: skip
+    )
     figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
     assert titles(figure) == ["trajectory, 20 of them", "velocity, 20 of them", "total energy less its start, 0.5 J"]
     assert max(len(one.lines) for one in figure.axes) < 3
@@ -154,7 +166,13 @@ def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> 
         assert image.convert("L").getpixel((2, 2)) < 40
     assert call("plot", run, "-o", tmp_path / "b.pdf", "--with", run).exit_code == 0
     assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
-    for wrong, said in ((["--size", "6"], "like 8x5"), (["--size", "0x5"], "from 1 to 100"), (["--dpi", "5"], "from 20 to 1200"), (["--only", "z"], "only has 'z'"), (["--with", "no.csv"], "cannot be read")):  # fmt: skip
+    for wrong, said in (
+        (["--size", "6"], "like 8x5"),
+        (["--size", "0x5"], "from 1 to 100"),
+        (["--dpi", "5"], "from 20 to 1200"),
+        (["--only", "z"], "only has 'z'"),
+        (["--with", "no.csv"], "cannot be read"),
+    ):
         done = call("plot", run, "-o", tmp_path / "c.png", *wrong)
         assert (done.exit_code, said in done.output) == (2, True), done.output
         assert not (tmp_path / "c.png").exists()
@@ -171,7 +189,12 @@ def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
     pendulum = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s")
     with pytest.raises(xd.InputError, match="the run has no plane to be seen in"):
         pendulum.dynamics.animate(tmp_path / "p.gif")
-    for given, said in (({"path": tmp_path / "o.avi"}, "there are .gif, .mp4, .html"), ({"seconds": -1}, "need a number up to 600"), ({"rate": 0}, "from 1 to 100"), ({"path": tmp_path / "no" / "o.gif"}, "film")):  # fmt: skip
+    for given, said in (
+        ({"path": tmp_path / "o.avi"}, "there are .gif, .mp4, .html"),
+        ({"seconds": -1}, "need a number up to 600"),
+        ({"rate": 0}, "from 1 to 100"),
+        ({"path": tmp_path / "no" / "o.gif"}, "film"),
+    ):
         with pytest.raises(xd.InputError, match=said):
             xd.animate(orbit, **{"path": tmp_path / "o.gif"} | given)
     assert not (tmp_path / "o.gif").exists()
@@ -199,7 +222,17 @@ def test_a_film_draws_what_moves_over_what_stands(tmp_path: Path) -> None:
         film.__fspath__()
 
 
-@pytest.mark.parametrize(("units", "shown"), [("m s-1", "m s⁻¹"), ("kg m2 s-2", "kg m² s⁻²"), ("1", "1"), ("rad s-1", "rad s⁻¹"), ("mm", "mm"), ("s-12", "s⁻¹²")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("units", "shown"),
+    [
+        ("m s-1", "m s⁻¹"),
+        ("kg m2 s-2", "kg m² s⁻²"),
+        ("1", "1"),
+        ("rad s-1", "rad s⁻¹"),
+        ("mm", "mm"),
+        ("s-12", "s⁻¹²"),
+    ],
+)
 def test_units_in_print(units: str, shown: str) -> None:
     """Assert powers above the line."""
     assert typeset(units) == shown
@@ -228,10 +261,20 @@ def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
 def driven(**more: Any) -> xd.Model:
     """A damped oscillator that settles into its drive, as an angle that goes round."""
     given: dict[str, Any] = {
-        "name": "driven", "time": {"unit": "1"}, "coordinates": {"theta": "degree"}, "parameters": {"w": "2"}, "mass": {"theta": "1"},
-        "forces": {"spring": {"theta": "-4*(theta - 3*t)"}, "damping": {"theta": "-2*(v_theta - 3)"}, "drive": {"theta": "cos(w*t)"}},
-        "initial": {"theta": "0 degree", "v_theta": "3"}, "figure": {"section": "2*pi/w", "wrap": ["theta"]}, "run": {"method": "dop853", "rtol": 1e-10, "until": "60"},
-    }  # fmt: skip
+        "name": "driven",
+        "time": {"unit": "1"},
+        "coordinates": {"theta": "degree"},
+        "parameters": {"w": "2"},
+        "mass": {"theta": "1"},
+        "forces": {
+            "spring": {"theta": "-4*(theta - 3*t)"},
+            "damping": {"theta": "-2*(v_theta - 3)"},
+            "drive": {"theta": "cos(w*t)"},
+        },
+        "initial": {"theta": "0 degree", "v_theta": "3"},
+        "figure": {"section": "2*pi/w", "wrap": ["theta"]},
+        "run": {"method": "dop853", "rtol": 1e-10, "until": "60"},
+    }
     return xd.Model(**given | more)
 
 
@@ -260,11 +303,13 @@ def test_wrapped_angles_are_torn_where_they_jump() -> None:
 @pytest.mark.parametrize(
     ("figure", "said"),
     [
-        ({"section": "w"}, None), ({"section": "2*second"}, "figure: section: has units 's', needs a period in '1'"),
-        ({"section": "theta"}, "section: reads 'theta'; a period is of parameters"), ({"wrap": ["x"]}, "wrap has 'x', which is no angle"),
+        ({"section": "w"}, None),
+        ({"section": "2*second"}, "figure: section: has units 's', needs a period in '1'"),
+        ({"section": "theta"}, "section: reads 'theta'; a period is of parameters"),
+        ({"wrap": ["x"]}, "wrap has 'x', which is no angle"),
         ({"wrap": "theta"}, "wrap is 'theta', needs a list of angles"),
     ],
-)  # fmt: skip
+)
 def test_sections_that_are_none(figure: dict[str, Any], said: str | None) -> None:
     """Assert that a period of another unit, or of what moves, and no angle, are refused."""
     if said is None:

@@ -98,7 +98,9 @@ def test_wrong_times(times: object, said: str, tmp_path: Path) -> None:
 def test_tables_of_the_command_line(tmp_path: Path) -> None:
     """Assert the table of `run --times` and of `sample`, that the numbers are whole, and that `compare` reads it."""
     archive = tmp_path / "ball.nc"
-    done = call("run", MODELS / "ball_drag.toml", "-o", archive, "--method", "dop853", "--rtol", "1e-8", "--times", "0:3:7 s")  # fmt: skip
+    done = call(
+        "run", MODELS / "ball_drag.toml", "-o", archive, "--method", "dop853", "--rtol", "1e-8", "--times", "0:3:7 s"
+    )
     assert done.exit_code == 0, done.output
     assert f"table     {tmp_path / 'ball.csv'}: 7 rows" in done.output
     run = xd.open_run(archive)
@@ -106,7 +108,14 @@ def test_tables_of_the_command_line(tmp_path: Path) -> None:
     printed = call("sample", archive, "--times", "0:3:7 s")
     assert printed.output == (tmp_path / "ball.csv").read_text()
     assert printed.output.startswith("time [s],y [m],v_y [m s-1]\n0.0,0.0,20.0\n")
-    assert call("sample", archive, "--times", "1 s", "-o", tmp_path / "one.csv").output == f"table     {tmp_path / 'one.csv'}: 1 rows\n"  # fmt: skip
-    for wrong, said in ((["--times", "99 s"], "outside the run"), (["--times", "1 s", "-o", tmp_path], "is a directory"), (["--times", "1 s", "-o", tmp_path / "no" / "x.csv"], "no folder")):  # fmt: skip
+    assert (
+        call("sample", archive, "--times", "1 s", "-o", tmp_path / "one.csv").output
+        == f"table     {tmp_path / 'one.csv'}: 1 rows\n"
+    )
+    for wrong, said in (
+        (["--times", "99 s"], "outside the run"),
+        (["--times", "1 s", "-o", tmp_path], "is a directory"),
+        (["--times", "1 s", "-o", tmp_path / "no" / "x.csv"], "no folder"),
+    ):
         done = call("sample", archive, *wrong)
         assert (done.exit_code, said in done.output) == (2, True), done.output

@@ -35,7 +35,9 @@ CODE = ENGINE.name_of_code(NUMBA)
 def ran(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a script with a cache folder."""
     environment = os.environ | {"XDYNAMICS_CACHE": str(folder)}
-    return subprocess.run([sys.executable, "-c", script, KEPLER], env=environment, capture_output=True, text=True, check=True)  # fmt: skip
+    return subprocess.run(
+        [sys.executable, "-c", script, KEPLER], env=environment, capture_output=True, text=True, check=True
+    )
 
 
 def told(folder: Path) -> tuple[str, int, str]:
@@ -180,9 +182,12 @@ for name in ("law-x.o", "law-y.o"):
 def test_a_full_disk_costs_a_compilation(tmp_path: Path) -> None:
     """Assert that where a file cannot grow nothing is kept and nothing is left behind, and that it is said once."""
     done = subprocess.run(
-        [sys.executable, "-c", FULL], env=os.environ | {"XDYNAMICS_CACHE": str(tmp_path)}, capture_output=True,
-        text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", FULL],
+        env=os.environ | {"XDYNAMICS_CACHE": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.splitlines() == ["File too large", "None", "None"]
     assert done.stderr.count("cannot be kept in") == len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []

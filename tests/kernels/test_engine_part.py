@@ -152,12 +152,18 @@ def test_a_wheels_text_is_not_compiled(
 
 
 OTHERS = {
-    "another numba": (lambda text: text.replace("; numba ", "; numba 9."), r"the installed text is by numba 9\..*, and here is numba"),
-    "another LLVM": (lambda text: text.replace("LLVM ", "LLVM 9", 1), r"the installed text is by .*LLVM 9.*, and here is numba"),
+    "another numba": (
+        lambda text: text.replace("; numba ", "; numba 9."),
+        r"the installed text is by numba 9\..*, and here is numba",
+    ),
+    "another LLVM": (
+        lambda text: text.replace("LLVM ", "LLVM 9", 1),
+        r"the installed text is by .*LLVM 9.*, and here is numba",
+    ),
     "other sources": (lambda text: text.replace("\n; ", "\n; 0", 1), "the installed text is of other sources"),
     "nothing": (lambda _text: "", "the installed text is by , and here is numba"),
     "damage": (None, "the installed text cannot be read"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.usefixtures("cold")

@@ -188,20 +188,31 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
         "side": tuple(side for each in padded for _, side in each),
     }
     pulls = (
-        Gather("a", Place("first", 0, (("k", 1),))), Gather("b", Place("second", 0, (("k", 1),))),
-        Load("ua", Place("y", 0, (("a", 1),))), Load("ub", Place("y", 0, (("b", 1),))),
-        Compute("d", "subtract", ("ub", "ua")), Compute("f", "sin", ("d",)), Store(Place("pull", 0, (("k", 1),)), "f"),
-    )  # fmt: skip
+        Gather("a", Place("first", 0, (("k", 1),))),
+        Gather("b", Place("second", 0, (("k", 1),))),
+        Load("ua", Place("y", 0, (("a", 1),))),
+        Load("ub", Place("y", 0, (("b", 1),))),
+        Compute("d", "subtract", ("ub", "ua")),
+        Compute("f", "sin", ("d",)),
+        Store(Place("pull", 0, (("k", 1),)), "f"),
+    )
     gathered = (
-        Gather("k", Place("link", 0, (("i", most), ("m", 1)))), Gather("s", Place("side", 0, (("i", most), ("m", 1)))),
-        Load("f", Place("pull", 0, (("k", 1),))), Ordinal("ns", "s"), Ordinal("nm", "m"),
-        Compute("t", "negative", ("f",)), Compute("second", "more", ("ns", 0.5)),
-        Compute("own", "choose", ("second", "t", "f")), Compute("there", "less", ("nm", "many")),
-    )  # fmt: skip
+        Gather("k", Place("link", 0, (("i", most), ("m", 1)))),
+        Gather("s", Place("side", 0, (("i", most), ("m", 1)))),
+        Load("f", Place("pull", 0, (("k", 1),))),
+        Ordinal("ns", "s"),
+        Ordinal("nm", "m"),
+        Compute("t", "negative", ("f",)),
+        Compute("second", "more", ("ns", 0.5)),
+        Compute("own", "choose", ("second", "t", "f")),
+        Compute("there", "less", ("nm", "many")),
+    )
     of_body = (
-        Gather("c", Place("count", 0, (("i", 1),))), Ordinal("many", "c"),
-        Reduction("m", most, gathered, ("own",), ("total",), where="there"), Store(Place("z", 0, (("i", 1),)), "total"),
-    )  # fmt: skip
+        Gather("c", Place("count", 0, (("i", 1),))),
+        Ordinal("many", "c"),
+        Reduction("m", most, gathered, ("own",), ("total",), where="there"),
+        Store(Place("z", 0, (("i", 1),)), "total"),
+    )
     return program(Loop("k", len(links), pulls), Loop("i", n, of_body), local={"pull": len(links)}, tables=tables)
 
 
@@ -232,10 +243,15 @@ def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
 def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
     """Assert calls: one always, one where a number is not zero in some lane, one until it is zero in all."""
     less = (
-        Load("n", Place("w")), Compute("some", "more", ("n", 0.0)), Compute("m", "subtract", ("n", 1.0)),
-        Compute("left", "choose", ("some", "m", "n")), Store(Place("w"), "left"),
-        Load("k", Place("y")), Compute("more", "add", ("k", 1.0)), Store(Place("z"), "more"),
-    )  # fmt: skip
+        Load("n", Place("w")),
+        Compute("some", "more", ("n", 0.0)),
+        Compute("m", "subtract", ("n", 1.0)),
+        Compute("left", "choose", ("some", "m", "n")),
+        Store(Place("w"), "left"),
+        Load("k", Place("y")),
+        Compute("more", "add", ("k", 1.0)),
+        Store(Place("z"), "more"),
+    )
     more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), Store(Place("w", 1), "m"))
     called = Program("less", "Less.", less), Program("more", "More.", more)
     own = program(
@@ -354,7 +370,7 @@ I, J = ("i", 1), ("j", 1)
         ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 99, (I,)), 0.0)), False),
         ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 3, (("i", 3),)), 0.0)), False),  # where the next is
     ],
-)  # fmt: skip
+)
 def test_passes_are_independent_where_none_meets_another(body: tuple[Line, ...], *, independent: bool) -> None:
     """Assert which loops may be computed side by side."""
     assert Loop("i", 9, body).independent is independent

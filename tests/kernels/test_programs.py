@@ -39,9 +39,13 @@ def chain(n: int) -> xd.Model:
         forces[name] = f"k*{left} + k*{right}"
     initial = {name: f"{0.01 * (i % 3)} m" for i, name in enumerate(names)} | {f"v_{name}": "0 m s-1" for name in names}
     return xd.Model(
-        name="chain", coordinates=dict.fromkeys(names, "m"), parameters={"m": "1 kg", "k": "100 N m-1"},
-        mass=dict.fromkeys(names, "m"), forces={"spring": forces}, initial=initial,
-    )  # fmt: skip
+        name="chain",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg", "k": "100 N m-1"},
+        mass=dict.fromkeys(names, "m"),
+        forces={"spring": forces},
+        initial=initial,
+    )
 
 
 def two_tables() -> xd.Model:
@@ -51,9 +55,14 @@ def two_tables() -> xd.Model:
         "wall": {"table": "w.csv", "csv": "x [m],wall [N]\n-1,2\n0.999,1\n1.0004,0\n3,5\n", "argument": "x"},
     }
     return xd.Model(
-        name="two tables", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"},
-        forces={"both": {"x": "pull - wall"}}, drives=tables, initial={"x": "1 m", "v_x": "0.1 m s-1"},
-    )  # fmt: skip
+        name="two tables",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"both": {"x": "pull - wall"}},
+        drives=tables,
+        initial={"x": "1 m", "v_x": "0.1 m s-1"},
+    )
 
 
 @lru_cache
@@ -124,7 +133,11 @@ def test_printed_python_has_the_bits_of_machine_code(turn: int, request: pytest.
     By two of the methods that take the model, in turn; with --whole by all.
     """
     name = PRINTED[turn]
-    methods = [one for one in ("midpoint", "velocity_verlet", "dop853", "dprkn6") if not xd.METHODS[one].refusals(model_named(name))]  # fmt: skip
+    methods = [
+        one
+        for one in ("midpoint", "velocity_verlet", "dop853", "dprkn6")
+        if not xd.METHODS[one].refusals(model_named(name))
+    ]
     first = turn % len(methods)
     for method in [*methods, *methods][first : first + (len(methods) if request.config.getoption("--whole") else 2)]:
         one = law(name, xd.METHODS[method], sampled=True)
@@ -222,7 +235,7 @@ def test_names_never_dangle() -> None:
         ("1/(2 - 2)*a", "1.0/_zero*a"),
         ("a**(1/3)", "_power(a, 0.3333333333333333)"),
     ],
-)  # fmt: skip
+)
 def test_python_keeps_the_grouping(text: str, printed: str) -> None:
     """Assert that a line says what was written, with the parentheses that its order needs."""
     lines = Assignments(lambda own, name: own.load(Place("p", ord(name) - 97), name))
@@ -275,9 +288,14 @@ def test_powers_are_the_language_s(exponent: str) -> None:
 def test_minus_zero_is_another_number() -> None:
     """Assert that 0.0 and -0.0, which are equal, are not taken for one: they are two angles of atan2."""
     run = xd.simulate(
-        particle(forces={"up": {"x": "F*atan2(0, x/metre)"}, "down": {"x": "F*atan2(-0, x/metre)"}}, initial={"x": "-1 m", "v_x": "0 m s-1"}),
-        method="midpoint", step=0.5, until=1.0,
-    )  # fmt: skip
+        particle(
+            forces={"up": {"x": "F*atan2(0, x/metre)"}, "down": {"x": "F*atan2(-0, x/metre)"}},
+            initial={"x": "-1 m", "v_x": "0 m s-1"},
+        ),
+        method="midpoint",
+        step=0.5,
+        until=1.0,
+    )
     assert float(run.force_up_x[0]) == -float(run.force_down_x[0]) > 0.0
 
 
@@ -325,9 +343,13 @@ def test_resampled_tables_have_one_law(argument: str, header: str) -> None:
         }
         force = "pull" if unit == "N" else "pull*newton/metre"
         return xd.Model(
-            name=f"{points} points", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"pull": {"x": force}},
-            drives={"pull": table}, initial={"x": "1 m"},
-        )  # fmt: skip
+            name=f"{points} points",
+            coordinates={"x": "m"},
+            mass={"x": "1*kilogram"},
+            forces={"pull": {"x": force}},
+            drives={"pull": table},
+            initial={"x": "1 m"},
+        )
 
     def law_of_it(model: xd.Model) -> Law:
         return law_of(layout_of(model, Scheme(xd.METHODS["rk4"], "none")), sampled=True)

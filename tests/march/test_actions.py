@@ -14,21 +14,32 @@ from xdynamics.documenting.summary import summary
 
 G, E = 9.81, 0.9
 BALL: dict[str, Any] = {
-    "name": "ball", "coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": f"{G} m s-2", "e": f"{E}"}, "mass": {"y": "m"},
-    "forces": {"gravity": {"potential": "m*g*y"}}, "initial": {"y": "1 m", "v_y": "0 m s-1"},
+    "name": "ball",
+    "coordinates": {"y": "m"},
+    "parameters": {"m": "1 kg", "g": f"{G} m s-2", "e": f"{E}"},
+    "mass": {"y": "m"},
+    "forces": {"gravity": {"potential": "m*g*y"}},
+    "initial": {"y": "1 m", "v_y": "0 m s-1"},
     "events": {"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-e*v_y"}}},
     "observables": {"speed": "abs(v_y)"},
-}  # fmt: skip
+}
 THRUST, OUT = 30.0, 2.0
 ROCKET: dict[str, Any] = {
-    "name": "rocket", "coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": f"{G} m s-2", "f": f"{THRUST} N", "out": f"{OUT} s"},
-    "mass": {"y": "m"}, "forces": {"gravity": {"potential": "m*g*y"}, "thrust": {"y": "f"}}, "initial": {"y": "0 m", "v_y": "0 m s-1"},
-    "regimes": {"boost": {"forces": ["gravity", "thrust"]}, "coast": {"forces": ["gravity"], "description": "burnt out"}},
+    "name": "rocket",
+    "coordinates": {"y": "m"},
+    "parameters": {"m": "1 kg", "g": f"{G} m s-2", "f": f"{THRUST} N", "out": f"{OUT} s"},
+    "mass": {"y": "m"},
+    "forces": {"gravity": {"potential": "m*g*y"}, "thrust": {"y": "f"}},
+    "initial": {"y": "0 m", "v_y": "0 m s-1"},
+    "regimes": {
+        "boost": {"forces": ["gravity", "thrust"]},
+        "coast": {"forces": ["gravity"], "description": "burnt out"},
+    },
     "events": {
         "burnout": {"function": "t - out", "direction": "rising", "action": "switch", "to": "coast"},
         "ground": {"function": "y", "direction": "falling", "action": "stop"},
     },
-}  # fmt: skip
+}
 MARCHING = [name for name, one in xd.METHODS.items() if one.order > 1]
 
 
@@ -91,11 +102,15 @@ def test_a_run_begins_in_the_regime_that_is_said() -> None:
 def test_energy_counts_the_potentials_that_act() -> None:
     """Assert that a spring that is let go has no energy any more."""
     model = xd.Model(
-        name="shot", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}, "push": {"x": "0*newton"}}, initial={"x": "-1 m", "v_x": "0 m s-1"},
+        name="shot",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}, "push": {"x": "0*newton"}},
+        initial={"x": "-1 m", "v_x": "0 m s-1"},
         regimes={"held": {"forces": ["spring", "push"]}, "free": {"forces": ["push"]}},
         events={"loose": {"function": "x", "direction": "rising", "action": "switch", "to": "free"}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="dop853", rtol=1e-11, until=2.0)
     assert run.event_time.values == pytest.approx([math.pi / 4], abs=1e-9)
     assert run.total_energy.values == pytest.approx(2.0, rel=1e-9)
@@ -107,10 +122,14 @@ def test_energy_counts_the_potentials_that_act() -> None:
 def test_a_run_is_stopped_after_some(count: int, crossing: int) -> None:
     """Assert that the n-th crossing stops a run, and those before are recorded."""
     model = xd.Model(
-        name="oscillator", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
         events={"middle": {"function": "x", "action": "stop", "count": count}},
-    )  # fmt: skip
+    )
     assert xd.Model.from_text(model.to_toml()) == model
     run = xd.simulate(model, method="dop853", rtol=1e-10, until=50.0)
     assert run.event_time.values == pytest.approx([math.pi * (k + 0.5) for k in range(crossing + 1)], abs=1e-8)
@@ -120,15 +139,36 @@ def test_a_run_is_stopped_after_some(count: int, crossing: int) -> None:
 def test_everything_is_set_from_the_state_before() -> None:
     """Assert that two coordinates can be exchanged, that first-order states are set too, and in the order declared."""
     model = xd.Model(
-        name="exchange", coordinates={"x": "m", "y": "m", "z": "m"}, parameters={"m": "1 kg"}, mass=dict.fromkeys("xyz", "m"), forces={},
+        name="exchange",
+        coordinates={"x": "m", "y": "m", "z": "m"},
+        parameters={"m": "1 kg"},
+        mass=dict.fromkeys("xyz", "m"),
+        forces={},
         states={"count": {"unit": "1", "rate": "0/second"}},
-        initial={"x": "1 m", "v_x": "1 m s-1", "y": "5 m", "v_y": "0 m s-1", "z": "1 m", "v_z": "0 m s-1", "count": "0"},
-        events={
-            "swap": {"function": "x - 2*metre", "direction": "rising", "action": "reset",
-                     "set": {"x": "y", "y": "x", "z": "x + y", "v_x": "v_y", "v_y": "v_x", "count": "2*count + 1"}},
-            "tie": {"function": "t - 1*second", "direction": "rising", "action": "reset", "set": {"count": "2*count + 1", "z": "z + y"}},
+        initial={
+            "x": "1 m",
+            "v_x": "1 m s-1",
+            "y": "5 m",
+            "v_y": "0 m s-1",
+            "z": "1 m",
+            "v_z": "0 m s-1",
+            "count": "0",
         },
-    )  # fmt: skip
+        events={
+            "swap": {
+                "function": "x - 2*metre",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"x": "y", "y": "x", "z": "x + y", "v_x": "v_y", "v_y": "v_x", "count": "2*count + 1"},
+            },
+            "tie": {
+                "function": "t - 1*second",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"count": "2*count + 1", "z": "z + y"},
+            },
+        },
+    )
     run = xd.simulate(model, method="rk4", step=0.3, until=1.5)
     assert run.event_detector.values.tolist() == [0, 1]
     assert len(set(run.event_row_before.values.tolist())) == 1
@@ -173,7 +213,10 @@ def test_wrong_actions(given: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize(
     ("regimes", "said"),
     [
-        ({"boost": {"forces": ["gravity", "thrust", "x"]}}, "regime 'boost' has 'x', which is no force; there are: gravity, thrust"),
+        (
+            {"boost": {"forces": ["gravity", "thrust", "x"]}},
+            "regime 'boost' has 'x', which is no force; there are: gravity, thrust",
+        ),
         ({"boost": {"forces": "gravity"}}, "forces is 'gravity', needs a list of the forces that act in it"),
         ({"boost": {"forces": ["gravity", "gravity"]}}, "forces lists one of gravity, gravity twice"),
         ({"boost": {"forces": ["gravity"]}}, "force 'thrust' acts in no regime; put it into one, or leave it out"),
@@ -181,7 +224,7 @@ def test_wrong_actions(given: dict[str, Any], said: str) -> None:
         ({"boost": 1}, "1 must be a table with forces"),
         ({"two words": {"forces": ["gravity", "thrust"]}}, "a name is a letter"),
     ],
-)  # fmt: skip
+)
 def test_wrong_regimes(regimes: dict[str, Any], said: str) -> None:
     """Assert what is said of regimes that no motion can be in."""
     with pytest.raises(xd.ModelError) as error:
@@ -209,7 +252,10 @@ def test_the_rest_of_the_run_goes_on_with_the_new_rule(statement: dict[str, Any]
     assert xd.content_digest(longer) == xd.content_digest(whole)
 
 
-@pytest.mark.parametrize("asked", [{"method": "dop853", "rtol": 1e-11}, {"method": "rk4", "step": 0.02}, {"method": "radau_iia", "rtol": 1e-10}])  # fmt: skip
+@pytest.mark.parametrize(
+    "asked",
+    [{"method": "dop853", "rtol": 1e-11}, {"method": "rk4", "step": 0.02}, {"method": "radau_iia", "rtol": 1e-10}],
+)
 def test_a_rocket_with_two_stages_is_tsiolkovsky_s(asked: dict[str, Any]) -> None:
     """Assert speed and mass behind both groups of two events at one instant, each done in the order of the file."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "staged_rocket.toml"), **asked)
@@ -224,4 +270,7 @@ def test_a_rocket_with_two_stages_is_tsiolkovsky_s(asked: dict[str, Any]) -> Non
     assert after.flow.values.tolist() == [1.0, 0.0]
     assert after.regime.values.tolist() == [1, 2]
     told = [line.split(" at t =")[0] for line in summary(run) if line.startswith("event ")]
-    assert told == [f"event     {name}" for name in ("separation (reset)", "ignition (regime_switch)", "burnout (reset)", "coasting (regime_switch)")]  # fmt: skip
+    assert told == [
+        f"event     {name}"
+        for name in ("separation (reset)", "ignition (regime_switch)", "burnout (reset)", "coasting (regime_switch)")
+    ]

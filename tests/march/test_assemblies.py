@@ -230,7 +230,14 @@ def test_bodies_that_overlap_at_the_start_are_named() -> None:
     """Assert that the pair inside one another is named with its gap."""
     model = discs(36, 1)
     r = model.shaped.starting["r"].numbers
-    model = discs(36, 1, initial={"r": {"unit": "m", "value": [[0.25, 0.26], *np.reshape(r, (36, 2)).tolist()[1:]]}, "v_r": {"unit": "m s-1", "value": np.zeros((36, 2)).tolist()}})  # fmt: skip
+    model = discs(
+        36,
+        1,
+        initial={
+            "r": {"unit": "m", "value": [[0.25, 0.26], *np.reshape(r, (36, 2)).tolist()[1:]]},
+            "v_r": {"unit": "m s-1", "value": np.zeros((36, 2)).tolist()},
+        },
+    )
     run = xd.simulate(model, method="velocity_verlet", step="4 ms", until="10 ms")
     assert run.attrs["run_outcome"] == "contact_penetrated"
     assert "contact 'discs' of disc 0 and 7 is -0." in run.attrs["run_outcome_text"]

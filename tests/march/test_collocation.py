@@ -46,11 +46,14 @@ def masses(count: int, draw: np.random.Generator) -> tuple[xd.Model, dict[str, A
     cubic = {f"c{i}": {"potential": f"c*x{i}**4/4"} for i in range(count) if draw.random() < 0.5}
     drag = {one: f"-{draw.uniform(0.0, 30.0)!r}*newton*second/metre*v_{one}" for one in names if draw.random() < 0.6}
     model = xd.Model(
-        name="masses", coordinates=dict.fromkeys(names, "m"), parameters={"m": "1 kg", "k": "4 N m-1", "c": "2 N m-3"},
-        mass=dict.fromkeys(names, "m"), forces=springs | cubic | ({"drag": drag} if drag else {}),
+        name="masses",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg", "k": "4 N m-1", "c": "2 N m-3"},
+        mass=dict.fromkeys(names, "m"),
+        forces=springs | cubic | ({"drag": drag} if drag else {}),
         initial={one: f"{0.3 * (-1) ** i} m" for i, one in enumerate(names)} | {f"v_{one}": "0 m s-1" for one in names},
         events={"met": {"function": "x0 - 0.1*metre"}} if draw.random() < 0.4 else {},
-    )  # fmt: skip
+    )
     varied = {"k": 10.0 ** draw.uniform(-1.0, 4.0, N), "c": draw.uniform(0.0, 90.0, N)}
     return model, {"parameters": varied, "initial": {"x0": draw.uniform(-0.5, 0.5, N)}}
 
@@ -80,11 +83,20 @@ def test_stiff_problems(name: str, first: str, small: float) -> None:
 def test_nodes_and_first_steps() -> None:
     """Assert the bits of one lane behind the breakpoints of a measured force, with a first step of each member's own."""
     model = xd.Model(
-        name="driven", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"},
+        name="driven",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
         forces={"push": {"x": "push"}, "spring": {"potential": "newton/metre*x**2/2"}},
-        drives={"push": {"table": "p.csv", "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n", "interpolation": "previous"}},
+        drives={
+            "push": {
+                "table": "p.csv",
+                "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n",
+                "interpolation": "previous",
+            }
+        },
         initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     given = {"initial": {"x": np.linspace(-1.0, 1.0, N)}, "steps": np.geomspace(1e-4, 2.0, N)}
     solved_in_lanes(model, 4, logs=True, given=given, until=2.9, step=0.1, rtol=1e-6, nodes=[0.55, 1.0])
 

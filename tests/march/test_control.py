@@ -29,7 +29,11 @@ def run_of(model: xd.Model, until: float, **more: object) -> object:
 
 def is_sound(run: object) -> bool:
     """Whether a record never pairs success with a state that is not finite, and says t and h."""
-    finite = all(np.isfinite(run[name]).all() for name, one in run.data_vars.items() if one.attrs["role"] in ("coordinate", "velocity", "state"))  # fmt: skip
+    finite = all(
+        np.isfinite(run[name]).all()
+        for name, one in run.data_vars.items()
+        if one.attrs["role"] in ("coordinate", "velocity", "state")
+    )
     text = run.attrs["run_outcome_text"]
     return finite and (WORDS[run.attrs["run_outcome"]].good or ("t = " in text and "h = " in text))
 
@@ -46,9 +50,13 @@ def test_blow_up_of_square() -> None:
 def test_collision() -> None:
     """Assert that x'' = -1/x**2 from rest at 1 ends at the collision, pi/(2 sqrt 2)."""
     model = xd.Model(
-        name="fall", coordinates={"x": "m"}, parameters={"m": "1 kg", "G": "1 m3 s-2"}, mass={"x": "m"},
-        forces={"pull": {"x": "-m*G/x**2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="fall",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "G": "1 m3 s-2"},
+        mass={"x": "m"},
+        forces={"pull": {"x": "-m*G/x**2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
     run = run_of(model, 2.0)
     assert run.attrs["run_outcome"] == "step_below_spacing"
     assert abs(float(run.time[-1]) - 1.1107207345395915) < 1e-6
@@ -97,7 +105,10 @@ def test_force_that_becomes_infinite() -> None:
         ({"max_steps": 2.5}, "max_steps is 2.5, needs a whole number"),
         ({"min_step": 5.0}, "min_step is 5.0 s, needs to be at most the span of 1.0 s"),
         ({"step": 0.5, "max_step": 0.1}, "step, the first one, is 0.5 s, needs to be from min_step"),
-        ({"rtol": None, "atol": None, "step": 0.1, "max_steps": 3}, "max_steps is for chosen steps, and the steps are given"),
+        (
+            {"rtol": None, "atol": None, "step": 0.1, "max_steps": 3},
+            "max_steps is for chosen steps, and the steps are given",
+        ),
         ({"rtol": None, "atol": None, "step": [0.5]}, "step has 1 steps up to t = 0.5 s, needs to reach until = 1.0 s"),
         ({"rtol": None, "atol": None, "step": [0.5, -0.5]}, "step has -0.5 s, needs positive times"),
         ({"atol": float("nan")}, "atol is nan, needs a finite non-negative number"),
@@ -111,11 +122,14 @@ def test_force_that_becomes_infinite() -> None:
         ({"growth_limits": (0.5, 0.9)}, "growth_limits are .*, need 0 < least < 1 < greatest"),
         ({"max_steps": 0}, "max_steps is 0, needs a positive number"),
         ({"estimator": "guess"}, "estimator is 'guess'; there are none, embedded, step_doubling"),
-        ({"method": "rk4", "estimator": "embedded"}, "method 'rk4' has no embedded formula; take estimator = 'step_doubling'"),
+        (
+            {"method": "rk4", "estimator": "embedded"},
+            "method 'rk4' has no embedded formula; take estimator = 'step_doubling'",
+        ),
         ({"estimator": "none"}, "tolerances need an error estimate"),
         ({"rtol": float("nan"), "safety": 2.0}, r"cannot be set up:\n  1. safety is 2.0.*\n  2. rtol is nan"),
     ],
-)  # fmt: skip
+)
 def test_wrong_tolerances_are_named(asked: dict[str, object], message: str) -> None:
     """Assert that each fault of the settings is named before anything is computed."""
     with pytest.raises(xd.InputError, match=message):
@@ -405,7 +419,15 @@ def test_rows_that_no_step_led_to_have_no_error() -> None:
         assert run[name].values[~stands].all()
 
 
-@pytest.mark.parametrize(("given", "said"), [("0 s", "time_tolerance is 0.0 s, needs a positive time"), ("-1 ps", "needs a positive time"), ("1 m", "time_tolerance"), (float("nan"), "time_tolerance: quantity nan is not finite")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("0 s", "time_tolerance is 0.0 s, needs a positive time"),
+        ("-1 ps", "needs a positive time"),
+        ("1 m", "time_tolerance"),
+        (float("nan"), "time_tolerance: quantity nan is not finite"),
+    ],
+)
 def test_wrong_time_tolerances(given: str | float, said: str) -> None:
     """Assert that each is refused with its value."""
     with pytest.raises(xd.InputError, match=said):
@@ -414,8 +436,14 @@ def test_wrong_time_tolerances(given: str | float, said: str) -> None:
 
 def test_the_time_tolerance_is_that_of_events_without_one() -> None:
     """Assert the width of brackets, what the record says, and that an event's own tolerance goes first."""
-    table = {"name": "fall", "coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": "9.81 m s-2"}, "mass": {"y": "m"},
-             "forces": {"gravity": {"potential": "m*g*y"}}, "initial": {"y": "1 m", "v_y": "0 m s-1"}}  # fmt: skip
+    table = {
+        "name": "fall",
+        "coordinates": {"y": "m"},
+        "parameters": {"m": "1 kg", "g": "9.81 m s-2"},
+        "mass": {"y": "m"},
+        "forces": {"gravity": {"potential": "m*g*y"}},
+        "initial": {"y": "1 m", "v_y": "0 m s-1"},
+    }
     events = {"loose": {"function": "y - 0.5*metre"}, "sharp": {"function": "y - 0.2*metre", "time_tolerance": "1 ps"}}
     run = xd.simulate(xd.Model(**table, events=events), method="rk4", step=0.01, until=2.0, time_tolerance="1 us")
     width = (run.event_time_bounds[:, 1] - run.event_time_bounds[:, 0]).values

@@ -23,11 +23,13 @@ def told(method: str, step: float, until: float) -> str:
 def pair(excess: float | str, **how: str) -> xd.Model:
     """Two coordinates that share a mass but for a small part."""
     return xd.Model(
-        name="pair", coordinates={"x": {"unit": "m"}, "y": {"unit": "mm"}},
+        name="pair",
+        coordinates={"x": {"unit": "m"}, "y": {"unit": "mm"}},
         parameters={"m": "1 kg", "k": "1 N m-1", "u": "1 m"},
-        mass={"matrix": [["m", "m"], ["m", f"m*(1 + {excess})"]]}, forces={"spring": {"x": "-k*x", "y": "-k*y"}},
+        mass={"matrix": [["m", "m"], ["m", f"m*(1 + {excess})"]]},
+        forces={"spring": {"x": "-k*x", "y": "-k*y"}},
         initial={"x": "1 m", "y": "0 m", "v_x": "0 m s-1", "v_y": "0 m s-1"} | how,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "kahan_li8", "dormand_prince"])

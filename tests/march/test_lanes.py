@@ -66,9 +66,13 @@ def test_every_explicit_method(method: str, lanes: int) -> None:
         ("pendulum", "theta", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
         ("double_pendulum", "theta1", {"method": "dop853", "rtol": 1e-8, "until": 2.0}),
         ("coupled_masses", "x1", {"method": "yoshida6", "step": 0.01, "until": 2.0}),
-        ("cart_spring", "x", {"method": "pefrl", "step": 0.011, "until": 2.0, "scales": {"time": "3 s"}, "switches": "stepped over"}),
+        (
+            "cart_spring",
+            "x",
+            {"method": "pefrl", "step": 0.011, "until": 2.0, "scales": {"time": "3 s"}, "switches": "stepped over"},
+        ),
     ],
-)  # fmt: skip
+)
 def test_models_with_angles_tables_and_scales(name: str, varied: str, more: dict[str, Any]) -> None:
     """Assert the bits of one lane for models in the data folder."""
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
@@ -92,9 +96,15 @@ def driven() -> xd.Model:
         parameters={"m": "1 kg"},
         mass={"x": "m"},
         forces={"push": {"x": "push"}, "spring": {"potential": "newton/metre*x**2/2"}},
-        drives={"push": {"table": "p.csv", "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n", "interpolation": "previous"}},
+        drives={
+            "push": {
+                "table": "p.csv",
+                "csv": "t [s],p [N]\n0,0\n0.5,1\n0.6,-1\n1.7,2\n3,0\n",
+                "interpolation": "previous",
+            }
+        },
         initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("way", [{"method": "dop853", "rtol": 1e-8}, {"method": "heun", "step": 0.07}])
@@ -138,15 +148,32 @@ def test_random_forces(seed: int) -> None:
     """Assert the bits of one lane for forces put together at random from the functions of the language."""
     random = np.random.default_rng(seed)
     X, V = "(x/metre)", "(v_x*second/metre)"
-    parts = [f"sin(3*{X})", f"exp(-{X}**2)", f"cos({V})", f"tanh({X}*{V})", f"atan2({X}, 1 + {V}**2)", f"log(1 + {X}**2)",
-             f"hypot({X}, {V})", f"sqrt(1 + {X}**2)", f"min({X}, {V})", f"where({X} > 0.3, 1, -0.5)", f"abs({V})", f"{X}**3", "t/second"]  # fmt: skip
+    parts = [
+        f"sin(3*{X})",
+        f"exp(-{X}**2)",
+        f"cos({V})",
+        f"tanh({X}*{V})",
+        f"atan2({X}, 1 + {V}**2)",
+        f"log(1 + {X}**2)",
+        f"hypot({X}, {V})",
+        f"sqrt(1 + {X}**2)",
+        f"min({X}, {V})",
+        f"where({X} > 0.3, 1, -0.5)",
+        f"abs({V})",
+        f"{X}**3",
+        "t/second",
+    ]
     chosen = random.choice(parts, 4, replace=False)
     text = " + ".join(f"{float(w)!r}*{part}" for w, part in zip(random.normal(size=4), chosen, strict=True))
     model = xd.Model(
-        name="random", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        name="random",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}, "strange": {"x": f"newton*({text})", "smooth": True}},
-        initial={"x": "0.3 m", "v_x": "0 m s-1"}, observables={"power": "v_x*k*x"},
-    )  # fmt: skip
+        initial={"x": "0.3 m", "v_x": "0 m s-1"},
+        observables={"power": "v_x*k*x"},
+    )
     given = {"initial": {"x": random.uniform(-1.0, 1.0, N)}, "parameters": {"k": random.uniform(1.0, 9.0, N)}}
     settings = asked(model, method="dop853", rtol=1e-8, until=5.0)
     assert_same(march_many(model, settings, lanes=16, **given), march_many(model, settings, lanes=1, **given))
@@ -173,7 +200,7 @@ def watched(name: str) -> xd.Model:
         ("rocket_c6", {"method": "heun", "rtol": 1e-4}),
         ("woodpecker", {"method": "dormand_prince", "rtol": 1e-6, "until": 0.3}),
     ],
-)  # fmt: skip
+)
 def test_events_contacts_and_switches(name: str, more: dict[str, Any]) -> None:
     """Assert the bits of one lane, every event with its bracket, rates and impulses among them."""
     model = watched(name)
@@ -194,12 +221,20 @@ DETECTORS = 10
 def crowded() -> xd.Model:
     """Return an oscillator with ten detectors, whose places are parameters, and a floor that it bounces on."""
     places = {f"p{i}": f"{0.1 * i} m" for i in range(DETECTORS)}
-    events = {f"e{i}": {"function": f"x - p{i}", "direction": ["rising", "falling", "either"][i % 3]} for i in range(DETECTORS)}  # fmt: skip
+    events = {
+        f"e{i}": {"function": f"x - p{i}", "direction": ["rising", "falling", "either"][i % 3]}
+        for i in range(DETECTORS)
+    }
     return xd.Model(
-        name="crowded", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "depth": "0.9 m", **places},
-        mass={"x": "m"}, forces={"spring": {"potential": "newton/metre*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
-        events=events, contacts={"floor": {"gap": "x + depth", "restitution": 0.8}},
-    )  # fmt: skip
+        name="crowded",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "depth": "0.9 m", **places},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "newton/metre*x**2/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+        events=events,
+        contacts={"floor": {"gap": "x + depth", "restitution": 0.8}},
+    )
 
 
 @pytest.mark.cases(100)
@@ -219,17 +254,33 @@ def test_many_events_close_together(case: int) -> None:
     assert_same(march_many(model, settings, lanes=lanes, logs=logs, **given), alone)
 
 
-@pytest.mark.parametrize("function", [
-    "x - 0.2*metre", "sin(3*x/metre) - 0.5", "x*v_x", "x/(2*metre + x) - 0.1", "exp(-x/metre) - 0.9", "x**2 - 0.3*metre**2",
-    "min(x, 0.4*metre) - 0.1*metre", "abs(v_x) - 0.5*metre/second", "cos(t/second) - 0.3", "-x*abs(x)", "tanh(v_x*second/metre) - 0.2",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "function",
+    [
+        "x - 0.2*metre",
+        "sin(3*x/metre) - 0.5",
+        "x*v_x",
+        "x/(2*metre + x) - 0.1",
+        "exp(-x/metre) - 0.9",
+        "x**2 - 0.3*metre**2",
+        "min(x, 0.4*metre) - 0.1*metre",
+        "abs(v_x) - 0.5*metre/second",
+        "cos(t/second) - 0.3",
+        "-x*abs(x)",
+        "tanh(v_x*second/metre) - 0.2",
+    ],
+)
 def test_event_functions_in_lanes(function: str) -> None:
     """Assert that a lane looks no less closely than the single march, for the operations that are written for lanes."""
     model = xd.Model(
-        name="watched", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "0.7 m", "v_x": "0.1 m s-1"},
+        name="watched",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "0.7 m", "v_x": "0.1 m s-1"},
         events={"met": {"function": function}},
-    )  # fmt: skip
+    )
     given = {"parameters": {"k": np.linspace(1.0, 30.0, N)}}
     for way in ({"method": "velocity_verlet", "step": 0.02}, {"method": "dop853", "rtol": 1e-9}):
         settings = asked(model, until=6.0, **way)

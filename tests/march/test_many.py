@@ -40,9 +40,12 @@ def asked(model: xd.Model, **more: Any) -> Settings:
         ("block_on_incline", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
         ("ball_in_box", {"method": "dormand_prince", "rtol": 1e-7, "until": 2.0}),
         ("stick_slip_belt", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
-        ("cart_spring", {"method": "pefrl", "rtol": 1e-5, "estimator": "step_doubling", "until": 2.0, "scales": {"time": "3 s"}}),
+        (
+            "cart_spring",
+            {"method": "pefrl", "rtol": 1e-5, "estimator": "step_doubling", "until": 2.0, "scales": {"time": "3 s"}},
+        ),
     ],
-)  # fmt: skip
+)
 def test_each_run_has_the_bits_that_it_has_alone(name: str, more: dict[str, Any]) -> None:
     """Assert states, counts, outcomes, events and whole logs of every member, with parameters and starts of their own."""
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
@@ -52,7 +55,10 @@ def test_each_run_has_the_bits_that_it_has_alone(name: str, more: dict[str, Any]
     starts = model.initial[start].si + random.uniform(0.0, 1e-3, N)
     runs = march_many(model, settings, parameters={parameter: values}, initial={start: starts}, logs=True)
     for i in range(0, N, 13):
-        changed = {"parameters": {parameter: f"{float(values[i])!r} {_si(model, parameter)}"}, "initial": {start: f"{float(starts[i])!r} {_si(model, start)}"}}  # fmt: skip
+        changed = {
+            "parameters": {parameter: f"{float(values[i])!r} {_si(model, parameter)}"},
+            "initial": {start: f"{float(starts[i])!r} {_si(model, start)}"},
+        }
         march, rows, events = alone(model.replace(**changed), settings)
         assert rows.tobytes() == runs.log_of(i).tobytes()
         assert events.tobytes() == runs.events_of(i).tobytes()
@@ -76,7 +82,10 @@ def test_steps_and_tolerances_of_their_own() -> None:
     assert runs.rows.tolist() == [11, 21, 35]
     judged = asked(model, method="dormand_prince", rtol=1e-3, atol=1e-9, until=9.0)
     runs = march_many(model, judged, rtols=[1e-3, 1e-6, 1e-9])
-    assert runs.state[1].tobytes() == alone(model, asked(model, method="dormand_prince", rtol=1e-6, atol=1e-9, until=9.0))[0].run.y[:2].tobytes()  # fmt: skip
+    assert (
+        runs.state[1].tobytes()
+        == alone(model, asked(model, method="dormand_prince", rtol=1e-6, atol=1e-9, until=9.0))[0].run.y[:2].tobytes()
+    )
     assert runs.rows[0] < runs.rows[1] < runs.rows[2]
     runs = march_many(
         model, asked(model, method="dormand_prince", rtol=1e-3, until=9.0), rtols=[1e-9]

@@ -289,7 +289,9 @@ def test_many_events_in_a_step_are_located_one_by_one(case: int) -> None:
         most = max(float(tolerances.sum()), 4e-16)
         assert bounds[row, 0] <= roots[k] + 2e-16
         assert roots[k] - 2e-16 <= bounds[row, 1] <= roots[k] + most * 1.001
-        assert float(run.event_residual[row]) == pytest.approx(SHAPES[shapes[k]](float(times[row]) - roots[k]), rel=1e-6, abs=1e-14)  # fmt: skip
+        assert float(run.event_residual[row]) == pytest.approx(
+            SHAPES[shapes[k]](float(times[row]) - roots[k]), rel=1e-6, abs=1e-14
+        )
         assert float(run.event_direction[row]) == (-1 if shapes[k].startswith("1 -") else 1)
     assert (np.diff(times) >= 0.0).all()
     assert (times >= roots[found] - 2e-16).all()
@@ -327,13 +329,41 @@ def blow(expression: str) -> xd.Model:
     ("model", "method", "step", "until", "word", "text"),
     [
         (lambda: blow("k*y**2"), "midpoint", 0.01, 2.0, "nonfinite_force", "rate_y is inf"),
-        (lambda: particle("where(t > 1*second, F*sqrt(-1), F)"), "midpoint", 0.125, 2.0, "nonfinite_force", "force_push_x is nan in the evaluation at t = 1"),
-        (lambda: particle("F/where(t > 1*second, 0, 1)"), "forward_euler", 0.125, 2.0, "nonfinite_force", "force_push_x is inf in the evaluation at t = 1"),
-        (lambda: particle(mass={"x": "m*(1 - t/second)"}), "forward_euler", 0.25, 2.0, "nonfinite_force", "mass is not positive definite"),
+        (
+            lambda: particle("where(t > 1*second, F*sqrt(-1), F)"),
+            "midpoint",
+            0.125,
+            2.0,
+            "nonfinite_force",
+            "force_push_x is nan in the evaluation at t = 1",
+        ),
+        (
+            lambda: particle("F/where(t > 1*second, 0, 1)"),
+            "forward_euler",
+            0.125,
+            2.0,
+            "nonfinite_force",
+            "force_push_x is inf in the evaluation at t = 1",
+        ),
+        (
+            lambda: particle(mass={"x": "m*(1 - t/second)"}),
+            "forward_euler",
+            0.25,
+            2.0,
+            "nonfinite_force",
+            "mass is not positive definite",
+        ),
         (lambda: timed("log(1.5 - t/second)*metre"), "forward_euler", 0.25, 2.0, "nonfinite_event", "'mark'"),
-        (lambda: particle(initial={"t": "1e9 s", "x": "1 m", "v_x": "1 m s-1"}), "midpoint", 1e-8, 1e9 + 1, "step_below_spacing", "t = 1000000000 s, h = 1e-08 s"),
+        (
+            lambda: particle(initial={"t": "1e9 s", "x": "1 m", "v_x": "1 m s-1"}),
+            "midpoint",
+            1e-8,
+            1e9 + 1,
+            "step_below_spacing",
+            "t = 1000000000 s, h = 1e-08 s",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_end_is_a_named_outcome(model, method, step, until, word, text) -> None:
     """Assert that a run that ends badly says how, with t, h and component, and keeps finite rows only."""
     run = xd.simulate(model(), method=method, step=step, until=until)
@@ -422,8 +452,14 @@ def test_compiled_equals_plain_python(request: pytest.FixtureRequest) -> None:
 def test_progress_is_told() -> None:
     """Assert that a march tells how far it is."""
     told: list[float] = []
-    xd.simulate(pushed().model, method="midpoint", step=1e-6, until=1.0, force_samples="none",
-                progress=lambda done, _t, _rows: told.append(done))  # fmt: skip
+    xd.simulate(
+        pushed().model,
+        method="midpoint",
+        step=1e-6,
+        until=1.0,
+        force_samples="none",
+        progress=lambda done, _t, _rows: told.append(done),
+    )
     assert told[-1] == 1.0
     assert told == sorted(told)
     assert time.monotonic() > 0
@@ -444,9 +480,13 @@ def test_choice_inside_a_full_mass_matrix() -> None:
     """Assert that an entry that is a choice is subtracted from as a whole."""
     entry = "where(t < 100*second, 3*m, 1*m)"
     model = xd.Model(
-        name="pair", coordinates={"x": "m", "z": "m"}, parameters={"m": "1 kg", "F": "1 N"}, forces={"push": {"x": "F", "z": "F"}},
-        mass={"matrix": [["2*m", "m"], ["m", entry]]}, initial={"x": "0 m", "v_x": "0 m s-1", "z": "0 m", "v_z": "0 m s-1"},
-    )  # fmt: skip
+        name="pair",
+        coordinates={"x": "m", "z": "m"},
+        parameters={"m": "1 kg", "F": "1 N"},
+        forces={"push": {"x": "F", "z": "F"}},
+        mass={"matrix": [["2*m", "m"], ["m", entry]]},
+        initial={"x": "0 m", "v_x": "0 m s-1", "z": "0 m", "v_z": "0 m s-1"},
+    )
     run = xd.simulate(model, method="forward_euler", step=0.5, until=0.5)
     assert [float(run.a_x[0]), float(run.a_z[0])] == pytest.approx([0.4, 0.2], rel=4 * EPS)
 

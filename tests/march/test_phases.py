@@ -196,9 +196,15 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
     watches["armed"] = watches["ever"] = watches["alive"] = 1
     law = law_of(nothing, watched, nothing, nothing, nothing, kept, nothing, falling)
     run = made_by_hand(
-        y=np.array([1.0, 0.0, -2.0]), law=law, detectors=detectors, log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
-        log_events=np.zeros(5, EVENT_ROW), watches=watches, functions=entries(), **{name: np.zeros(1) for name in arrays},
-    )  # fmt: skip
+        y=np.array([1.0, 0.0, -2.0]),
+        law=law,
+        detectors=detectors,
+        log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
+        log_events=np.zeros(5, EVENT_ROW),
+        watches=watches,
+        functions=entries(),
+        **{name: np.zeros(1) for name in arrays},
+    )
     run.plan[0].step_size, run.plan[0].stages, run.plan[0].apart, run.g[0] = 0.75, 1, 1, seen(1.0)
     return run
 
@@ -257,9 +263,10 @@ def itp(g: Callable[[float], float], high: float, tolerance: float) -> Iterator[
 
 
 @pytest.mark.parametrize(
-    "seen", [float, lambda x: x**3, lambda x: math.copysign(1.0, x), lambda x: x if x > 0 else 1e-6 * x, math.atan],
+    "seen",
+    [float, lambda x: x**3, lambda x: math.copysign(1.0, x), lambda x: x if x > 0 else 1e-6 * x, math.atan],
     ids=["smooth", "flat", "jump", "lopsided", "bent"],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("tolerance", [1e-6, 1.5 / 1024])
 def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], tolerance: float) -> None:
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
@@ -349,8 +356,13 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
         arrays[5][:2], arrays[0][UNSOUND] = [(h - 0.25) * (h - 1.25), 0.5 - h], 0.0
 
     arrays = {name: np.zeros(2) for name in ("g1", "located_g", "slopes")}
-    run.put(law=law_of(nothing, both, nothing, nothing, nothing, kept, nothing, falling), detectors=detectors, g=np.array([0.3125, 0.5]),
-            watches=np.zeros(2, WATCH), **arrays)  # fmt: skip
+    run.put(
+        law=law_of(nothing, both, nothing, nothing, nothing, kept, nothing, falling),
+        detectors=detectors,
+        g=np.array([0.3125, 0.5]),
+        watches=np.zeros(2, WATCH),
+        **arrays,
+    )
     run.watches["armed"] = 1
     found(run, 1.5)
     plain(root_finding.locate)(run)

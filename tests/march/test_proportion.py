@@ -26,19 +26,24 @@ def motion(force: dict[str, str], *, x: str = "1 m", v_x: str = "0 m s-1", **mor
     """A mass of 1 kg in one dimension or, with `y`, in two."""
     names = ("x", "y") if "y" in more else ("x",)
     return xd.Model(
-        name="motion", coordinates={name: {"unit": "m"} for name in names},
-        parameters={"m": "1 kg", "k": "1 N m-1", "u": "1 m", "w": "1.3 rad s-1"}, mass=dict.fromkeys(names, "m"),
-        forces={"field": force}, initial={"x": x, "v_x": v_x} | more,
-    )  # fmt: skip
+        name="motion",
+        coordinates={name: {"unit": "m"} for name in names},
+        parameters={"m": "1 kg", "k": "1 N m-1", "u": "1 m", "w": "1.3 rad s-1"},
+        mass=dict.fromkeys(names, "m"),
+        forces={"field": force},
+        initial={"x": x, "v_x": v_x} | more,
+    )
 
 
 PROBLEMS = {
-    "henon_heiles": motion({"potential": "k*((x**2 + y**2)/2 + (x**2*y - y**3/3)/u)"}, x="0.1 m", v_x="0.4 m s-1", y="0.2 m", v_y="0 m s-1"),
+    "henon_heiles": motion(
+        {"potential": "k*((x**2 + y**2)/2 + (x**2*y - y**3/3)/u)"}, x="0.1 m", v_x="0.4 m s-1", y="0.2 m", v_y="0 m s-1"
+    ),
     "kepler": motion({"potential": "-k*u**3/hypot(x, y)"}, x="0.7 m", y="0 m", v_y="1.36 m s-1"),
     "pendulum": motion({"x": "-k*u*sin(x/u)"}, x="0 m", v_x="1.5 m s-1"),
     "driven_duffing": motion({"x": "-k*x**3/u**2 + 0.3*k*u*cos(w*t)"}),
     "coupled": motion({"potential": "k*(x**2 + y**2)/2 + 2*k*(x - y)**2"}, y="0 m", v_y="0 m s-1"),
-}  # fmt: skip
+}
 
 
 @lru_cache

@@ -57,9 +57,13 @@ if os.environ.get("TARGET"):
 def digests(**environment: str) -> str:
     """Digests of the runs, marched in a process of its own; code is kept by its processor."""
     done = subprocess.run(
-        [sys.executable, "-c", AT_A_TARGET + PROGRAM], capture_output=True, text=True, check=True, cwd=ROOT,
+        [sys.executable, "-c", AT_A_TARGET + PROGRAM],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
         env={**os.environ, **environment},
-    )  # fmt: skip
+    )
     return done.stdout
 
 
@@ -92,12 +96,18 @@ else:
     xd.save(xd.certify(ball, "y", at="1 s", draws=200, method="dop853", rtol=1e-6), sys.argv[1])
 """
 NARROW = {
-    "OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3 AVX512F AVX512_SKX",
-} | ELSEWHERE["a C library without AVX2 and fma"]  # fmt: skip
+    "OPENBLAS_CORETYPE": "Prescott",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3 AVX512F AVX512_SKX",
+} | ELSEWHERE["a C library without AVX2 and fma"]
 
 
 def test_a_certificate_comes_out_again_elsewhere(tmp_path: Path) -> None:
     """Assert every bit of a budget, draws and verdicts where numpy, BLAS and the C library have no wide vectors."""
     for more in ([], ["again"]):
         environment = {**os.environ, **(NARROW if more else {})}
-        subprocess.run([sys.executable, "-W", "ignore", "-c", CERTIFIED, str(tmp_path / "c.nc"), *more], check=True, cwd=ROOT, env=environment)  # fmt: skip
+        subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", CERTIFIED, str(tmp_path / "c.nc"), *more],
+            check=True,
+            cwd=ROOT,
+            env=environment,
+        )

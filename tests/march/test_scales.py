@@ -20,18 +20,23 @@ ADAPTIVE = ("dormand_prince", "dop853", "radau_iia")
 def spring(unit: str = "m", rate: float = 1.0, **initial: str) -> xd.Model:
     """A mass on a spring, at rest a length unit from where it rests."""
     return xd.Model(
-        name="spring", coordinates={"x": {"unit": unit}}, parameters={"m": "1 kg", "k": f"{rate**2!r} N m-1"},
-        mass={"x": "m"}, forces={"spring": {"x": "-k*x"}},
+        name="spring",
+        coordinates={"x": {"unit": unit}},
+        parameters={"m": "1 kg", "k": f"{rate**2!r} N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
         initial={"x": f"1 {unit}", "v_x": f"0 {unit} s-1"} | initial,
-    )  # fmt: skip
+    )
 
 
 def charge() -> xd.Model:
     """A capacitor of 5 pC that discharges."""
     return xd.Model(
-        name="capacitor", parameters={"tau": "1 s"}, states={"q": {"unit": "C", "rate": "-q/tau"}},
+        name="capacitor",
+        parameters={"tau": "1 s"},
+        states={"q": {"unit": "C", "rate": "-q/tau"}},
         initial={"q": "5 pC"},
-    )  # fmt: skip
+    )
 
 
 def marched(model: xd.Model, **asked: Any) -> xr.Dataset:
@@ -140,10 +145,13 @@ def test_a_start_at_rest_finds_its_time_scale() -> None:
 def swing(rate: float, length: float) -> xd.Model:
     """A pendulum of any length and time scale, by the arc it goes."""
     return xd.Model(
-        name="swing", coordinates={"x": {"unit": "m"}},
-        parameters={"m": "1 kg", "k": f"{rate**2!r} N m-1", "L": f"{length!r} m"}, mass={"x": "m"},
-        forces={"gravity": {"x": "-k*L*sin(x/L)"}}, initial={"x": f"{length!r} m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="swing",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg", "k": f"{rate**2!r} N m-1", "L": f"{length!r} m"},
+        mass={"x": "m"},
+        forces={"gravity": {"x": "-k*L*sin(x/L)"}},
+        initial={"x": f"{length!r} m", "v_x": "0 m s-1"},
+    )
 
 
 @pytest.mark.parametrize("method", xd.METHODS)

@@ -71,28 +71,49 @@ CHOSEN: dict[str, Any] = {"tolerances": tolerances(), "estimator": "embedded"}
         ({"jacobian": "differences"}, "jacobian = 'differences' is for radau_iia, and the method is 'dormand_prince'"),
         ({"summation": "exact"}, "summation is 'exact'; there are plain, compensated"),
         ({"switches": "ignored"}, "switches is 'ignored'; there are 'located', 'stepped over'"),
-        ({"estimator": "guess"}, "estimator is 'guess'; there are none, embedded, step_doubling, step_doubling_extrapolated"),
+        (
+            {"estimator": "guess"},
+            "estimator is 'guess'; there are none, embedded, step_doubling, step_doubling_extrapolated",
+        ),
         ({"pacing": Pacing(safety=1.0)}, "safety is 1.0, needs a number between 0 and 1"),
         ({"pacing": Pacing(safety=0.0)}, "safety is 0.0, needs a number between 0 and 1"),
         ({"pacing": Pacing(growth_limits=(0.0, 5.0))}, "growth_limits are (0.0, 5.0), need 0 < least < 1 < greatest"),
         ({"pacing": Pacing(growth_limits=(1.0, 5.0))}, "growth_limits are (1.0, 5.0), need 0 < least < 1 < greatest"),
         ({"pacing": Pacing(growth_limits=(0.2, 1.0))}, "growth_limits are (0.2, 1.0), need 0 < least < 1 < greatest"),
-        ({"pacing": Pacing(growth_limits=(0.2, math.inf))}, "growth_limits are (0.2, inf), need 0 < least < 1 < greatest"),
+        (
+            {"pacing": Pacing(growth_limits=(0.2, math.inf))},
+            "growth_limits are (0.2, inf), need 0 < least < 1 < greatest",
+        ),
         ({"pacing": Pacing(min_step=-1.0)}, "min_step is -1.0 s, needs a non-negative time"),
         ({"pacing": Pacing(max_step=0.0)}, "max_step is 0.0 s, needs a positive time"),
         ({"pacing": Pacing(min_step=0.5, max_step=0.25)}, "min_step is 0.5 s, needs to be at most max_step = 0.25 s"),
         ({"pacing": Pacing(min_step=1.5)}, "min_step is 1.5 s, needs to be at most the span of 1.0 s"),
         ({"pacing": Pacing(max_steps=0)}, "max_steps is 0, needs a positive number"),
         (CHOSEN | {"estimator": "none"}, "tolerances need an error estimate; take estimator = 'step_doubling'"),
-        (CHOSEN | {"pacing": Pacing(max_step=0.05)}, "step, the first one, is 0.1 s, needs to be from min_step = 0.0 s to max_step = 0.05 s"),
-        (CHOSEN | {"pacing": Pacing(min_step=0.2)}, "step, the first one, is 0.1 s, needs to be from min_step = 0.2 s to max_step = inf s"),
-        (CHOSEN | {"tolerances": tolerances(1.0)}, "rtol is 1.0, needs a number from 10 eps = 2.22e-15, below which rounding is as large, to 1"),
-        (CHOSEN | {"tolerances": tolerances(atol={"x": math.inf})}, "atol of 'x' is inf, needs a finite non-negative number"),
+        (
+            CHOSEN | {"pacing": Pacing(max_step=0.05)},
+            "step, the first one, is 0.1 s, needs to be from min_step = 0.0 s to max_step = 0.05 s",
+        ),
+        (
+            CHOSEN | {"pacing": Pacing(min_step=0.2)},
+            "step, the first one, is 0.1 s, needs to be from min_step = 0.2 s to max_step = inf s",
+        ),
+        (
+            CHOSEN | {"tolerances": tolerances(1.0)},
+            "rtol is 1.0, needs a number from 10 eps = 2.22e-15, below which rounding is as large, to 1",
+        ),
+        (
+            CHOSEN | {"tolerances": tolerances(atol={"x": math.inf})},
+            "atol of 'x' is inf, needs a finite non-negative number",
+        ),
         (CHOSEN | {"tolerances": tolerances(bare=-1.0)}, "atol is -1.0, needs a finite non-negative number"),
         (CHOSEN | {"tolerances": tolerances(atol={"z": 1.0})}, "atol names 'z', which is none of x, v_x"),
-        (CHOSEN | {"tolerances": tolerances(atol={"v_x": 0.0})}, "atol of 'v_x' is 0 and v_x starts at 0: its error would have no scale; give it a positive one"),
+        (
+            CHOSEN | {"tolerances": tolerances(atol={"v_x": 0.0})},
+            "atol of 'v_x' is 0 and v_x starts at 0: its error would have no scale; give it a positive one",
+        ),
     ],
-)  # fmt: skip
+)
 def test_one_fault(asked: dict[str, Any], said: str) -> None:
     """Assert that each fault is said alone, in these words."""
     assert faults_of(**asked) == (said,)

@@ -52,62 +52,107 @@ def oscillator(rng: np.random.Generator, of: Units) -> xd.Model:
     """A damped oscillator with a cubic spring, from rest."""
     k, c, b = rng.uniform(0.5, 4, 3)
     return xd.Model(
-        name="oscillator", coordinates={"x": {"unit": of.unit(m=1)}}, mass={"x": "m"},
-        parameters={"m": of(1.0, kg=1), "k": of(k, kg=1, s=-2), "c": of(0.1 * c, kg=1, s=-1), "b": of(b, kg=1, m=-2, s=-2)},
-        forces={"all": {"x": "-k*x - c*v_x - b*x**3"}}, initial={"x": of(rng.uniform(0.3, 2), m=1), "v_x": of(0.0, m=1, s=-1)},
-    )  # fmt: skip
+        name="oscillator",
+        coordinates={"x": {"unit": of.unit(m=1)}},
+        mass={"x": "m"},
+        parameters={
+            "m": of(1.0, kg=1),
+            "k": of(k, kg=1, s=-2),
+            "c": of(0.1 * c, kg=1, s=-1),
+            "b": of(b, kg=1, m=-2, s=-2),
+        },
+        forces={"all": {"x": "-k*x - c*v_x - b*x**3"}},
+        initial={"x": of(rng.uniform(0.3, 2), m=1), "v_x": of(0.0, m=1, s=-1)},
+    )
 
 
 def orbit(rng: np.random.Generator, of: Units) -> xd.Model:
     """A body on an ellipse, from the end of an axis."""
     return xd.Model(
-        name="orbit", coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}}, mass={"x": "m", "y": "m"},
+        name="orbit",
+        coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}},
+        mass={"x": "m", "y": "m"},
         parameters={"m": of(1.0, kg=1), "mu": of(1.0, m=3, s=-2)},
         forces={"gravity": {"potential": "-m*mu/sqrt(x**2 + y**2)"}},
-        initial={"x": of(1.0, m=1), "y": of(0.0, m=1), "v_x": of(0.0, m=1, s=-1), "v_y": of(rng.uniform(0.7, 1.2), m=1, s=-1)},
-    )  # fmt: skip
+        initial={
+            "x": of(1.0, m=1),
+            "y": of(0.0, m=1),
+            "v_x": of(0.0, m=1, s=-1),
+            "v_y": of(rng.uniform(0.7, 1.2), m=1, s=-1),
+        },
+    )
 
 
 def thrown(rng: np.random.Generator, of: Units) -> xd.Model:
     """A ball thrown from zero, with drag."""
     speed = of(rng.uniform(1, 5), m=1, s=-1)
     return xd.Model(
-        name="ball", coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}}, mass={"x": "m", "y": "m"},
+        name="ball",
+        coordinates={"x": {"unit": of.unit(m=1)}, "y": {"unit": of.unit(m=1)}},
+        mass={"x": "m", "y": "m"},
         parameters={"m": of(1.0, kg=1), "g": of(1.0, m=1, s=-2), "c": of(rng.uniform(0.01, 0.3), kg=1, m=-1)},
         forces={"weight": {"y": "-m*g"}, "drag": {"x": "-c*v_x*hypot(v_x, v_y)", "y": "-c*v_y*hypot(v_x, v_y)"}},
         initial={"x": of(0.0, m=1), "y": of(0.0, m=1), "v_x": speed, "v_y": of(3.0, m=1, s=-1)},
-    )  # fmt: skip
+    )
 
 
 def cart(rng: np.random.Generator, of: Units) -> xd.Model:
     """A cart at zero that a pendulum drives, an angle beside a length, and what the motion heats."""
     return xd.Model(
-        name="cart", coordinates={"x": {"unit": of.unit(m=1)}, "theta": {"unit": "rad"}}, mass={"x": "m", "theta": "m*l**2"},
-        parameters={"m": of(1.0, kg=1), "l": of(1.0, m=1), "k": of(rng.uniform(0.5, 3), kg=1, s=-2), "g": of(1.0, m=1, s=-2)},
-        forces={"spring": {"x": "-k*x"}, "weight": {"theta": "-m*g*l*sin(theta)"}, "drive": {"x": "0.3*k*l*sin(theta)"}},
+        name="cart",
+        coordinates={"x": {"unit": of.unit(m=1)}, "theta": {"unit": "rad"}},
+        mass={"x": "m", "theta": "m*l**2"},
+        parameters={
+            "m": of(1.0, kg=1),
+            "l": of(1.0, m=1),
+            "k": of(rng.uniform(0.5, 3), kg=1, s=-2),
+            "g": of(1.0, m=1, s=-2),
+        },
+        forces={
+            "spring": {"x": "-k*x"},
+            "weight": {"theta": "-m*g*l*sin(theta)"},
+            "drive": {"x": "0.3*k*l*sin(theta)"},
+        },
         initial={"x": of(0.0, m=1), "theta": "0.7 rad", "v_x": of(0.0, m=1, s=-1), "v_theta": of(0.0, s=-1)},
-    )  # fmt: skip
+    )
 
 
 def circuit(rng: np.random.Generator, of: Units) -> xd.Model:
     """A tank that fills from zero, and a second one behind it: first-order states alone."""
     return xd.Model(
-        name="tanks", parameters={"tau": of(1.0, s=1), "flow": of(rng.uniform(0.5, 2), kg=1, s=-1), "share": f"{rng.uniform(0.1, 0.9)} 1"},
-        states={"a": {"unit": of.unit(kg=1), "rate": "flow - a/tau"}, "b": {"unit": of.unit(kg=1), "rate": "a/tau - share*b/tau"}},
+        name="tanks",
+        parameters={
+            "tau": of(1.0, s=1),
+            "flow": of(rng.uniform(0.5, 2), kg=1, s=-1),
+            "share": f"{rng.uniform(0.1, 0.9)} 1",
+        },
+        states={
+            "a": {"unit": of.unit(kg=1), "rate": "flow - a/tau"},
+            "b": {"unit": of.unit(kg=1), "rate": "a/tau - share*b/tau"},
+        },
         initial={"a": of(0.0, kg=1), "b": of(0.0, kg=1)},
-    )  # fmt: skip
+    )
 
 
 def chain(rng: np.random.Generator, of: Units) -> xd.Model:
     """A row of masses, of which the first alone is away from its place."""
     n = int(rng.integers(3, 9))
     names = [f"u{i}" for i in range(n)]
-    pulls = {one: "-k*(2*" + one + "".join(f" - {names[j]}" for j in (i - 1, i + 1) if 0 <= j < n) + ")" for i, one in enumerate(names)}  # fmt: skip
-    starts = {one: of(1.0 if i == 0 else 0.0, m=1) for i, one in enumerate(names)} | {f"v_{one}": of(0.0, m=1, s=-1) for one in names}  # fmt: skip
+    pulls = {
+        one: "-k*(2*" + one + "".join(f" - {names[j]}" for j in (i - 1, i + 1) if 0 <= j < n) + ")"
+        for i, one in enumerate(names)
+    }
+    starts = {one: of(1.0 if i == 0 else 0.0, m=1) for i, one in enumerate(names)} | {
+        f"v_{one}": of(0.0, m=1, s=-1) for one in names
+    }
     return xd.Model(
-        name="chain", coordinates={one: {"unit": of.unit(m=1)} for one in names}, mass=dict.fromkeys(names, "m"),
-        parameters={"m": of(1.0, kg=1), "k": of(1.0, kg=1, s=-2)}, forces={"springs": pulls}, initial=starts,
-    )  # fmt: skip
+        name="chain",
+        coordinates={one: {"unit": of.unit(m=1)} for one in names},
+        mass=dict.fromkeys(names, "m"),
+        parameters={"m": of(1.0, kg=1), "k": of(1.0, kg=1, s=-2)},
+        forces={"springs": pulls},
+        initial=starts,
+    )
 
 
 PROBLEMS = (oscillator, orbit, thrown, cart, circuit, chain)
@@ -127,9 +172,11 @@ def test_steps_are_the_same_in_all_units(case: int) -> None:
     made, method, rtol = problem(case)
     own = Units(np.random.default_rng(case + 10_000))
     runs = [
-        xd.simulate(made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none")
+        xd.simulate(
+            made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none"
+        )
         for of in (Units(None), own)
-    ]  # fmt: skip
+    ]
     first, second = runs
     assert {one.attrs["run_outcome"] for one in runs} == {"completed"}
     chosen = [float(one.attrs["solver_first_step"]) for one in runs]
@@ -147,7 +194,9 @@ def test_what_was_used_is_recorded(case: int) -> None:
     """Assert that the last tolerance of every variable is the rule's, made again from the rows alone."""
     made, method, rtol = problem(case)
     of = Units(np.random.default_rng(case))
-    run = xd.simulate(made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none")  # fmt: skip
+    run = xd.simulate(
+        made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none"
+    )
     used, kinds = float(run.attrs["solver_rtol_used"]), {}
     for name, one in run.data_vars.items():
         if one.attrs.get("role") in ("coordinate", "velocity", "state"):
@@ -159,7 +208,9 @@ def test_what_was_used_is_recorded(case: int) -> None:
         for name, largest in found:
             about = run[name].attrs
             assert about["atol_rule"] == ATOL_FOLLOWS
-            assert about["atol"] * float(parse_unit(about["units"]).factor) == pytest.approx(about["atol_si"], rel=1e-12)  # fmt: skip
+            assert about["atol"] * float(parse_unit(about["units"]).factor) == pytest.approx(
+                about["atol_si"], rel=1e-12
+            )
             expected = max(used * largest, max(1e-6 * used, 10 * np.finfo(float).eps) * top)
             assert about["atol_si"] == pytest.approx(expected, rel=1e-9)
 
@@ -208,10 +259,13 @@ def test_starts_without_a_size(name: str, method: str, rtol: float) -> None:
         return  # its order is too low; it has no derivative there
     angle = "sin" in text
     model = xd.Model(
-        name=name, coordinates={"x": "rad" if angle else "m"}, parameters={"m": "1 kg m2" if angle else "1 kg"}, mass={"x": "m"},
+        name=name,
+        coordinates={"x": "rad" if angle else "m"},
+        parameters={"m": "1 kg m2" if angle else "1 kg"},
+        mass={"x": "m"},
         forces={"all": {"x": text.replace("newton", "newton*metre") if angle else text}},
         initial={"x": f"{x!r} {'rad' if angle else 'm'}", "v_x": f"{v!r} {'s-1' if angle else 'm s-1'}"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method=method, rtol=rtol, until="5 s", max_steps=40_000, force_samples="none")
     assert run.attrs["run_outcome"] == "completed", run.attrs["run_outcome_text"]
 
@@ -275,7 +329,9 @@ def test_errors_go_with_the_tolerances() -> None:
     """Assert that a refinement over tolerances of a model in metres that moves by nanometres is in proportion."""
     of = Units(None)
     of.large["m"] = 1e-9
-    study = xd.refine(orbit(np.random.default_rng(2), of), method="dop853", rtols=[1e-5, 1e-6, 1e-7, 1e-8], until="5 s", at=["5 s"])  # fmt: skip
+    study = xd.refine(
+        orbit(np.random.default_rng(2), of), method="dop853", rtols=[1e-5, 1e-6, 1e-7, 1e-8], until="5 s", at=["5 s"]
+    )
     assert float(abs(study.difference_x[-2, 0])) < 1e-9 * 1e-5
 
 
@@ -306,9 +362,20 @@ def linear(start: list[float], matrix: list[list[float]], coordinates: int, kind
     """A march that is about to begin: accelerations and rates are a matrix times coordinates, velocities and states."""
     used, whole = len(start), np.array(matrix, float)
     plan = SimpleNamespace(coordinates=coordinates, used=used, rtol=RTOL, floor=1e-6 * RTOL, rest=0.5)
-    run = SimpleNamespace(plan=[plan], now=[SimpleNamespace(t=3.0)], matrix=whole, kinds=np.array(kinds), tops=np.zeros(2 * (max(kinds) + 1)))  # fmt: skip
+    run = SimpleNamespace(
+        plan=[plan],
+        now=[SimpleNamespace(t=3.0)],
+        matrix=whole,
+        kinds=np.array(kinds),
+        tops=np.zeros(2 * (max(kinds) + 1)),
+    )
     run.y, run.probe = (np.concatenate([start, whole @ start]) for _ in "yp")
-    run.turning, run.largest, run.atol, run.followers = np.zeros(4 * used), np.abs(start), np.full(used, -1.0), np.ones(used, bool)  # fmt: skip
+    run.turning, run.largest, run.atol, run.followers = (
+        np.zeros(4 * used),
+        np.abs(start),
+        np.full(used, -1.0),
+        np.ones(used, bool),
+    )
     return run
 
 
@@ -343,10 +410,17 @@ def test_parts_an_oscillator_from_rest(w: float, start: float) -> None:
 @pytest.mark.parametrize(
     ("matrix", "coordinates", "rate"),
     [
-        ([[-2.0, 0.0], [0.0, -50.0]], 0, 50.0), ([[0.0, 3.0], [-3.0, 0.0]], 0, 3.0), ([[0.0, 4.0], [4.0, 0.0]], 0, 4.0), ([[-7.0, 0.0], [0.0, -7.0]], 0, 7.0),
-        ([[0.0, 0.0]], 1, 0.0), ([[-9.0, -8.0]], 1, 4.0 + math.sqrt(7.0)), ([[-9.0, -2.0]], 1, 3.0), ([[0.0, -6.0]], 1, 6.0), ([[math.nan, 0.0]], 1, 0.0),
+        ([[-2.0, 0.0], [0.0, -50.0]], 0, 50.0),
+        ([[0.0, 3.0], [-3.0, 0.0]], 0, 3.0),
+        ([[0.0, 4.0], [4.0, 0.0]], 0, 4.0),
+        ([[-7.0, 0.0], [0.0, -7.0]], 0, 7.0),
+        ([[0.0, 0.0]], 1, 0.0),
+        ([[-9.0, -8.0]], 1, 4.0 + math.sqrt(7.0)),
+        ([[-9.0, -2.0]], 1, 3.0),
+        ([[0.0, -6.0]], 1, 6.0),
+        ([[math.nan, 0.0]], 1, 0.0),
     ],
-)  # fmt: skip
+)
 def test_parts_the_fastest_rate_is_an_eigenvalue(matrix: list[list[float]], coordinates: int, rate: float) -> None:
     """Assert the largest size of an eigenvalue: two decays, a turning, a saddle, drag and damping, and none of free flight."""
     run = linear([1.5, 0.75], matrix, coordinates, [0, 1] if coordinates else [0, 0])
@@ -360,10 +434,15 @@ def test_parts_the_fastest_rate_is_an_eigenvalue(matrix: list[list[float]], coor
 def test_parts_a_time_of_state_and_slopes() -> None:
     """Assert size over slope of states, the root of place over acceleration, speed over acceleration at 0, and their least, by kinds."""
     for start, matrix, coordinates, kinds, time in (
-        ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 1], 2.0), ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 0], 2.0),
-        ([4.0, 10.0], [[0.0, 2.0], [0.0, -1.0]], 0, [0, 1], 0.2), ([8.0, 0.0], [[-0.25, 0.0]], 1, [0, 1], 2.0), ([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1], 2.0),
-        ([8.0, 40.0], [[-0.25, 0.0]], 1, [0, 1], 2.0), ([1e6, 1.0], [[0.0, 0.0]], 1, [0, 1], 50.0), ([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1], 0.5),
-    ):  # fmt: skip
+        ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 1], 2.0),
+        ([4.0, -1.0], [[0.0, 2.0], [0.0, 0.0]], 0, [0, 0], 2.0),
+        ([4.0, 10.0], [[0.0, 2.0], [0.0, -1.0]], 0, [0, 1], 0.2),
+        ([8.0, 0.0], [[-0.25, 0.0]], 1, [0, 1], 2.0),
+        ([0.0, 3.0], [[0.0, -0.5]], 1, [0, 1], 2.0),
+        ([8.0, 40.0], [[-0.25, 0.0]], 1, [0, 1], 2.0),
+        ([1e6, 1.0], [[0.0, 0.0]], 1, [0, 1], 50.0),
+        ([0.0, 0.0], [[0.0, 0.0]], 1, [0, 1], 0.5),
+    ):
         run = linear(start, matrix, coordinates, kinds)
         assert tolerance_sizes.time_at(run, run.y) == pytest.approx(time), (start, matrix)
 

@@ -74,7 +74,9 @@ def kept(whole: xr.Dataset, every: int, nodes: list[float]) -> np.ndarray[Any, A
         grid = numbers % every == 0
     named = np.union1d(whole["event_row_before"].values, whole["event_row_after"].values)
     ends = (numbers == 0) | (numbers == numbers[-1])
-    return np.flatnonzero(grid | ends | np.isin(numbers, named) | np.isin(time, nodes) | (whole["row_kind"].values >= EVENT_BEFORE))  # fmt: skip
+    return np.flatnonzero(
+        grid | ends | np.isin(numbers, named) | np.isin(time, nodes) | (whole["row_kind"].values >= EVENT_BEFORE)
+    )
 
 
 def thinned(whole: xr.Dataset, rows: np.ndarray[Any, Any], names: Any) -> dict[str, bytes]:
@@ -134,7 +136,11 @@ def test_rows_have_the_bits_of_the_whole_march(case: int, tmp_path: Path, monkey
     run = marched(model, asked | {"keep_every": every}, way, path, rng)
     rows = kept(whole, every, asked.get("nodes", []))
     np.testing.assert_array_equal(run["step_number"], rows)
-    names = [name for name, one in whole.variables.items() if one.dims and one.dims[0] in ("step", "trial", "event", "sample")]  # fmt: skip
+    names = [
+        name
+        for name, one in whole.variables.items()
+        if one.dims and one.dims[0] in ("step", "trial", "event", "sample")
+    ]
     assert {name: np.ascontiguousarray(run[name].values).tobytes() for name in names} == thinned(whole, rows, names)
     assert run.attrs[KEEP_EVERY] == every
     assert run.attrs["run_rows"] == whole.sizes["step"]

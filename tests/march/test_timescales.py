@@ -25,14 +25,21 @@ def network(rng: np.random.Generator, n: int) -> xd.Model:
     root = rng.normal(size=(n, n))
     k, c = root @ root.T * 10.0 ** rng.uniform(-1, 3), np.diag(rng.uniform(0, 1, n)) * float(rng.random() < 0.5)
     pulls = {
-        one: " ".join(f"- {float(k[i, j])!r}*k*{other} - {float(c[i, j])!r}*c*v_{other}" for j, other in enumerate(names)).replace("- -", "+ ").lstrip("+ ")
+        one: " ".join(
+            f"- {float(k[i, j])!r}*k*{other} - {float(c[i, j])!r}*c*v_{other}" for j, other in enumerate(names)
+        )
+        .replace("- -", "+ ")
+        .lstrip("+ ")
         for i, one in enumerate(names)
-    }  # fmt: skip
+    }
     return xd.Model(
-        name="network", coordinates=dict.fromkeys(names, "m"), parameters={"k": "1 N m-1", "c": "1 N s m-1", "m": "1 kg"},
-        mass=dict.fromkeys(names, "m"), forces={"joints": pulls},
+        name="network",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"k": "1 N m-1", "c": "1 N s m-1", "m": "1 kg"},
+        mass=dict.fromkeys(names, "m"),
+        forces={"joints": pulls},
         initial={one: f"{float(rng.uniform(-1, 1))!r} m" for one in names} | {f"v_{one}": "0 m s-1" for one in names},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.cases(300)
@@ -80,9 +87,13 @@ def test_derivatives_by_differences_have_the_eigenvalues(case: int) -> None:
 def test_the_largest_is_found_along_the_run() -> None:
     """Assert that a spring which stiffens in time has its largest h*omega at its end, in memory, streamed and extended."""
     model = xd.Model(
-        name="stiffening", coordinates={"x": "m"}, parameters={"k": "1 N m-1", "m": "1 kg"}, mass={"x": "m"},
-        forces={"spring": {"x": "-k*x*(1 + t/second)**2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="stiffening",
+        coordinates={"x": "m"},
+        parameters={"k": "1 N m-1", "m": "1 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x*(1 + t/second)**2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+    )
     run = xd.simulate(model, method="rk4", step="1 ms", until="9 s", force_samples="none")
     assert run.attrs["run_h_omega_start"] == pytest.approx(1e-3, rel=1e-3)
     assert 8e-3 < run.attrs["run_h_omega_largest"] <= 1.001e-2
@@ -161,10 +172,18 @@ def orbit(size: float, unit: str) -> xd.Model:
     """A circular orbit of one year, however large, in a unit."""
     speed = 2 * np.pi * size
     return xd.Model(
-        name="orbit", coordinates={"x": unit, "y": unit}, parameters={"m": "1 kg", "mu": f"{4 * np.pi**2 * size**3!r} {unit}3 s-2"},
-        mass={"x": "m", "y": "m"}, forces={"pull": {"potential": "-m*mu/hypot(x, y)"}},
-        initial={"x": f"{size!r} {unit}", "y": f"0 {unit}", "v_x": f"0 {unit} s-1", "v_y": f"{float(speed)!r} {unit} s-1"},
-    )  # fmt: skip
+        name="orbit",
+        coordinates={"x": unit, "y": unit},
+        parameters={"m": "1 kg", "mu": f"{4 * np.pi**2 * size**3!r} {unit}3 s-2"},
+        mass={"x": "m", "y": "m"},
+        forces={"pull": {"potential": "-m*mu/hypot(x, y)"}},
+        initial={
+            "x": f"{size!r} {unit}",
+            "y": f"0 {unit}",
+            "v_x": f"0 {unit} s-1",
+            "v_y": f"{float(speed)!r} {unit} s-1",
+        },
+    )
 
 
 @pytest.mark.cases(200)
@@ -191,19 +210,24 @@ def test_what_rounding_leaves_of_zero_is_no_news() -> None:
     """Assert that a coordinate of 1e-16 that stays so is silent, and so is a small one that a large one's error holds."""
     model = orbit(1.0, "m").replace(initial={"y": "6e-17 m", "v_x": "1e-16 m s-1"})
     flat = xd.Model(
-        name="line", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m", "y": "m"},
-        forces={"springs": {"x": "-k*x", "y": "-k*y"}}, initial={"x": "1 m", "y": "6e-17 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
-    )  # fmt: skip
+        name="line",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m", "y": "m"},
+        forces={"springs": {"x": "-k*x", "y": "-k*y"}},
+        initial={"x": "1 m", "y": "6e-17 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for one in (model, flat):
             xd.simulate(one, method="dop853", rtol=1e-8, atol=1e-8, until="5 s")
             xd.simulate(one, method="dop853", rtol=1e-8, until="5 s")
     lever = xd.Model(
-        name="lever", parameters={"tau": "1 s", "gain": "1e7 kg m-1 s-1"},
+        name="lever",
+        parameters={"tau": "1 s", "gain": "1e7 kg m-1 s-1"},
         states={"valve": {"unit": "m", "rate": "-valve/tau"}, "tank": {"unit": "kg", "rate": "gain*valve - tank/tau"}},
         initial={"valve": "1e-6 m", "tank": "0 kg"},
-    )  # fmt: skip
+    )
     run = xd.simulate(lever, method="dop853", rtol=1e-10, atol=1e-8, until="5 s")
     t = run.time.values
     assert run.valve.values == pytest.approx(1e-6 * np.exp(-t), rel=1e-9)

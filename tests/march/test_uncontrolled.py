@@ -20,21 +20,35 @@ from xdynamics.schema import ATOL_EFFECT
 def orbit(mean: float, e: float, rate: float, unit: str) -> xd.Model:
     """A planet from its perihelion; mean distance in m."""
     return xd.Model(
-        name="orbit", coordinates={"x": unit, "y": unit}, mass={"x": "m", "y": "m"},
+        name="orbit",
+        coordinates={"x": unit, "y": unit},
+        mass={"x": "m", "y": "m"},
         parameters={"mu": f"{rate**2 * mean**3!r} m3 s-2", "m": "1 kg"},
         forces={"gravity": {q: f"-m*mu*{q}/(x**2 + y**2)**1.5" for q in "xy"}},
-        initial={"x": f"{mean * (1 - e)!r} m", "y": "0 m", "v_x": "0 m s-1", "v_y": f"{rate * mean * math.sqrt((1 + e) / (1 - e))!r} m s-1"},
-    )  # fmt: skip
+        initial={
+            "x": f"{mean * (1 - e)!r} m",
+            "y": "0 m",
+            "v_x": "0 m s-1",
+            "v_y": f"{rate * mean * math.sqrt((1 + e) / (1 - e))!r} m s-1",
+        },
+    )
 
 
 def spring(size: float, rate: float, offset: float, damping: float, unit: str) -> xd.Model:
     """A mass on a spring that hangs somewhere."""
     return xd.Model(
-        name="spring", coordinates={"x": unit}, mass={"x": "m"},
-        parameters={"k": f"{rate**2!r} N m-1", "c": f"{2 * damping * rate!r} kg s-1", "m": "1 kg", "x0": f"{offset!r} m"},
+        name="spring",
+        coordinates={"x": unit},
+        mass={"x": "m"},
+        parameters={
+            "k": f"{rate**2!r} N m-1",
+            "c": f"{2 * damping * rate!r} kg s-1",
+            "m": "1 kg",
+            "x0": f"{offset!r} m",
+        },
         forces={"spring": {"x": "-k*(x - x0)"}, "damper": {"x": "-c*v_x"}},
         initial={"x": f"{offset + size!r} m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
 
 
 def marched(model: xd.Model, **asked: Any) -> tuple[xr.Dataset, bool]:
@@ -100,9 +114,13 @@ def test_what_rests_is_silent(name: str, method: str, atol: float) -> None:
     torque, start = RESTING[name]
     torque = torque.replace("(th - 1000.1)", "(th/radian - 1000.1)")
     model = xd.Model(
-        name=name, coordinates={"th": "rad"}, parameters={"I": "1 kg m2"}, mass={"th": "I/radian**2"},
-        forces={"all": {"th": f"newton*metre/radian*({torque})"}}, initial={"th": f"{start!r} rad", "v_th": "0 rad s-1"},
-    )  # fmt: skip
+        name=name,
+        coordinates={"th": "rad"},
+        parameters={"I": "1 kg m2"},
+        mass={"th": "I/radian**2"},
+        forces={"all": {"th": f"newton*metre/radian*({torque})"}},
+        initial={"th": f"{start!r} rad", "v_th": "0 rad s-1"},
+    )
     run, said = marched(model, method=method, atol=atol, until=20.0)
     assert not said, run.attrs["run_outcome_text"]
 
@@ -110,8 +128,16 @@ def test_what_rests_is_silent(name: str, method: str, atol: float) -> None:
 def test_an_orbit_in_astronomical_units() -> None:
     """Assert silence for speeds of 330 times a tolerance, or loose places alone, where the other holds the steps; both are warned of."""
     model = orbit(1.495978707e11, 0.3, 2e-7, "astronomical_unit")
-    place, speed = (dict.fromkeys(names, f"{size} astronomical_unit{per}") for names, size, per in ((("x", "y"), 1e-3, ""), (("v_x", "v_y"), 6e-10, " s-1")))  # fmt: skip
-    for atol, years, least, most in ((6e-10, 1, 0.0, 1e-8), (speed, 1, 0.0, 1e-8), (place, 10, 0.0, 1e-6), (place | speed, 10, 0.02, 1.0)):  # fmt: skip
+    place, speed = (
+        dict.fromkeys(names, f"{size} astronomical_unit{per}")
+        for names, size, per in ((("x", "y"), 1e-3, ""), (("v_x", "v_y"), 6e-10, " s-1"))
+    )
+    for atol, years, least, most in (
+        (6e-10, 1, 0.0, 1e-8),
+        (speed, 1, 0.0, 1e-8),
+        (place, 10, 0.0, 1e-6),
+        (place | speed, 10, 0.02, 1.0),
+    ):
         until = years * 3.14e7
         run, said = marched(model, rtol=1e-9, atol=atol, until=until)
         off = xd.compare(run, marched(model, rtol=1e-12, until=until)[0])
@@ -137,7 +163,13 @@ def test_where_it_was_not_looked_at() -> None:
 def test_a_run_that_was_extended_says_the_same(thinned: dict[str, int], tmp_path: Path) -> None:
     """Assert the words of a march in one go, of errors that only a part of its rows tells."""
     model = spring(1.0, 1.0, 0.0, 0.1, "m")
-    asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-9, "atol": {"x": "1e-3 m", "v_x": "1e-9 m s-1"}, "nodes": [200.0], "max_step": 0.5} | thinned  # fmt: skip
+    asked: dict[str, Any] = {
+        "method": "dormand_prince",
+        "rtol": 1e-9,
+        "atol": {"x": "1e-3 m", "v_x": "1e-9 m s-1"},
+        "nodes": [200.0],
+        "max_step": 0.5,
+    } | thinned
     marched(model, until=300.0, path=tmp_path / "whole.nc", **asked)
     marched(model, until=200.0, path=tmp_path / "part.nc", **asked | {"nodes": []})
     whole, longer = xd.open_run(tmp_path / "whole.nc"), xd.extend(tmp_path / "part.nc", until=300.0)

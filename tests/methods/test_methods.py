@@ -27,8 +27,18 @@ from xdynamics.methods.scheme import RULES, Scheme
 from xdynamics.record.provenance import interpolation_orders
 
 METHODS = list(xd.METHODS.values())
-EXACT_SUBSTEPS = ("forward_euler", "euler_cromer", "averaged_velocity", "midpoint", "velocity_verlet", "position_verlet",
-                  "heun", "rk4", "implicit_midpoint", "implicit_velocity_verlet")  # fmt: skip
+EXACT_SUBSTEPS = (
+    "forward_euler",
+    "euler_cromer",
+    "averaged_velocity",
+    "midpoint",
+    "velocity_verlet",
+    "position_verlet",
+    "heun",
+    "rk4",
+    "implicit_midpoint",
+    "implicit_velocity_verlet",
+)
 W, H = 2.0, 0.01  # of the oscillator, 1/s and s
 
 
@@ -136,7 +146,9 @@ def test_error_inside_steps_is_that_at_their_ends(method: object, problem: str) 
         pytest.skip(f"{method.name} refuses {problem}")
     if problem == "kepler":
         model = model.replace(initial={"x": 0.5, "v_y": 3**0.5})  # e = 0.5
-    step = {"kepler": 0.1, "double_pendulum": 0.02, "damped": 0.1, "driven_decay": 0.1}[problem] / {1: 16, 2: 4}.get(method.order, 1)  # fmt: skip
+    step = {"kepler": 0.1, "double_pendulum": 0.02, "damped": 0.1, "driven_decay": 0.1}[problem] / {1: 16, 2: 4}.get(
+        method.order, 1
+    )
     run = xd.simulate(model, method=method.name, step=step, until=20 * step)
     starts, parts = run.time.values[:-1, None], np.array([0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97])
     times = np.append((starts + parts * step).ravel(), run.time.values[-1])

@@ -50,8 +50,13 @@ def made(update: str) -> Method:
 
 def theta(weight: float) -> Method:
     """The theta method: its real interval is 2/(1 - 2 theta), all of it from 1/2 on."""
-    lines = ["solve v1, x1:", "    q1 = q + h*(W*v1 + (1 - W)*v)", "    a1, r1 = f(t1, q1, v1, x1)",
-             "    v1 = v + h*(W*a1 + (1 - W)*a)", "    x1 = x + h*(W*r1 + (1 - W)*r)"]  # fmt: skip
+    lines = [
+        "solve v1, x1:",
+        "    q1 = q + h*(W*v1 + (1 - W)*v)",
+        "    a1, r1 = f(t1, q1, v1, x1)",
+        "    v1 = v + h*(W*a1 + (1 - W)*a)",
+        "    x1 = x + h*(W*r1 + (1 - W)*r)",
+    ]
     return made("\n".join(lines).replace("W", repr(weight)))
 
 

@@ -22,11 +22,13 @@ COMPOSITIONS = [one for one in METHODS.values() if one.symplectic and updates(on
 def kepler() -> xd.Model:
     """One unit mass on an ellipse of eccentricity 1/2, of period 2 pi."""
     return xd.Model(
-        name="ellipse", coordinates={"x": {"unit": "m"}, "y": {"unit": "m"}},
-        parameters={"m": "1 kg", "mu": "1 N m2"}, mass={"x": "m", "y": "m"},
+        name="ellipse",
+        coordinates={"x": {"unit": "m"}, "y": {"unit": "m"}},
+        parameters={"m": "1 kg", "mu": "1 N m2"},
+        mass={"x": "m", "y": "m"},
         forces={"gravity": {"potential": "-mu/sqrt(x**2 + y**2)"}},
         initial={"x": "0.5 m", "y": "0 m", "v_x": "0 m s-1", "v_y": f"{3.0**0.5!r} m s-1"},
-    )  # fmt: skip
+    )
 
 
 def drift_of_momentum(run: xr.Dataset) -> float:
@@ -88,9 +90,12 @@ def test_other_methods_sum_plainly_unless_they_are_asked() -> None:
     ("asked", "said"),
     [
         ({"method": "rk4", "summation": "kahan"}, "summation is 'kahan'; there are plain, compensated"),
-        ({"method": "implicit_midpoint", "summation": "compensated"}, "is for methods that add to the state, and 'implicit_midpoint'"),
+        (
+            {"method": "implicit_midpoint", "summation": "compensated"},
+            "is for methods that add to the state, and 'implicit_midpoint'",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_summations_are_named(asked: dict[str, str], said: str) -> None:
     """Assert one sentence with the value."""
     with pytest.raises(xd.InputError, match=said):

@@ -74,9 +74,12 @@ def test_what_is_needed_is_told() -> None:
 def test_velocities_begin_at_rest_where_nothing_is_said() -> None:
     """Assert that an initial velocity that is not there is 0, in the record, and not there in the model as it is written."""
     model = xd.Model(
-        name="still", coordinates={"x": "mm"}, mass={"x": "1*kilogram"}, forces={"pull": {"x": "1*newton"}},
+        name="still",
+        coordinates={"x": "mm"},
+        mass={"x": "1*kilogram"},
+        forces={"pull": {"x": "1*newton"}},
         initial={"x": "1 mm"},
-    )  # fmt: skip
+    )
     assert "v_x" not in model.to_toml()  # nor is it given in what is archived
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     assert float(run["v_x"][0]) == 0.0
@@ -88,15 +91,21 @@ def test_an_observable_in_a_unit_of_another_kind() -> None:
     """Assert that the unit of an observable has to be one of its dimension."""
     with pytest.raises(xd.ModelError, match="observable 'v': has units 'm s-1', and is to be in 'km'"):
         xd.Model(
-            name="x", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"pull": {"x": "1*newton"}},
-            initial={"x": "0 m"}, observables={"v": {"expression": "v_x", "unit": "km"}},
-        )  # fmt: skip
+            name="x",
+            coordinates={"x": "m"},
+            mass={"x": "1*kilogram"},
+            forces={"pull": {"x": "1*newton"}},
+            initial={"x": "0 m"},
+            observables={"v": {"expression": "v_x", "unit": "km"}},
+        )
 
 
 def test_a_table_in_the_file_needs_no_name() -> None:
     """Assert that csv alone is enough."""
     model = xd.Model(
-        name="x", states={"q": {"unit": "N s", "rate": "pull"}}, drives={"pull": {"csv": "t [s],pull [N]\n0,1\n2,1\n"}},
+        name="x",
+        states={"q": {"unit": "N s", "rate": "pull"}},
+        drives={"pull": {"csv": "t [s],pull [N]\n0,1\n2,1\n"}},
         initial={"q": "0 N s"},
-    )  # fmt: skip
+    )
     assert model.drives["pull"].table.name == "pull.csv"

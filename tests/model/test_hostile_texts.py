@@ -22,24 +22,49 @@ HEAD = 'name = "m"\n[coordinates]\nx = "m"\n[mass]\nx = "1*kilogram"\n[initial]\
 TABLE = "[drives.pull]\ntable = 'a.csv'\ncsv = '''\nt [s],pull [N]\n0,0\n{}\n'''\n"
 
 LARGE: dict[str, tuple[Callable[[], str], str]] = {
-    "dotted keys": (lambda: HEAD + "[parameters]\n" + ".".join(["a"] * 20_000) + " = 1\n",
-                    "line 10: a key has over 8 names that dots join, the limit"),
+    "dotted keys": (
+        lambda: HEAD + "[parameters]\n" + ".".join(["a"] * 20_000) + " = 1\n",
+        "line 10: a key has over 8 names that dots join, the limit",
+    ),
     "a dotted header": (lambda: HEAD + "[" + " . ".join(["a"] * 20_000) + "]\n", "line 9: a key has over 8 names"),
     "quoted dotted keys": (lambda: HEAD + ".".join(['"a"'] * 20_000) + " = 1\n", "line 9: a key has over 8 names"),
-    "parameters": (lambda: HEAD + "[parameters]\n" + "".join(f'p{k} = "1 m"\n' for k in range(200_000)),
-                   "it has 200009 entries, over the limit of 10000"),
-    "sections": (lambda: HEAD + "".join(f"[events.e{k}]\n" for k in range(200_000)), "entries, over the limit of 10000"),
-    "a chain": (lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + x"\n' for k in range(1, 2_000)),
-                "definitions d151, .* and 1839 more are nested too deeply, over 150 levels; shorten the chain"),
-    "a fan": (lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + d{k - 1}"\n' for k in range(1, 2_000)),
-              "to over 1000000 nodes; shorten them"),
-    "a list": (lambda: HEAD + "[parameters]\na = [" + "1," * 5_000_000 + "]\n", "5000000 values, over the limit of 500000"),
+    "parameters": (
+        lambda: HEAD + "[parameters]\n" + "".join(f'p{k} = "1 m"\n' for k in range(200_000)),
+        "it has 200009 entries, over the limit of 10000",
+    ),
+    "sections": (
+        lambda: HEAD + "".join(f"[events.e{k}]\n" for k in range(200_000)),
+        "entries, over the limit of 10000",
+    ),
+    "a chain": (
+        lambda: HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + x"\n' for k in range(1, 2_000)),
+        "definitions d151, .* and 1839 more are nested too deeply, over 150 levels; shorten the chain",
+    ),
+    "a fan": (
+        lambda: (
+            HEAD + '[definitions]\nd0 = "x"\n' + "".join(f'd{k} = "d{k - 1} + d{k - 1}"\n' for k in range(1, 2_000))
+        ),
+        "to over 1000000 nodes; shorten them",
+    ),
+    "a list": (
+        lambda: HEAD + "[parameters]\na = [" + "1," * 5_000_000 + "]\n",
+        "5000000 values, over the limit of 500000",
+    ),
     "a word": (lambda: HEAD + "-" * 1_000_000 + "\n" + "a " * 500_000 + "\n", "is no TOML"),
     "lists in lists": (lambda: HEAD + "[parameters]\na = " + "[" * 20_000 + "\n", "is no TOML"),
-    "names unknown": (lambda: HEAD + "[observables]\n" + "".join(f'o{k} = "unknown{k}"\n' for k in range(4_000)), "has 200 faults"),
-    "an expression": (lambda: HEAD + '[observables]\na = "' + "x+" * 1_000_000 + 'x"\n', "2000001 characters, 1000000 at most"),
-    "a cell": (lambda: HEAD + TABLE.format("1," + "9" * 200_000), "line 3: a cell has over 131072 characters, the limit"),
-}  # fmt: skip
+    "names unknown": (
+        lambda: HEAD + "[observables]\n" + "".join(f'o{k} = "unknown{k}"\n' for k in range(4_000)),
+        "has 200 faults",
+    ),
+    "an expression": (
+        lambda: HEAD + '[observables]\na = "' + "x+" * 1_000_000 + 'x"\n',
+        "2000001 characters, 1000000 at most",
+    ),
+    "a cell": (
+        lambda: HEAD + TABLE.format("1," + "9" * 200_000),
+        "line 3: a cell has over 131072 characters, the limit",
+    ),
+}
 
 
 @pytest.mark.parametrize("what", LARGE)
@@ -62,7 +87,9 @@ def test_entries_given_in_python_are_bounded_too() -> None:
     """Assert that a section of a model made in Python has the limit of one in a file."""
     parameters = {f"p{k}": "1 m" for k in range(200_000)}
     with pytest.raises(xd.ModelError, match=r"\[parameters\] has 200000 entries, over the limit of 10000"):
-        xd.Model(name="m", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "0 m"}, parameters=parameters)  # fmt: skip
+        xd.Model(
+            name="m", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, initial={"x": "0 m"}, parameters=parameters
+        )
 
 
 def test_what_stands_in_texts_is_not_counted() -> None:
@@ -94,7 +121,28 @@ SEEDS = [*sorted(MODELS.rglob("*.toml")), *sorted(MODELS.rglob("*.csv"))]
 
 def grown(content: bytes, dice: random.Random) -> bytes:
     """Return a text with some places changed, repeated or nested at random."""
-    pieces = [b"[", b"]", b"{", b"=", b".", b'"', b"'''", b"\\", b"\0", b"\xff", b"\xef\xbb\xbf", b"\r", b"e308", b"(", b"-", b"**", b"\n[", b",", b"a.", b"sin("]  # fmt: skip
+    pieces = [
+        b"[",
+        b"]",
+        b"{",
+        b"=",
+        b".",
+        b'"',
+        b"'''",
+        b"\\",
+        b"\0",
+        b"\xff",
+        b"\xef\xbb\xbf",
+        b"\r",
+        b"e308",
+        b"(",
+        b"-",
+        b"**",
+        b"\n[",
+        b",",
+        b"a.",
+        b"sin(",
+    ]
     for _ in range(dice.randint(1, 4)):
         at = dice.randrange(len(content) + 1)
         end = min(len(content), at + dice.choice([1, 10, 100, 1_000]))

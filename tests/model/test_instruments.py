@@ -31,7 +31,13 @@ def table(name: str, column: str = "", **keys: Any) -> Table:
         ("phyphox.csv", "Acceleration x", "m s-2", [0, 0.1, 0.2], [1, 0.9950041653, 0.9800665778]),
         ("vernier.csv", "Position", "m", [0, 0.1, 0.2], [1, 0.9950041653, 0.9800665778]),
         ("logger_pro.csv", "Temperature", "K", [0, 1, 2], [293.15, 294.65, 295.15]),
-        ("tektronix_tds.csv", "", "V", np.arange(-1, 11) / 10, [1, 0.995, 0.98007, 0.95534, 0.92106, 0.87758, 0.82534, 0.76484, 0.69671, 0.62161, 0.5403, 0.4536]),
+        (
+            "tektronix_tds.csv",
+            "",
+            "V",
+            np.arange(-1, 11) / 10,
+            [1, 0.995, 0.98007, 0.95534, 0.92106, 0.87758, 0.82534, 0.76484, 0.69671, 0.62161, 0.5403, 0.4536],
+        ),
         ("tektronix_mdo.csv", "CH2", "A", [-1e-6, 0, 1e-6], [1.5, 1.6, 1.7]),
         ("siglent.csv", "CH3", "V", [-1e-7, 0, 1e-7], [0.04000008, 0.05000008, 0.06000008]),
         ("siglent_two.csv", "CH2", "V", [-7e-5, -6e-5, -5e-5], [1.2, 1.3, 1.4]),
@@ -41,7 +47,7 @@ def table(name: str, column: str = "", **keys: Any) -> Table:
         ("picoscope.csv", "", "mV", [0, 1e-4, 2e-4], [1.5e-3, 1.6e-3, 1.7e-3]),
         ("motor.eng", "", "N", [0, 0.031, 0.2, 1.8, 1.86], [0, 0.946, 14.09, 4, 0]),
     ],
-)  # fmt: skip
+)
 def test_files_are_read_as_they_come(name: str, column: str, unit: str, times: Any, values: Any) -> None:
     """Assert times, values and units of each kind, to the bit, without a word on how."""
     found = table(name, column)
@@ -55,8 +61,13 @@ def test_an_offset_is_no_part_of_an_uncertainty() -> None:
     found = table("logger_pro.csv", "Temperature")
     assert found.uncertainty is not None
     assert found.uncertainty.tolist() == [0.5, 0.5, 0.5]
-    model = xd.Model(name="a", coordinates={}, parameters={"T": "20 ± 0.5 °C", "U": {"value": 20, "unit": "°C", "uncertainty": "0.5 °C"}},
-                     states={"q": {"unit": "K", "rate": "-q/(1*second)"}}, initial={"q": "68 °F"})  # fmt: skip
+    model = xd.Model(
+        name="a",
+        coordinates={},
+        parameters={"T": "20 ± 0.5 °C", "U": {"value": 20, "unit": "°C", "uncertainty": "0.5 °C"}},
+        states={"q": {"unit": "K", "rate": "-q/(1*second)"}},
+        initial={"q": "68 °F"},
+    )
     for one in ("T", "U"):
         assert (str(model.parameters[one].quantity), model.parameters[one].uncertainty) == ("293.15 K", 0.5)
     assert model.initial["q"].si == 293.15
@@ -67,7 +78,22 @@ def test_an_offset_is_no_part_of_an_uncertainty() -> None:
         parse_unit("°C")
 
 
-@pytest.mark.parametrize(("written", "text"), [("m/s²", "m s-2"), ("m·s⁻²", "m s-2"), ("m/s^2", "m s-2"), ("µm", "um"), ("μm", "um"), ("°/s", "degree s-1"), ("cm³", "cm3"), ("kΩ", "kohm"), ("%", "percent"), ("N⋅m", "N m"), ("year", "Julian_year")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("written", "text"),
+    [
+        ("m/s²", "m s-2"),
+        ("m·s⁻²", "m s-2"),
+        ("m/s^2", "m s-2"),
+        ("µm", "um"),
+        ("μm", "um"),
+        ("°/s", "degree s-1"),
+        ("cm³", "cm3"),
+        ("kΩ", "kohm"),
+        ("%", "percent"),
+        ("N⋅m", "N m"),
+        ("year", "Julian_year"),
+    ],
+)
 def test_units_as_they_are_spelled(written: str, text: str) -> None:
     """Assert signs that keyboards lack, and Julian years and months."""
     assert parse_unit(written).text == text
@@ -179,8 +205,18 @@ def test_arrays_of_xarray_are_tables() -> None:
     pull = xr.DataArray([1.0, 2.0, 3.0], {"time": stamps}, name="pull", attrs={"units": "N"})
 
     def driven(made: Any) -> Table:
-        return xd.Model(name="a", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces={"f": {"x": "pull"}},
-                        drives={"pull": made if isinstance(made, dict) else {"table": made}}, initial={"x": "0 m"}).drives["pull"].table  # fmt: skip
+        return (
+            xd.Model(
+                name="a",
+                coordinates={"x": "m"},
+                mass={"x": "1*kilogram"},
+                forces={"f": {"x": "pull"}},
+                drives={"pull": made if isinstance(made, dict) else {"table": made}},
+                initial={"x": "0 m"},
+            )
+            .drives["pull"]
+            .table
+        )
 
     assert driven(pull).argument.tolist() == [0.0, 0.1, 0.2]
     data = xr.Dataset({"pull": pull, "u_pull": (pull * 0.1).assign_attrs(units="N"), "light": pull.drop_attrs()})

@@ -18,37 +18,50 @@ COMMON = {"m": "0.7 kg", "l": "1.3 m", "g": "9.81 m s-2", "k": "40 N m-1"}
 ANGLES = {"theta": "rad", "phi": "rad"}
 START = {"theta": "1 rad", "phi": "0 rad", "v_phi": "2 rad s-1"}
 DOUBLE = {
-    "name": "double", "coordinates": {"th1": "rad", "th2": "rad"},
+    "name": "double",
+    "coordinates": {"th1": "rad", "th2": "rad"},
     "parameters": {"m1": "1 kg", "m2": "0.8 kg", "l1": "1 m", "l2": "0.7 m", "g": "9.80665 m s-2"},
     "lagrangian": {
         "kinetic": "m1*(l1*v_th1)**2/2 + m2*((l1*v_th1)**2 + (l2*v_th2)**2 + 2*l1*l2*v_th1*v_th2*cos(th1 - th2))/2",
         "potential": "-(m1 + m2)*g*l1*cos(th1) - m2*g*l2*cos(th2)",
     },
     "initial": {"th1": "120 degree", "th2": "-10 degree"},
-}  # fmt: skip
+}
 SPHERICAL = {
-    "name": "spherical pendulum", "coordinates": ANGLES, "parameters": COMMON, "initial": START,
+    "name": "spherical pendulum",
+    "coordinates": ANGLES,
+    "parameters": COMMON,
+    "initial": START,
     "lagrangian": {"kinetic": "m*l**2*(v_theta**2 + sin(theta)**2*v_phi**2)/2", "potential": "-m*g*l*cos(theta)"},
-}  # fmt: skip
+}
 ELASTIC = {
-    "name": "elastic pendulum", "coordinates": {"r": "m", "theta": "rad"}, "parameters": COMMON,
+    "name": "elastic pendulum",
+    "coordinates": {"r": "m", "theta": "rad"},
+    "parameters": COMMON,
     "lagrangian": {"kinetic": "m*(v_r**2 + (r*v_theta)**2)/2", "potential": "k*(r - l)**2/2 - m*g*r*cos(theta)"},
     "initial": {"r": "1.5 m", "theta": "0.5 rad"},
-}  # fmt: skip
+}
 TOP = {
-    "name": "heavy top", "coordinates": {"theta": "rad", "phi": "rad", "psi": "rad"},
+    "name": "heavy top",
+    "coordinates": {"theta": "rad", "phi": "rad", "psi": "rad"},
     "parameters": COMMON | {"A": "0.02 kg m2", "C": "0.01 kg m2"},
     "lagrangian": {
-        "kinetic": "A*(v_theta**2 + (sin(theta)*v_phi)**2)/2 + C*spin**2/2", "potential": "m*g*l*cos(theta)",
+        "kinetic": "A*(v_theta**2 + (sin(theta)*v_phi)**2)/2 + C*spin**2/2",
+        "potential": "m*g*l*cos(theta)",
     },
     "definitions": {"spin": "v_psi + v_phi*cos(theta)"},
     "initial": {"theta": "0.4 rad", "phi": "0 rad", "psi": "0 rad", "v_psi": "150 rad s-1"},
-}  # fmt: skip
+}
 ROTATING = {  # a bead on a hoop that turns with a given rate, and a pivot that shakes: terms with v once, and with t
-    "name": "shaken hoop", "coordinates": {"theta": "rad"}, "parameters": COMMON | {"w": "3 s-1", "a": "0.1 m"},
-    "lagrangian": {"kinetic": "m*((l*v_theta)**2 + (w*l*sin(theta))**2)/2 - m*l*v_theta*sin(theta)*a*w*cos(w*t)", "potential": "-m*g*l*cos(theta)"},
+    "name": "shaken hoop",
+    "coordinates": {"theta": "rad"},
+    "parameters": COMMON | {"w": "3 s-1", "a": "0.1 m"},
+    "lagrangian": {
+        "kinetic": "m*((l*v_theta)**2 + (w*l*sin(theta))**2)/2 - m*l*v_theta*sin(theta)*a*w*cos(w*t)",
+        "potential": "-m*g*l*cos(theta)",
+    },
     "initial": {"theta": "1 rad"},
-}  # fmt: skip
+}
 
 
 def by_sympy(given: dict[str, Any], state: dict[str, float]) -> list[float]:
@@ -95,8 +108,10 @@ def test_a_double_pendulum_is_the_hand_written_one() -> None:
 
 def test_a_steady_precession_of_the_top() -> None:
     """Assert the fast top's rate of precession, m g l/(C w), and that energy and both momenta stay (Goldstein, 5.7)."""
-    given = TOP | {"initial": {"theta": "0.4 rad", "phi": "0 rad", "psi": "0 rad", "v_psi": "1000 rad s-1", "v_phi": "0 rad s-1"},
-                   "observables": {"p_psi": "C*spin", "p_phi": "A*sin(theta)**2*v_phi + C*spin*cos(theta)"}}  # fmt: skip
+    given = TOP | {
+        "initial": {"theta": "0.4 rad", "phi": "0 rad", "psi": "0 rad", "v_psi": "1000 rad s-1", "v_phi": "0 rad s-1"},
+        "observables": {"p_psi": "C*spin", "p_phi": "A*sin(theta)**2*v_phi + C*spin*cos(theta)"},
+    }
     run = xd.simulate(xd.Model(**given), method="dop853", rtol=1e-12, until="2 s")
     rate = float(run.phi[-1] - run.phi[0]) / 2.0
     model = xd.Model(**given)
@@ -133,15 +148,21 @@ def test_it_is_stored_shown_and_read_again(tmp_path: Any) -> None:
     [
         ({"lagrangian": {"potential": "0*joule"}}, "lagrangian: key 'kinetic' is missing"),
         ({"lagrangian": {"kinetic": "m*l*(v_theta**2 + v_phi**2)"}}, "kinetic energy has units 'kg m s-2"),
-        ({"lagrangian": {"kinetic": "m*l**2*abs(v_theta)*v_theta"}}, "kinetic is not quadratic in velocities: its second derivative by v_theta"),
-        ({"lagrangian": {"kinetic": "m*l**2*(v_theta**2 + v_phi**2)", "potential": "m*l**2*v_theta**2"}}, "potential of 'potential' depends on a velocity"),
+        (
+            {"lagrangian": {"kinetic": "m*l**2*abs(v_theta)*v_theta"}},
+            "kinetic is not quadratic in velocities: its second derivative by v_theta",
+        ),
+        (
+            {"lagrangian": {"kinetic": "m*l**2*(v_theta**2 + v_phi**2)", "potential": "m*l**2*v_theta**2"}},
+            "potential of 'potential' depends on a velocity",
+        ),
         ({"lagrangian": {"kinetic": "m*l**2*v_psi**2"}}, "kinetic reads 'v_psi'"),
         ({"lagrangian": {"kinetic": "m*l**2*v_theta**2"}}, "kinetic does not read v_phi, so that 'phi' has no inertia"),
         ({"mass": {"theta": "m*l**2", "phi": "m*l**2"}}, r"stands beside \[mass\]"),
         ({"forces": {"inertia": {"theta": "0*newton*metre"}}}, "makes a force 'inertia'"),
         ({"lagrangian": {"kinetic": "m*l**2*v_theta**2", "momentum": "1"}}, "key 'momentum' is not known"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_lagrangian_is_named(change: dict[str, Any], said: str) -> None:
     """Assert that each fault is told with what was needed."""
     with pytest.raises(xd.ModelError, match=said):
@@ -211,9 +232,13 @@ def test_equations_of_kane_from_sympy() -> None:
         (pendulum, {"coordinates": {}}, "coordinates need a unit for 'q'"),
         (pendulum, {"forces": {"motion": {"q": "0*newton"}}}, "forces has 'motion'"),
         (pendulum, {"parameters": {"m": "1 kg"}}, "name 'l' .*is not declared"),
-        (lambda: pendulum(M * L**2 * Q.diff() ** 2 / 2 + M * G * L * sympy.gamma(Q)), {}, "hold .*gamma.*, which the language"),
+        (
+            lambda: pendulum(M * L**2 * Q.diff() ** 2 / 2 + M * G * L * sympy.gamma(Q)),
+            {},
+            "hold .*gamma.*, which the language",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_taken_over(equations: Any, change: dict[str, Any], said: str) -> None:
     """Assert that foreign objects, functions and missing units are named."""
     with pytest.raises(xd.InputError, match=said):

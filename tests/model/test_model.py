@@ -39,26 +39,38 @@ def test_python_statement_equals_file() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"-c*v_y*abs(v_y)"', '"-c*v_y"', r"force 'drag' of 'y' has units 'kg s-1', needs 'kg m s-2 \(N\)' \(column 1: -c\*v_y\)"),
+        (
+            '"-c*v_y*abs(v_y)"',
+            '"-c*v_y"',
+            r"force 'drag' of 'y' has units 'kg s-1', needs 'kg m s-2 \(N\)' \(column 1: -c\*v_y\)",
+        ),
         ('unit = "m s-1", uncertainty', 'unit = "m # s", uncertainty', "parameter 'vt': unit 'm # s' cannot be read"),
-        ('value = 0.145', "value = nan", "parameter 'm': quantity nan is not finite"),
+        ("value = 0.145", "value = nan", "parameter 'm': quantity nan is not finite"),
         ('"-c*v_y*abs(v_y)"', '"-c*v_z*abs(v_y)"', "name 'v_z' .* is not declared; did you mean 'v_y'"),
-        ('direction = "falling"\naction = "record"', 'direction = "down"', "direction 'down' is not known; there are rising, falling"),
+        (
+            'direction = "falling"\naction = "record"',
+            'direction = "down"',
+            "direction 'down' is not known; there are rising, falling",
+        ),
         ('y = "0 m"', "", "initial value of 'y' is missing, in 'm'"),
         ('v_y = "20 m s-1"', 'v_y = "20 m"', "initial value 'v_y = 20.0 m' has units 'm', needs 'm s-1'"),
         ('action = "stop"', 'action = "impact"', "event 'ground': key 'restitution' is missing"),
         ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),
         ('time_tolerance = "1e-12 s"', 'time_tolerance = "-1 s"', "time_tolerance is '-1.0 s', needs a positive time"),
-        ('[run]', '[contacts.floor]\ngap = "y"\n[run]', "contact 'floor': key 'restitution' is missing"),
-        ('[run]', '[forcess.x]\ny = "0"\n[run]', r"\[forcess\] is no section; did you mean 'forces'"),
-        ('c = "m*g/vt**2"', 'c = "m*g/vt**2"\nspeed = "v_y*other"\nother = "speed"', "definitions speed, other are defined by one another"),
+        ("[run]", '[contacts.floor]\ngap = "y"\n[run]', "contact 'floor': key 'restitution' is missing"),
+        ("[run]", '[forcess.x]\ny = "0"\n[run]', r"\[forcess\] is no section; did you mean 'forces'"),
+        (
+            'c = "m*g/vt**2"',
+            'c = "m*g/vt**2"\nspeed = "v_y*other"\nother = "speed"',
+            "definitions speed, other are defined by one another",
+        ),
         ('potential = "m*g*y"', 'potential = "m*g*y*v_y"', "potential of 'gravity' depends on a velocity"),
         ('step = "1 ms"', 'stepp = "1 ms"', r"\[run\] has no setting 'stepp'; did you mean 'step'"),
-        ('g = {', "time = {", "parameter 'time' and the record both claim the name 'time'"),
-        ('g = {', "second = {", "the name 'second' is a word of the expression language"),
-        ('uncertainty = 1,', "uncertainty = -1,", "needs to be non-negative"),
+        ("g = {", "time = {", "parameter 'time' and the record both claim the name 'time'"),
+        ("g = {", "second = {", "the name 'second' is a word of the expression language"),
+        ("uncertainty = 1,", "uncertainty = -1,", "needs to be non-negative"),
     ],
-)  # fmt: skip
+)
 def test_fault_is_named(old: str, new: str, message: str) -> None:
     """Assert that a fault is named with its value and what was needed."""
     assert old in GOOD
@@ -237,11 +249,17 @@ def test_no_text_of_a_model_reaches_the_generated_code(
 @pytest.mark.parametrize(
     ("sections", "message"),
     [
-        ({"parameters": {"m": {"value": "2 kg", "unit": "g"}, "F": "5 N"}}, "'2 kg' has a unit already, and 'g' stands beside it"),
+        (
+            {"parameters": {"m": {"value": "2 kg", "unit": "g"}, "F": "5 N"}},
+            "'2 kg' has a unit already, and 'g' stands beside it",
+        ),
         ({"parameters": {"m": "1e308 km", "F": "5 N"}}, "is not finite in SI units|needs"),
         ({"parameters": {"m": 10**400, "F": "5 N"}}, "is no number with a unit"),
         ({"parameters": {"lambda": "1 kg"}}, "'lambda' is a word of Python"),
-        ({"coordinates": {"description": "m"}, "mass": {"description": "m"}, "forces": {}}, "'description' is a key of the model file"),
+        (
+            {"coordinates": {"description": "m"}, "mass": {"description": "m"}, "forces": {}},
+            "'description' is a key of the model file",
+        ),
         ({"forces": {"push": {"description": "nothing"}}}, "needs a potential or a component"),
         ({"forces": {"push": {"x": {"function": [1], "digest": "0"}}}}, "needs texts"),
         ({"mass": {"matrix": [1]}}, "matrix needs 1 rows"),
@@ -249,11 +267,14 @@ def test_no_text_of_a_model_reaches_the_generated_code(
         ({"run": {"scales": "1 m"}}, "scales are '1 m', need a table"),
         ({"events": {f"e{n}": {"function": "x"} for n in range(101)}}, "has 101 events, 100 at most"),
         ({"definitions": {f"d{n}": f"d{n + 1} + 1" for n in range(900)} | {"d900": "1"}}, "nested too deeply"),
-        ({"definitions": {"d": "m*v_x**2"}, "forces": {"push": {"potential": "d"}}}, "potential of 'push' depends on a velocity"),
+        (
+            {"definitions": {"d": "m*v_x**2"}, "forces": {"push": {"potential": "d"}}},
+            "potential of 'push' depends on a velocity",
+        ),
         ({"initial": {"x": 0, "v_x": "1 m s-1"}}, "write the unit after the number"),
         ({"name": "a\0b"}, "not printable"),
     ],
-)  # fmt: skip
+)
 def test_statement_that_cannot_be_marched(sections: dict[str, object], message: str) -> None:
     """Assert that every wrong section ends in one model error, and no other."""
     with pytest.raises(xd.ModelError, match=message):
@@ -264,9 +285,12 @@ def test_mass_matrix_must_be_symmetric() -> None:
     """Assert that entries that differ across the diagonal are shown."""
     with pytest.raises(xd.ModelError, match=r"entry \(1, 2\) is 'm', \(2, 1\) is '0\*m'"):
         xd.Model(
-            name="skew", coordinates={"x": "m", "z": "m"}, parameters={"m": "1 kg"}, mass={"matrix": [["2*m", "m"], ["0*m", "m"]]},
+            name="skew",
+            coordinates={"x": "m", "z": "m"},
+            parameters={"m": "1 kg"},
+            mass={"matrix": [["2*m", "m"], ["0*m", "m"]]},
             initial={"x": "0 m", "v_x": "0 m s-1", "z": "0 m", "v_z": "0 m s-1"},
-        )  # fmt: skip
+        )
 
 
 def test_replacing_a_unit_keeps_the_uncertainty() -> None:
@@ -358,8 +382,13 @@ def test_a_text_takes_no_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_a_table_that_is_no_file(tmp_path: Path, what: str) -> None:
     """Assert that each is one error at once, without a word of what it holds."""
     path, table = tabled(tmp_path, "it.csv"), tmp_path / "model" / "it.csv"
-    act = {"pipe": lambda: os.mkfifo(table), "folder": table.mkdir, "missing": lambda: None,
-           "bytes": lambda: table.write_bytes(b"secret\xff"), "large": lambda: os.truncate(table, 1 << 40)}  # fmt: skip
+    act = {
+        "pipe": lambda: os.mkfifo(table),
+        "folder": table.mkdir,
+        "missing": lambda: None,
+        "bytes": lambda: table.write_bytes(b"secret\xff"),
+        "large": lambda: os.truncate(table, 1 << 40),
+    }
     if what == "large":
         table.touch()
     act[what]()

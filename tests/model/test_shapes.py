@@ -104,7 +104,11 @@ def test_the_force_of_a_link_has_its_opposite() -> None:
     component = model.force_components["springs"]["u·1"]
     assert not isinstance(component, Function)
     assert text_of(component) == "-(k*(u·1 - u·0)) + k*(u·2 - u·1)"
-    potential = changed(CHAIN, 'u = "k*(second(u, spring) - first(u, spring))"\n[i', 'potential = "k*(second(u, spring) - first(u, spring))**2/2"\n[i')  # fmt: skip
+    potential = changed(
+        CHAIN,
+        'u = "k*(second(u, spring) - first(u, spring))"\n[i',
+        'potential = "k*(second(u, spring) - first(u, spring))**2/2"\n[i',
+    )
     other = xd.Model.from_text(potential)
     start = {name: quantity.si for name, quantity in model.initial.items()} | {"k": 4.0}
     for name, tree in other.force_components["springs"].items():
@@ -152,31 +156,75 @@ def test_elements_and_wholes_are_replaced() -> None:
         ('["Sun", "Jupiter", "Saturn"]', '["Sun", "Sun", "Saturn"]', "dimension 'body': has the label 'Sun' twice"),
         ('["x", "y"]', "0", "dimension 'axis': has 0 elements, needs 1 to 1000000"),
         ('["x", "y"]', "2000000000", "dimension 'axis': has 2000000000 elements"),
-        ('"body", "axis"]', '"body", "axes"]', "coordinate 'r': 'axes' is no dimension or relation; there are pair, body, axis"),
+        (
+            '"body", "axis"]',
+            '"body", "axes"]',
+            "coordinate 'r': 'axes' is no dimension or relation; there are pair, body, axis",
+        ),
         ('"body", "axis"]', '"body", "body"]', "coordinate 'r': dims has one of body, body twice"),
         ('of = "body"', 'of = "bodies"', "relation 'pair': 'bodies' is no dimension; there are: body, axis"),
         ('of = "body"', 'of = "body"\nneighbours = 2\nring = true', "neighbours is 2 in a ring of 3 elements"),
-        ('["x", "y"]\n[relations.pair]', '4\n[relations.loop]\nof = "axis"\nneighbours = 2\nring = true\n[relations.pair]', "neighbours is 2 in a ring of 4 elements"),
+        (
+            '["x", "y"]\n[relations.pair]',
+            '4\n[relations.loop]\nof = "axis"\nneighbours = 2\nring = true\n[relations.pair]',
+            "neighbours is 2 in a ring of 4 elements",
+        ),
         ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Sun\\n"', "line 2: links 'Sun' with itself"),
-        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Jupiter\\nJupiter,Sun\\n"', "line 3: the link of line 2 is there again"),
-        ('of = "body"', 'of = "body"\ncsv = "first,second\\nSun,Mars\\n"', "line 2: dimension 'body' has no element Mars"),
+        (
+            'of = "body"',
+            'of = "body"\ncsv = "first,second\\nSun,Jupiter\\nJupiter,Sun\\n"',
+            "line 3: the link of line 2 is there again",
+        ),
+        (
+            'of = "body"',
+            'of = "body"\ncsv = "first,second\\nSun,Mars\\n"',
+            "line 2: dimension 'body' has no element Mars",
+        ),
         ('"500 g"', '"500 s"', "parameter 'm': has '500 s' beside values in 'kg'"),
-        ('values = { Sun = "10 kg", Jupiter = "1 kg", Saturn = "500 g" }', 'csv = "body,m [kg]\\nSun,1\\nSun,2\\nSaturn,1\\n"', "line 3: 'Sun' is there twice"),
+        (
+            'values = { Sun = "10 kg", Jupiter = "1 kg", Saturn = "500 g" }',
+            'csv = "body,m [kg]\\nSun,1\\nSun,2\\nSaturn,1\\n"',
+            "line 3: 'Sun' is there twice",
+        ),
         (', Saturn = "500 g"', "", "parameter 'm': values lacks Saturn"),
         ("Saturn =", "Mars =", "parameter 'm': values has 'Mars', no element of 'body'"),
-        ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0]]", "initial value 'r': value has 2 along 'body', needs 3 elements"),
+        (
+            "[[0, 0], [1, 0], [0, 3]]",
+            "[[0, 0], [1, 0]]",
+            "initial value 'r': value has 2 along 'body', needs 3 elements",
+        ),
         ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0], [0, nan]]", "nan is not finite"),
-        ('r = "m"', 'r = "distance*kilogram/metre"', "mass of 'r': 'distance\\*kilogram/metre' has the dimension 'pair', and it needs body, axis"),
+        (
+            'r = "m"',
+            'r = "distance*kilogram/metre"',
+            "mass of 'r': 'distance\\*kilogram/metre' has the dimension 'pair', and it needs body, axis",
+        ),
         ("first(m, pair)*", "m*kilogram/kilogram*", "potential of 'gravity': has the dimension 'body' beside 'pair'"),
         ("G*first", "G*2*metre*first", "potential of 'gravity' has units 'kg m3 s-2'"),
         ('over = "pair"', 'over = "pairs"', "force 'gravity' is over 'pairs', which is no relation; there are: pair"),
         ("sum(m*v_r, body)", "sum(m*v_r, site)", "'site' is no dimension or relation"),
-        ("norm(r, axis) -", "norm(m, axis) -", "event 'far': 'norm\\(m, axis\\)' \\(column 1\\) goes along 'axis', and 'm' has the dimensions: body"),
-        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = "index(body)*G"', "initial value of 'r' has units 'kg-1 m3 s-2', needs 'm'"),
-        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = { table = "x.csv", columns = ["a"] }', "columns names 1, needs 2, one for each of 'axis'"),
-        ("r = { value = [[0, 0], [1, 0], [0, 3]], unit = \"m\" }", 'r = { csv = "a [m],b [m]\\n1,2\\n", columns = ["a", "b"] }', "has 1 rows, and 'body' has 3 elements"),
+        (
+            "norm(r, axis) -",
+            "norm(m, axis) -",
+            "event 'far': 'norm\\(m, axis\\)' \\(column 1\\) goes along 'axis', and 'm' has the dimensions: body",
+        ),
+        (
+            'r = { value = [[0, 0], [1, 0], [0, 3]], unit = "m" }',
+            'r = "index(body)*G"',
+            "initial value of 'r' has units 'kg-1 m3 s-2', needs 'm'",
+        ),
+        (
+            'r = { value = [[0, 0], [1, 0], [0, 3]], unit = "m" }',
+            'r = { table = "x.csv", columns = ["a"] }',
+            "columns names 1, needs 2, one for each of 'axis'",
+        ),
+        (
+            'r = { value = [[0, 0], [1, 0], [0, 3]], unit = "m" }',
+            'r = { csv = "a [m],b [m]\\n1,2\\n", columns = ["a", "b"] }',
+            "has 1 rows, and 'body' has 3 elements",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused_names_the_remedy(old: str, new: str, message: str) -> None:
     """Assert that a wrong dimension, label, link, table or unit is named, in one line."""
     with pytest.raises(xd.ModelError, match=message):

@@ -52,10 +52,18 @@ def test_a_column_of_several(column: str) -> None:
 @pytest.mark.parametrize(
     ("text", "given", "said"),
     [
-        (WIDE, {}, r"has 2 columns of values: say which with column = \"x\"; it is separated by semicolons, columns 't \[s\]', 'x \[mm\]'"),
+        (
+            WIDE,
+            {},
+            r"has 2 columns of values: say which with column = \"x\"; it is separated by semicolons, columns 't \[s\]', 'x \[mm\]'",
+        ),
         (WIDE, {"column": "y"}, "has no column 'y' of values; it is separated by semicolons"),
         (WIDE, {"column": "t"}, "has no column 't' of values"),
-        (WIDE, {"column": "x"}, r"line 3: column 'x \[mm\]' has a gap; fill it, or leave such lines out with gaps = \"skip\""),
+        (
+            WIDE,
+            {"column": "x"},
+            r"line 3: column 'x \[mm\]' has a gap; fill it, or leave such lines out with gaps = \"skip\"",
+        ),
         ("t [s];x [m]\n0;1,5\n1;2.5\n", {}, r"has decimal commas \(line 2\) and points \(line 3\); write one of them"),
         ("t [s] x [m]\n0 1\n1 2\n", {}, "separated by commas, columns 't .s. x .m.'"),
         ("t [s],x [m],x [mm]\n0,1,1\n", {"column": "x"}, "two columns are called 'x'"),
@@ -66,19 +74,36 @@ def test_a_column_of_several(column: str) -> None:
         ("# nothing\n", {}, "is empty; it needs a header"),
         ("t [s],x [m]\n1,0\n1,2\n0,3\n", {}, "line 3: argument 1.0 does not increase after 1.0"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named(text: str, given: dict[str, str], said: str) -> None:
     """Assert that a fault tells separator, columns, line and remedy."""
     with pytest.raises(xd.InputError, match=said):
         Table.parse("a.csv", text, **given)
 
 
-@pytest.mark.parametrize(("cell", "name", "unit"), [("F [N]", "F", "N"), ("u(F) (N)", "u(F)", "N"), ("u(F)/N", "u(F)", "N"), ("v/(m s-1)", "v", "m s-1"), ("n []", "n", "1"), ("v [m/s]", "v", "m s-1")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cell", "name", "unit"),
+    [
+        ("F [N]", "F", "N"),
+        ("u(F) (N)", "u(F)", "N"),
+        ("u(F)/N", "u(F)", "N"),
+        ("v/(m s-1)", "v", "m s-1"),
+        ("n []", "n", "1"),
+        ("v [m/s]", "v", "m s-1"),
+    ],
+)
 def test_titles(cell: str, name: str, unit: str) -> None:
     """Assert names and units of headers as laboratories write them."""
     found = title(cell)
     assert found.name == name
-    assert found.unit.dimension == xd.Model(name="x", parameters={"p": f"1 {unit}"}, states={"s": {"unit": "1", "rate": "1/second"}}, initial={"s": 0}).parameters["p"].quantity.unit.dimension  # fmt: skip
+    assert (
+        found.unit.dimension
+        == xd.Model(
+            name="x", parameters={"p": f"1 {unit}"}, states={"s": {"unit": "1", "rate": "1/second"}}, initial={"s": 0}
+        )
+        .parameters["p"]
+        .quantity.unit.dimension
+    )
 
 
 def tabled(given: Any) -> Table:
@@ -97,9 +122,11 @@ def test_tables_of_python() -> None:
     for given in (
         pd.DataFrame({"t [s]": times, "pull [N]": values}),
         pd.DataFrame({"pull [N]": values}, index=pd.Index(times, name="t [s]")),
-        array, {"t [s]": times, "pull [N]": values}, {"table": {"t [s]": times, "pull [N]": values}, "interpolation": "cubic"},
+        array,
+        {"t [s]": times, "pull [N]": values},
+        {"table": {"t [s]": times, "pull [N]": values}, "interpolation": "cubic"},
         {"table": array, "outside": "hold"},
-    ):  # fmt: skip
+    ):
         found = tabled(given)
         assert (found.argument.tolist(), found.value.tolist()) == (times.tolist(), values.tolist())
         assert found.name == "pull.csv"

@@ -72,9 +72,14 @@ def test_a_slope_that_overflows_is_named(rule: str, rows: str, where: str) -> No
     """Assert that the points between which no number holds the slope are told, before anything is marched."""
     pull = {"table": "f.csv", "csv": "time [s],pull [N]\n" + rows, "interpolation": rule}
     model = xd.Model(
-        name="pulled", coordinates={"x": {"unit": "m"}}, parameters={"m": "1 kg"}, mass={"x": "m"},
-        forces={"pull": {"x": "pull"}}, drives={"pull": pull}, initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+        name="pulled",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"pull": {"x": "pull"}},
+        drives={"pull": pull},
+        initial={"x": "0 m", "v_x": "0 m s-1"},
+    )
     with pytest.raises(xd.ModelError, match=re.escape(f"drive 'pull': table 'f.csv' {where}")) as caught:
         xd.simulate(model, method="velocity_verlet", step=0.25, until=2.0)
     assert f"the slopes of interpolation '{rule}' overflow" in str(caught.value)

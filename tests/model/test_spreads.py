@@ -66,9 +66,15 @@ def model(**replaced: str) -> xd.Model:
 def test_standard_uncertainties_follow_from_bounds() -> None:
     """Assert JCGM 101:2008, 6.4: half widths over the square roots of 3, 6 and 2; correlations, discrepancies, tables."""
     found = {name: one.uncertainty for name, one in model().uncertain.items()}
-    assert found == pytest.approx({"m": 2e-3, "k": 0.3 / sqrt(3), "c": 0.01, "p": 0.01 / sqrt(2), "q": 0.01 / sqrt(6), "x": 3e-3})  # fmt: skip
+    assert found == pytest.approx(
+        {"m": 2e-3, "k": 0.3 / sqrt(3), "c": 0.01, "p": 0.01 / sqrt(2), "q": 0.01 / sqrt(6), "x": 3e-3}
+    )
     assert model().correlations == {("m", "x"): 0.5}
-    assert {name: one.standard.si for name, one in model().discrepancy.items()} == {"x": 1e-3, "stretch": 2e-3, "t": 1e-3}  # fmt: skip
+    assert {name: one.standard.si for name, one in model().discrepancy.items()} == {
+        "x": 1e-3,
+        "stretch": 2e-3,
+        "t": 1e-3,
+    }
     doubt = model().drives["push"].table.uncertainty
     assert doubt is not None
     assert doubt.tolist() == [0.02, 0.03]
@@ -81,7 +87,14 @@ def test_what_is_said_is_written_back() -> None:
     assert xd.Model.from_text(one.to_toml()) == one
     assert xd.Model.from_text(one.to_toml()).starts == one.starts
     bare = {"m": '"1 kg"', "k": '"4 N m-1"', "x": '"1 m"'}
-    assert one.form == xd.Model.from_text(TOML.replace('m = { value = "1 kg", uncertainty = "2 g" }', f"m = {bare['m']}").replace("m = { x = 0.5 }", "")).form  # fmt: skip
+    assert (
+        one.form
+        == xd.Model.from_text(
+            TOML.replace('m = { value = "1 kg", uncertainty = "2 g" }', f"m = {bare['m']}").replace(
+                "m = { x = 0.5 }", ""
+            )
+        ).form
+    )
     changed = one.replace(parameters={"k": 5.0}, initial={"x": 2.0})
     assert (changed.parameters["k"].uncertainty, changed.starts["x"].uncertainty) == pytest.approx(
         (0.3 / sqrt(3), 3e-3)
@@ -135,7 +148,9 @@ def test_correlations_that_cannot_be_are_named(correlations: str, said: str) -> 
 
 def test_correlations_that_contradict_each_other_are_refused() -> None:
     """Assert that three numbers cannot each be against both others."""
-    text = TOML.replace('k = { value = 4, unit = "N m-1", half_width = 0.3', 'k = { value = 4, unit = "N m-1", uncertainty = 0.3')  # fmt: skip
+    text = TOML.replace(
+        'k = { value = 4, unit = "N m-1", half_width = 0.3', 'k = { value = 4, unit = "N m-1", uncertainty = 0.3'
+    )
     with pytest.raises(xd.ModelError, match="contradict each other"):
         xd.Model.from_text(text.replace("m = { x = 0.5 }", "m = { x = -0.9, k = -0.9 }\nx = { k = -0.9 }"))
 

@@ -83,23 +83,49 @@ def test_variables_say_what_they_are() -> None:
     """Assert the words of each kind of variable, the model's own where it has some."""
     run = swing("m")
     expected = {
-        "m": "parameter m", "x": "coordinate x", "v_x": "velocity of x", "a_x": "acceleration of x", "work": "state work",
-        "rate_work": "rate of work", "force_drag_x": "component of force drag along x", "power": "observable power",
-        "error_x": "estimated local error of x in the step to this state", "sample_x": "x used in the force evaluation",
-        "sample_pull": "pull looked up in the force evaluation", "sample_force_drag_x": "force_drag_x given by the force evaluation",
-        "total_energy": "kinetic and potential energy", "event_impulse_x": "contact impulse along x",
-    }  # fmt: skip
+        "m": "parameter m",
+        "x": "coordinate x",
+        "v_x": "velocity of x",
+        "a_x": "acceleration of x",
+        "work": "state work",
+        "rate_work": "rate of work",
+        "force_drag_x": "component of force drag along x",
+        "power": "observable power",
+        "error_x": "estimated local error of x in the step to this state",
+        "sample_x": "x used in the force evaluation",
+        "sample_pull": "pull looked up in the force evaluation",
+        "sample_force_drag_x": "force_drag_x given by the force evaluation",
+        "total_energy": "kinetic and potential energy",
+        "event_impulse_x": "contact impulse along x",
+    }
     assert {name: run[name].attrs["long_name"] for name in expected} == expected
-    roles = {"m": "parameter", "x": "coordinate", "v_x": "velocity", "a_x": "acceleration", "work": "state", "rate_work": "rate",
-             "force_drag_x": "force", "power": "observable", "error_x": "error", "sample_x": "sample", "total_energy": "energy"}  # fmt: skip
+    roles = {
+        "m": "parameter",
+        "x": "coordinate",
+        "v_x": "velocity",
+        "a_x": "acceleration",
+        "work": "state",
+        "rate_work": "rate",
+        "force_drag_x": "force",
+        "power": "observable",
+        "error_x": "error",
+        "sample_x": "sample",
+        "total_energy": "energy",
+    }
     assert {name: run[name].attrs["role"] for name in roles} == roles
     told = xd.Model(
-        name="told", coordinates={"x": {"unit": "m", "description": "way"}}, mass={"x": "m"},
-        parameters={"m": {"value": 2, "unit": "kg", "uncertainty": "5 g", "description": "load"}, "k": {"value": 1, "unit": "s-1", "uncertainty": 0.5}},
+        name="told",
+        coordinates={"x": {"unit": "m", "description": "way"}},
+        mass={"x": "m"},
+        parameters={
+            "m": {"value": 2, "unit": "kg", "uncertainty": "5 g", "description": "load"},
+            "k": {"value": 1, "unit": "s-1", "uncertainty": 0.5},
+        },
         states={"q": {"unit": "C", "rate": "-k*q", "description": "charge"}},
-        forces={"drag": {"x": "-m*k*v_x", "description": "air"}}, observables={"inertia": "m*a_x"},
+        forces={"drag": {"x": "-m*k*v_x", "description": "air"}},
+        observables={"inertia": "m*a_x"},
         initial={"x": "0 m", "v_x": "1 m s-1", "q": "1 C"},
-    )  # fmt: skip
+    )
     run = xd.simulate(told, method="rk4", step=0.1, until=1.0)
     words = {"x": "way", "m": "load", "q": "charge", "force_drag_x": "component of force air along x"}
     assert {name: run[name].attrs["long_name"] for name in words} == words

@@ -24,7 +24,11 @@ SELECTION = {"selection_of": "a run", "selection": "a part"}
 def marched(control: str = "fixed") -> xr.Dataset:
     """A short run with an event, its steps chosen in one of three ways."""
     model = xd.Model.from_toml(MODELS / "pendulum.toml")
-    steps = {"fixed": {"step": "50 ms"}, "given": {"step": [0.05] * 60}, "adaptive": {"method": "dormand_prince", "rtol": 1e-6}}  # fmt: skip
+    steps = {
+        "fixed": {"step": "50 ms"},
+        "given": {"step": [0.05] * 60},
+        "adaptive": {"method": "dormand_prince", "rtol": 1e-6},
+    }
     return xd.simulate(model, until="3 s", **steps[control])
 
 
@@ -80,10 +84,16 @@ FAULTS: list[tuple[Change, str]] = [
     (said(solver_order="2"), "attribute 'solver_order' is '2', needs a number"),
     (said(solver_order=np.array([1, 2])), "attribute 'solver_order' is '[1 2]', needs a number"),
     (said(solver_order=float("inf")), "attribute 'solver_order' is 'inf', needs a number"),
-    (said(solver_order=10**400), f"attribute 'solver_order' is '1{'0' * 39}', needs a text, a number or an array of numbers"),
+    (
+        said(solver_order=10**400),
+        f"attribute 'solver_order' is '1{'0' * 39}', needs a text, a number or an array of numbers",
+    ),
     (said(solver_order=True), "attribute 'solver_order' is 'True', needs a text, a number or an array of numbers"),
     (said(solver_step_control=None, solver_step=None), "attribute 'solver_step_control' is missing"),
-    (said(solver_step_control="x" * 50), f"attribute 'solver_step_control' is '{'x' * 40}'; there are fixed, given, adaptive"),
+    (
+        said(solver_step_control="x" * 50),
+        f"attribute 'solver_step_control' is '{'x' * 40}'; there are fixed, given, adaptive",
+    ),
     (said(solver_step=None), "attribute 'solver_step' is missing"),
     (said(solver_growth_limits=np.arange(3)), "attribute 'solver_growth_limits' is '[0 1 2]', needs two numbers"),
     (said(note="a\0b"), "attribute 'note' is 'a\\x00b', needs a text without null characters"),
@@ -98,10 +108,19 @@ FAULTS: list[tuple[Change, str]] = [
     (lambda run: run.isel(bound=[0]), "dimension 'bound' has 1 entries, needs 2, the left end and the right one"),
     (lambda run: run.isel(step=slice(0), event=slice(0)), "dimension 'step' has no row, needs one at least"),
     (added("a/b"), "variable 'a/b' has a name that no file can keep"),
-    (lambda run: run.assign(trial_step=run.trial_step.variable.expand_dims("n")), "variable 'trial_step' has dims ('n', 'trial'), needs ('trial',)"),
+    (
+        lambda run: run.assign(trial_step=run.trial_step.variable.expand_dims("n")),
+        "variable 'trial_step' has dims ('n', 'trial'), needs ('trial',)",
+    ),
     (of_type("trial_step", "i4"), "variable 'trial_step' has the type int32, needs int64"),
-    (added("words", "n", ["one", "two"]), "variable 'words' has the type <U3, needs numbers, or one text without a dimension"),
-    (added("half", (), np.float16(1)), "variable 'half' has the type float16, needs numbers, or one text without a dimension"),
+    (
+        added("words", "n", ["one", "two"]),
+        "variable 'words' has the type <U3, needs numbers, or one text without a dimension",
+    ),
+    (
+        added("half", (), np.float16(1)),
+        "variable 'half' has the type float16, needs numbers, or one text without a dimension",
+    ),
     (said("theta", units=None), "variable 'theta' has no attribute 'units'"),
     (said("theta", long_name=None), "variable 'theta' has no attribute 'long_name'"),
     (said("theta", role=None), "variable 'theta' has no attribute 'role'"),
@@ -111,22 +130,46 @@ FAULTS: list[tuple[Change, str]] = [
     (said("g", uncertainty="much"), "variable 'g' has the attribute uncertainty = 'much', needs a number"),
     (said("theta", atol=float("nan")), "variable 'theta' has the attribute atol = 'nan', needs a number"),
     (said("theta", atol_si="1"), "variable 'theta' has the attribute atol_si = '1', needs a number"),
-    (said("theta", note=[]), "variable 'theta' : attribute 'note' is '[]', needs a text, a number or an array of numbers"),
-    (of_type("theta", "i4"), "variable 'theta' is a coordinate along ('step',) of type int32, needs ('step',) and float64"),
+    (
+        said("theta", note=[]),
+        "variable 'theta' : attribute 'note' is '[]', needs a text, a number or an array of numbers",
+    ),
+    (
+        of_type("theta", "i4"),
+        "variable 'theta' is a coordinate along ('step',) of type int32, needs ('step',) and float64",
+    ),
     (of_type("g", "i4"), "variable 'g' is a parameter along () of type int32, needs () and float64"),
     (said("g", role="state"), "variable 'g' is a state along () of type float64, needs ('step',) and float64"),
-    (said("theta", role="parameter"), "variable 'theta' is a parameter along ('step',) of type float64, needs () and float64"),
+    (
+        said("theta", role="parameter"),
+        "variable 'theta' is a parameter along ('step',) of type float64, needs () and float64",
+    ),
     (said("time", units="ms"), "variable 'time' has units 'ms', needs 's'"),
-    (said("regime", flag_meanings="one two"), "variable 'regime' has 2 words in flag_meanings and 1 numbers in flag_values, needs one for each"),
-    (said("regime", flag_meanings=None, flag_values=None), "variable 'regime' has 0 words in flag_meanings and 0 numbers in flag_values, needs one for each"),
+    (
+        said("regime", flag_meanings="one two"),
+        "variable 'regime' has 2 words in flag_meanings and 1 numbers in flag_values, needs one for each",
+    ),
+    (
+        said("regime", flag_meanings=None, flag_values=None),
+        "variable 'regime' has 0 words in flag_meanings and 0 numbers in flag_values, needs one for each",
+    ),
     (put("event_row_before", 0, -1), "variable 'event_row_before' names row -1 at event 0, and there are 63"),
     (put("event_row_after", 0, 63), "variable 'event_row_after' names row 63 at event 0, and there are 63"),
-    (put("row_kind", slice(4, 6), 9), "variable 'row_kind' has the value 9 at 4, which no word in flag_meanings stands for"),
-    (put("event_kind", 0, 99), "variable 'event_kind' has the value 99 at 0, which no word in flag_meanings stands for"),
-    (put("time", slice(3, 5), 0.25), "variable 'time' goes from 0.25 to 0.25 at row 4: it must increase, but at an event's pair"),
+    (
+        put("row_kind", slice(4, 6), 9),
+        "variable 'row_kind' has the value 9 at 4, which no word in flag_meanings stands for",
+    ),
+    (
+        put("event_kind", 0, 99),
+        "variable 'event_kind' has the value 99 at 0, which no word in flag_meanings stands for",
+    ),
+    (
+        put("time", slice(3, 5), 0.25),
+        "variable 'time' goes from 0.25 to 0.25 at row 4: it must increase, but at an event's pair",
+    ),
     (put("time", 5, 0.1), "variable 'time' goes from 0.2 to 0.1 at row 5: it must increase, but at an event's pair"),
     (put("time", 5, np.nan), "variable 'time' goes from 0.2 to nan at row 5: it must increase, but at an event's pair"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("change", "fault"), FAULTS, ids=[fault[:60] for _, fault in FAULTS])
@@ -165,7 +208,10 @@ def test_what_is_no_whole_run_need_not_have_all(kind: dict[str, str]) -> None:
     part = changed(lambda run: run.isel(step=slice(3)).drop_vars("trial_step").assign_attrs(kind))
     assert faults_of(part, whole=False) == []
     missing = ["variable 'trial_step' is missing"]
-    rows = [f"variable 'event_row_{one}' names row {row} at event 0, and there are 3" for one, row in (("before", 41), ("after", 42))]  # fmt: skip
+    rows = [
+        f"variable 'event_row_{one}' names row {row} at event 0, and there are 3"
+        for one, row in (("before", 41), ("after", 42))
+    ]
     assert faults_of(part) == ([] if kind else missing + rows)
 
 
@@ -173,9 +219,14 @@ def test_derived_data_have_attributes_and_variables_of_their_own() -> None:
     """Assert that what a run must have, derived data may lack or have otherwise, and a selection may not."""
     for kind in (SELECTION, DERIVED):
         free = [] if kind is DERIVED else None
-        for change, fault in ((said(title=None), "attribute 'title' is missing"),
-                              (of_type("time", "f4"), "variable 'time' has the type float32, needs float64"),
-                              (of_type("theta", "i4"), "variable 'theta' is a coordinate along ('step',) of type int32, needs ('step',) and float64")):  # fmt: skip
+        for change, fault in (
+            (said(title=None), "attribute 'title' is missing"),
+            (of_type("time", "f4"), "variable 'time' has the type float32, needs float64"),
+            (
+                of_type("theta", "i4"),
+                "variable 'theta' is a coordinate along ('step',) of type int32, needs ('step',) and float64",
+            ),
+        ):
             assert faults_of(changed(change).assign_attrs(kind)) == ([fault] if free is None else free)
         wrong = changed(said("theta", units=None)).assign_attrs(kind)
         assert faults_of(wrong) == ["variable 'theta' has no attribute 'units'"]
@@ -191,13 +242,30 @@ def test_values_are_read_where_they_are_asked_for() -> None:
     assert len(faults_of(run, values=False)) == 1
 
 
-@pytest.mark.parametrize("value", ["", "text", 1, 2**63 - 1, -(2**63) + 1, 1.5, float("nan"), np.float32(1), np.array([1.0]), np.arange(3)])  # fmt: skip
+@pytest.mark.parametrize(
+    "value", ["", "text", 1, 2**63 - 1, -(2**63) + 1, 1.5, float("nan"), np.float32(1), np.array([1.0]), np.arange(3)]
+)
 def test_attributes_that_a_file_keeps(value: Any) -> None:
     """Assert that texts, numbers and rows of numbers are kept."""
     assert list(unkeepable({"note": value})) == []
 
 
-@pytest.mark.parametrize("value", [None, False, -(2**63), 1j, [1.0], b"text", np.bool_(0), np.zeros((1, 2)), np.zeros(0), np.array(["a"]), np.float16(1)])  # fmt: skip
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        False,
+        -(2**63),
+        1j,
+        [1.0],
+        b"text",
+        np.bool_(0),
+        np.zeros((1, 2)),
+        np.zeros(0),
+        np.array(["a"]),
+        np.float16(1),
+    ],
+)
 def test_attributes_that_no_file_keeps(value: Any) -> None:
     """Assert that everything else is named with its value."""
     fault = f"attribute 'note' is {str(value)[:40]!r}, needs a text, a number or an array of numbers"

@@ -84,10 +84,14 @@ def test_a_record_has_one_variable_for_a_quantity():
     """Assert the dimensions of what a record holds, and that no element has a variable of its own."""
     dims = {name: run()[name].dims for name in ("r", "a_r", "error_r", "force_gravity_r", "sample_r", "m", "distance")}
     assert dims == {
-        "r": ("step", "body", "axis"), "a_r": ("step", "body", "axis"), "error_r": ("step", "body", "axis"),
-        "force_gravity_r": ("step", "body", "axis"), "sample_r": ("sample", "body", "axis"), "m": ("body",),
+        "r": ("step", "body", "axis"),
+        "a_r": ("step", "body", "axis"),
+        "error_r": ("step", "body", "axis"),
+        "force_gravity_r": ("step", "body", "axis"),
+        "sample_r": ("sample", "body", "axis"),
+        "m": ("body",),
         "distance": ("step", "pair"),
-    }  # fmt: skip
+    }
     assert not [name for name in run().variables if "·" in str(name)]
     assert run().attrs["model_dimensions"] == "pair(3) body(3) axis(2)"
 

@@ -45,10 +45,16 @@ def test_names_become_dimensions():
     folded = fold(elements(), SHAPES)
     dims = {str(name): one.dims for name, one in folded.data_vars.items()}
     assert dims == {
-        "r": ("step", "body", "axis"), "v_r": ("step", "body", "axis"), "error_r": ("step", "body", "axis"),
-        "force_gravity_r": ("step", "body", "axis"), "u": ("step", "site"), "distance": ("step", "pair"),
-        "event_height": ("event", "body"), "event_height_uncertainty": ("event", "body"), "m": ("body",),
-    }  # fmt: skip
+        "r": ("step", "body", "axis"),
+        "v_r": ("step", "body", "axis"),
+        "error_r": ("step", "body", "axis"),
+        "force_gravity_r": ("step", "body", "axis"),
+        "u": ("step", "site"),
+        "distance": ("step", "pair"),
+        "event_height": ("event", "body"),
+        "event_height_uncertainty": ("event", "body"),
+        "m": ("body",),
+    }
     assert folded.attrs["model_dimensions"] == "pair(3) body(3) axis(2) site(4)"
     assert model_dimensions(folded) == {"pair": 3, "body": 3, "axis": 2, "site": 4}
 

@@ -66,12 +66,18 @@ EDITS: dict[str, tuple[Change, str]] = {
     "a setting": (lambda run: run.assign_attrs(solver_step=0.1), r"attribute 'solver_step' is 0\.1, in the run 0\.05"),
     "a new attribute": (lambda run: run.assign_attrs(note="x"), r"attribute 'note' is 'x', and the run has none"),
     "a new variable": (lambda run: run.assign(y=run.theta), r"variable 'y' is not in the run"),
-    "a type": (lambda run: run.assign(theta=run.theta.astype("f4")), r"variable 'theta' is of the type float32, in the run float64"),
-    "rows of an edited one": (lambda run: scaled(run).isel(step=slice(0, 9)), r"row 0 of 'step', .* is none of the run's rows"),
+    "a type": (
+        lambda run: run.assign(theta=run.theta.astype("f4")),
+        r"variable 'theta' is of the type float32, in the run float64",
+    ),
+    "rows of an edited one": (
+        lambda run: scaled(run).isel(step=slice(0, 9)),
+        r"row 0 of 'step', .* is none of the run's rows",
+    ),
     "rows in another order": (lambda run: run.isel(sample=[5, 4]), r"row 1 of 'sample', .* is none of the run's rows"),
     "no rows": (lambda run: run.isel(step=slice(0)), "dimension 'step' has no row, needs one at least"),
     "lost": (lambda run: scaled(run).assign_attrs(origin="another text"), "its origin is unknown"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("edit", EDITS)
@@ -125,12 +131,15 @@ def test_how_data_were_derived_is_a_text(tmp_path: Path, derived: object) -> Non
 
 SELECTIONS: dict[str, tuple[Change, str]] = {
     "first rows": (lambda run: run.isel(step=slice(0, 20)), "20 of 63 rows of 'step'"),
-    "every second": (lambda run: run.isel(step=slice(3, 30, 2), sample=slice(5)), "14 of 63 rows of 'step'; 5 of 62 rows of 'sample'"),
+    "every second": (
+        lambda run: run.isel(step=slice(3, 30, 2), sample=slice(5)),
+        "14 of 63 rows of 'step'; 5 of 62 rows of 'sample'",
+    ),
     "chosen": (lambda run: run.isel(step=run.theta > 0), " of 63 rows of 'step'"),
     "no event": (lambda run: run.isel(event=slice(0)), "0 of 1 rows of 'event'"),
     "variables": (lambda run: run.drop_vars(["theta", "kinetic_energy"]), "without theta, kinetic_energy"),
     "both": (lambda run: run[["theta", "model_toml"]].isel(step=slice(5)), "5 of 63 rows of 'step'; without "),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", SELECTIONS)
@@ -198,8 +207,15 @@ def test_a_selection_without_its_model_is_not_reproduced(tmp_path: Path) -> None
         xd.reproduce(tmp_path / "part.nc")
 
 
-@pytest.mark.parametrize("sent", [lambda run: pickle.loads(pickle.dumps(run)), lambda run: run.copy(deep=True),
-                                  lambda run: run.chunk({"step": 10}), lambda run: run.compute()])  # fmt: skip
+@pytest.mark.parametrize(
+    "sent",
+    [
+        lambda run: pickle.loads(pickle.dumps(run)),
+        lambda run: run.copy(deep=True),
+        lambda run: run.chunk({"step": 10}),
+        lambda run: run.compute(),
+    ],
+)
 def test_a_copy_is_the_same_run(run: xr.Dataset, tmp_path: Path, sent: Change) -> None:
     """Assert that what another process, dask or a copy gives back is saved as the run, and an edit of it is not."""
     copy = sent(run)

@@ -33,7 +33,10 @@ def test_a_record_is_of_one_kind_and_says_so(attributes: Any, kinds: tuple[bool,
 
 def test_tolerances_of_what_was_left_out_come_back() -> None:
     """Assert numbers and units by name, and none where nothing was left out."""
-    assert left_out_atols({"selection_atol_si": '{"x": [1e-9, "m"], "w": [2, "rad s-1"]}'}) == {"x": (1e-9, "m"), "w": (2.0, "rad s-1")}  # fmt: skip
+    assert left_out_atols({"selection_atol_si": '{"x": [1e-9, "m"], "w": [2, "rad s-1"]}'}) == {
+        "x": (1e-9, "m"),
+        "w": (2.0, "rad s-1"),
+    }
     assert left_out_atols({}) == {}
 
 

@@ -26,10 +26,18 @@ def test_every_word_of_a_march_has_its_name() -> None:
     """Assert that settings stand under their own names, what is in groups behind the group's, and nothing that was not given."""
     found = identity(march(step=None, atol={"x": "1 mm", "v_x": "2 mm s-1"}, scales={"length": "3 m"}, **CHOSEN))
     expected = {
-        "method": "dormand_prince", "until": "1.0", "rtol": "1e-06", "atol.x": "0.001", "atol.v_x": "0.002", "safety": "0.9",
-        "scales.length": "3.0", "estimator": "'embedded'", "nodes": "()", "model.parameters.k": "'4.0 N m-1'",
+        "method": "dormand_prince",
+        "until": "1.0",
+        "rtol": "1e-06",
+        "atol.x": "0.001",
+        "atol.v_x": "0.002",
+        "safety": "0.9",
+        "scales.length": "3.0",
+        "estimator": "'embedded'",
+        "nodes": "()",
+        "model.parameters.k": "'4.0 N m-1'",
         "math_functions": "xdynamics 2",
-    }  # fmt: skip
+    }
     assert {name: found.get(name) for name in expected} == expected
     assert {"version", "law"} <= set(found)
     assert not [name for name in found if name.startswith(("units", "tolerances", "pacing", "step", "."))]
@@ -81,8 +89,13 @@ def test_tolerances_may_be_named_or_not() -> None:
     names = ("x", "v_x")
     bare, named, wider, none = (
         march(**{"step": None} | CHOSEN | more).settings
-        for more in ({"atol": 1e-6}, {"atol": {"x": "1 um", "v_x": "1 um s-1"}}, {"atol": {"x": "2 um"}}, {"rtol": None, "step": 0.1, "method": "rk4"})
-    )  # fmt: skip
+        for more in (
+            {"atol": 1e-6},
+            {"atol": {"x": "1 um", "v_x": "1 um s-1"}},
+            {"atol": {"x": "2 um"}},
+            {"rtol": None, "step": 0.1, "method": "rk4"},
+        )
+    )
     assert same_settings(bare, named, names)
     assert same_settings(none, none, names)
     assert not same_settings(bare, march(step=None, **CHOSEN).settings, names)  # those follow their variables

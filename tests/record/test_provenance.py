@@ -33,9 +33,13 @@ GIVEN = {"step": 1e-3, "safety": 0.8, "min_step": 1e-9, "max_step": 0.5, "max_st
         (FIXED | {"nodes": [0.55]}, {"nodes": [0.55], "force_samples": "all"}, {"rtol"}),
         (FIXED | {"step": [0.25] * 12 + [0.03]}, {"step": [0.25] * 12 + [0.03]}, {"rtol", "safety"}),
         (FIXED | {"summation": "compensated"}, {"summation": "compensated", "jacobian": None}, {"rtol"}),
-        ({"method": "radau_iia", "jacobian": "differences"}, {"method": "radau_iia", "jacobian": "differences"}, {"step"}),
+        (
+            {"method": "radau_iia", "jacobian": "differences"},
+            {"method": "radau_iia", "jacobian": "differences"},
+            {"step"},
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_record_tells_what_was_asked(asked: dict[str, Any], kept: dict[str, Any], lost: set[str]) -> None:
     """Assert that the arguments of a run can be read from its record, and nothing that was not asked for."""
     found = asked_of(swing("m", until=3.03, **asked))
@@ -45,7 +49,9 @@ def test_a_record_tells_what_was_asked(asked: dict[str, Any], kept: dict[str, An
         assert same == value, name
     assert not lost & set(found)
     if "atol" in found:
-        assert {name: one.si for name, one in found["atol"].items()} == pytest.approx(dict.fromkeys(("x", "v_x", "work"), 1e-8))  # fmt: skip
+        assert {name: one.si for name, one in found["atol"].items()} == pytest.approx(
+            dict.fromkeys(("x", "v_x", "work"), 1e-8)
+        )
 
 
 def test_what_chose_the_steps_is_told() -> None:

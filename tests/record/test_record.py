@@ -27,15 +27,49 @@ def test_names_of_the_contract_are_there() -> None:
     """Assert the variables that the design names, on their dims."""
     run = rocket()
     expected = {
-        ("step",): ["time", "y", "v_y", "a_y", "force_gravity_y", "force_thrust_y", "force_drag_y", "force_pad_y", "fuel", "rate_fuel",
-                    "step_size", "row_kind", "regime", "kinetic_energy", "thrust_to_weight"],
+        ("step",): [
+            "time",
+            "y",
+            "v_y",
+            "a_y",
+            "force_gravity_y",
+            "force_thrust_y",
+            "force_drag_y",
+            "force_pad_y",
+            "fuel",
+            "rate_fuel",
+            "step_size",
+            "row_kind",
+            "regime",
+            "kinetic_energy",
+            "thrust_to_weight",
+        ],
         ("trial",): ["trial_time", "trial_step", "trial_step_size", "trial_error_norm", "trial_reason"],
-        ("event",): ["event_time", "event_residual", "event_detector", "event_kind", "event_direction", "event_row_before",
-                     "event_row_after", "event_time_uncertainty", "event_impulse_y", "event_offset_y"],
+        ("event",): [
+            "event_time",
+            "event_residual",
+            "event_detector",
+            "event_kind",
+            "event_direction",
+            "event_row_before",
+            "event_row_after",
+            "event_time_uncertainty",
+            "event_impulse_y",
+            "event_offset_y",
+        ],
         ("event", "bound"): ["event_time_bounds"],
-        ("sample",): ["sample_time", "sample_step", "sample_stage", "sample_y", "sample_v_y", "sample_fuel", "sample_force_drag_y", "sample_thrust"],
+        ("sample",): [
+            "sample_time",
+            "sample_step",
+            "sample_stage",
+            "sample_y",
+            "sample_v_y",
+            "sample_fuel",
+            "sample_force_drag_y",
+            "sample_thrust",
+        ],
         (): ["airframe", "g", "impulse", "model_toml", "force_source"],
-    }  # fmt: skip
+    }
     for dims, names in expected.items():
         for name in names:
             assert run[name].dims == dims, name
@@ -53,9 +87,21 @@ def test_every_variable_says_what_it_is() -> None:
 
 @pytest.mark.parametrize(
     ("name", "units"),
-    [("time", "s"), ("y", "m"), ("v_y", "m s-1"), ("a_y", "m s-2"), ("force_drag_y", "N"), ("fuel", "g"), ("rate_fuel", "g s-1"),
-     ("kinetic_energy", "J"), ("airframe", "g"), ("event_impulse_y", "kg m s-1"), ("thrust_to_weight", "1"), ("sample_thrust", "N")],
-)  # fmt: skip
+    [
+        ("time", "s"),
+        ("y", "m"),
+        ("v_y", "m s-1"),
+        ("a_y", "m s-2"),
+        ("force_drag_y", "N"),
+        ("fuel", "g"),
+        ("rate_fuel", "g s-1"),
+        ("kinetic_energy", "J"),
+        ("airframe", "g"),
+        ("event_impulse_y", "kg m s-1"),
+        ("thrust_to_weight", "1"),
+        ("sample_thrust", "N"),
+    ],
+)
 def test_units_are_udunits(name: str, units: str) -> None:
     """Assert the spelling of units."""
     assert rocket()[name].attrs["units"] == units

@@ -16,13 +16,36 @@ DIMS = {"r": ("body", "axis"), "m": ("body",), "w": ("axis", "body"), "k": ("pai
 EXTENTS = {"body": Extent("body", 5, ("a", "b", "c", "d", "e")), "axis": Extent("axis", 3)}
 SHAPES = Shapes(EXTENTS, {"pair": PAIR, "wall": WALL}, DIMS)
 TEXTS = (
-    "g", "m*r", "r + w", "sum(r, axis)", "sum(r, body, axis)", "sum(w, axis, body)", "mean(r, body)", "norm(r, axis)",
-    "dot(r, w, axis)", "dot(r, m, body)", "min(r, body)", "max(r, axis)", "cross(r, w, axis)",
-    "cross(r, index(axis), axis)", "shift(r, body, 1, 0)", "shift(m, body, -2, g*index(body))", "roll(r, axis, 2)",
-    "first(m, pair)*second(r, pair)", "k/norm(second(r, pair) - first(r, pair), axis)", "second(w, wall) - first(m, wall)",
-    "r[b, 1]*m", "m[-1]", "where(index(body) < 2, 1/(index(body) + 1), sin(m)**2)", "exp(-m**2)*size(axis)",
-    "-r**3 + abs(w)", "sum(k, pair)", "second(shift(m, body, 1, g), pair)", "max(m, 2*g*m[a])", "m**-1",
-)  # fmt: skip
+    "g",
+    "m*r",
+    "r + w",
+    "sum(r, axis)",
+    "sum(r, body, axis)",
+    "sum(w, axis, body)",
+    "mean(r, body)",
+    "norm(r, axis)",
+    "dot(r, w, axis)",
+    "dot(r, m, body)",
+    "min(r, body)",
+    "max(r, axis)",
+    "cross(r, w, axis)",
+    "cross(r, index(axis), axis)",
+    "shift(r, body, 1, 0)",
+    "shift(m, body, -2, g*index(body))",
+    "roll(r, axis, 2)",
+    "first(m, pair)*second(r, pair)",
+    "k/norm(second(r, pair) - first(r, pair), axis)",
+    "second(w, wall) - first(m, wall)",
+    "r[b, 1]*m",
+    "m[-1]",
+    "where(index(body) < 2, 1/(index(body) + 1), sin(m)**2)",
+    "exp(-m**2)*size(axis)",
+    "-r**3 + abs(w)",
+    "sum(k, pair)",
+    "second(shift(m, body, 1, g), pair)",
+    "max(m, 2*g*m[a])",
+    "m**-1",
+)
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -74,14 +74,22 @@ def shortened(t: Any, y: Any) -> Any:
 SECOND = np.eye(14, k=1) + np.eye(14, k=-1) - 2 * np.eye(14)
 DENSE = np.random.default_rng(1).normal(size=(14, 14)) / 9
 CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
-    "heat": (heat, bump(30), ()), "ring": (advected, bump(30), ()), "two fields": (two_fields, np.r_[bump(9), 1 - bump(9)], ()),
-    "wave": (wave, np.r_[bump(12), 0 * bump(12)], ()), "burgers": (burgers, bump(20), ()),
-    "mean field": (mean_field, np.linspace(0, 3, 15), (1.5,)), "shortened": (shortened, bump(12) + 1, ()),
+    "heat": (heat, bump(30), ()),
+    "ring": (advected, bump(30), ()),
+    "two fields": (two_fields, np.r_[bump(9), 1 - bump(9)], ()),
+    "wave": (wave, np.r_[bump(12), 0 * bump(12)], ()),
+    "burgers": (burgers, bump(20), ()),
+    "mean field": (mean_field, np.linspace(0, 3, 15), (1.5,)),
+    "shortened": (shortened, bump(12) + 1, ()),
     "diagonals": (lambda t, y, A: A @ y, bump(14), (SECOND,)),
     "sparse": (lambda t, y, A: A @ y, bump(14), (scipy.sparse.csr_matrix(SECOND),)),
     "dense": (lambda t, y: DENSE.dot(y), bump(14), ()),
-    "three bodies": (scripts.three_bodies_broadcast, [0.97, -0.243, -0.97, 0.243, 0, 0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865], ()),
-}  # fmt: skip
+    "three bodies": (
+        scripts.three_bodies_broadcast,
+        [0.97, -0.243, -0.97, 0.243, 0, 0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865],
+        (),
+    ),
+}
 
 
 @pytest.mark.filterwarnings("ignore:.*switches are hidden")  # one for each element
@@ -150,10 +158,15 @@ def test_tolerances_and_events_of_another_length() -> None:
 
 @pytest.mark.parametrize(
     ("fun", "said"),
-    [(lambda t, y: y[1:], "returns 11 rates, and y0 has 12 numbers"), (lambda t, y: y[12] * y, "index 12 is out of bounds"),
-     (lambda t, y: y[1:] + y, "broadcast"), (lambda t, y: y * np.nan, "needs finite numbers"),
-     (lambda t, y: np.fft.fft(y), "calls numpy.fft"), (lambda t, y: y if y[0] > 1 else -y, "write numpy.where")],
-)  # fmt: skip
+    [
+        (lambda t, y: y[1:], "returns 11 rates, and y0 has 12 numbers"),
+        (lambda t, y: y[12] * y, "index 12 is out of bounds"),
+        (lambda t, y: y[1:] + y, "broadcast"),
+        (lambda t, y: y * np.nan, "needs finite numbers"),
+        (lambda t, y: np.fft.fft(y), "calls numpy.fft"),
+        (lambda t, y: y if y[0] > 1 else -y, "write numpy.where"),
+    ],
+)
 def test_faults_of_arrays_are_named(fun: Any, said: str) -> None:
     """Assert one sentence for each."""
     with pytest.raises(xd.InputError, match=said):

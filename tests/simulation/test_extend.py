@@ -30,8 +30,12 @@ CASES: dict[str, tuple[xd.Model, dict[str, Any], float]] = {
     "Newton": (PENDULUM, {"method": "implicit_midpoint", "step": 0.02}, 1.0),
     "scales": (PENDULUM, {"method": "dop853", "rtol": 1e-8, "scales": {"time": "0.3 s"}}, 1.0),
     "states alone": (driven_decay().model, {"method": "dormand_prince", "rtol": 1e-8}, 1.0),
-    "a start at rest, steps beyond the span": (particle("F", "0 m s-1", initial={"x": "0 m", "v_x": "0 m s-1"}), {"method": "dop853", "rtol": 1e-6}, 0.5),
-}  # fmt: skip
+    "a start at rest, steps beyond the span": (
+        particle("F", "0 m s-1", initial={"x": "0 m", "v_x": "0 m s-1"}),
+        {"method": "dop853", "rtol": 1e-6},
+        0.5,
+    ),
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -97,16 +101,28 @@ def other(**attributes: Any) -> xr.Dataset:
         (blown_up, "it is 'nonfinite_force' .*: a run that failed cannot be continued"),
         (lambda: other(run_outcome="interrupted"), "it is 'interrupted' .*: resume it first"),
         (lambda: xd.simulate(PENDULUM, step=[0.1] * 10, until=1.0), "its steps were given one by one"),
-        (lambda: xd.simulate(PENDULUM, step=0.1, until=9.0), r"until is '2 s', needs a time after the end of the run at t = 9.0 s"),
+        (
+            lambda: xd.simulate(PENDULUM, step=0.1, until=9.0),
+            r"until is '2 s', needs a time after the end of the run at t = 9.0 s",
+        ),
         (lambda: marched(other().drop_vars("end_memory")), "it keeps no 'end_memory'"),
         (lambda: other(xdynamics_version="9.9.9"), "made by version 9.9.9 of xdynamics"),
-        (lambda: marched(other().isel(step=slice(50)).copy(deep=True)), "the run has 50 rows and its memory is of 101: it was cut"),
+        (
+            lambda: marched(other().isel(step=slice(50)).copy(deep=True)),
+            "the run has 50 rows and its memory is of 101: it was cut",
+        ),
         (lambda: other().isel(step=slice(50)), "this is a part of a run, 50 of 101 rows of 'step'; take the whole one"),
-        (lambda: other().assign_attrs(title="mine"), "this is not the record that was marched:\n  1. attribute 'title' is 'mine'"),
-        (lambda: other(derived="halved", derived_from="ab"), "it is derived data, no run: halved; from run ab; extend the run itself"),
+        (
+            lambda: other().assign_attrs(title="mine"),
+            "this is not the record that was marched:\n  1. attribute 'title' is 'mine'",
+        ),
+        (
+            lambda: other(derived="halved", derived_from="ab"),
+            "it is derived data, no run: halved; from run ab; extend the run itself",
+        ),
         (lambda: xr.Dataset({"a": ("n", [1.0])}), "this is no run record"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_extended(run: Any, message: str) -> None:
     """Assert one sentence that says why, and what to do."""
     with pytest.raises(xd.InputError, match=message):

@@ -54,12 +54,13 @@ SCRIPTS: dict[str, dict[str, Any]] = {
 }
 REFUSED = {
     "odeint_style": (
-        {"args": (1.0,)}, "y before t, as odeint takes it; .* write xd.solve.lambda t, y, .args: odeint_style.y, t, .args.",
+        {"args": (1.0,)},
+        "y before t, as odeint takes it; .* write xd.solve.lambda t, y, .args: odeint_style.y, t, .args.",
     ),
     "branching": ({}, "decides by a value that is not known yet; write numpy.where"),
     "transformed": ({}, "calls numpy.fft.*; write it with arithmetic, sums and numpy's elementary functions"),
     "backwards": ({}, r"goes back, from 2 to 1 s, .*; integrate -f over the mirrored span: xd.solve.*-2, -1"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

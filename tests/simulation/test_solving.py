@@ -39,9 +39,15 @@ def functions(t: Any, y: Any, k: Any) -> Any:
     """Most elementary functions of numpy."""
     a, b = y
     return (
-        np.where(a > 0, -np.tanh(a), np.arctan(-a)) + np.hypot(a, b) ** -2 - k * np.sqrt(np.abs(b)) + np.exp(-(t**2)) * np.log1p(b**2),
-        np.maximum(b, -0.5) * -1.0 + np.minimum(a, 0.3) + np.arctan2(a, 2 + b) + np.sign(t + 1) * np.cos(3 * a) / 2 ** (b / 4),
-    )  # fmt: skip
+        np.where(a > 0, -np.tanh(a), np.arctan(-a))
+        + np.hypot(a, b) ** -2
+        - k * np.sqrt(np.abs(b))
+        + np.exp(-(t**2)) * np.log1p(b**2),
+        np.maximum(b, -0.5) * -1.0
+        + np.minimum(a, 0.3)
+        + np.arctan2(a, 2 + b)
+        + np.sign(t + 1) * np.cos(3 * a) / 2 ** (b / 4),
+    )
 
 
 def swing(t: Any, y: Any) -> Any:
@@ -50,9 +56,12 @@ def swing(t: Any, y: Any) -> Any:
 
 
 CASES = [
-    (lorenz, [1.0, 1.0, 1.0], (10.0, 28.0, 8 / 3), 2.0), (linear, [1.0, 0.0, -1.0], (), 5.0),
-    (chain, [0.1 * k for k in range(8)], (), 6.0), (functions, [0.4, -0.2], (0.3,), 3.0), (swing, [2.0, 0.0], (), 4.0),
-]  # fmt: skip
+    (lorenz, [1.0, 1.0, 1.0], (10.0, 28.0, 8 / 3), 2.0),
+    (linear, [1.0, 0.0, -1.0], (), 5.0),
+    (chain, [0.1 * k for k in range(8)], (), 6.0),
+    (functions, [0.4, -0.2], (0.3,), 3.0),
+    (swing, [2.0, 0.0], (), 4.0),
+]
 
 
 @pytest.mark.parametrize(("fun", "y0", "args", "end"), CASES, ids=lambda one: getattr(one, "__name__", ""))
@@ -149,7 +158,7 @@ def branch(t: Any, y: Any) -> Any:
         ({"method": "euler"}, "scipy's RK45, RK23"),
         ({"events": [5]}, r"events\[0\] is 5"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_solved_is_named(given: dict[str, Any], said: str) -> None:
     """Assert that functions and arguments of another kind are refused in one sentence."""
     asked = {"fun": lambda t, y: [-y[0]], "t_span": (0, 1), "y0": [1.0], "rtol": 1e-6} | given

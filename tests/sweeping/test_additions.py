@@ -107,7 +107,7 @@ def test_a_finer_axis_takes_what_is_there(tmp_path: Path, marched: list[int]) ->
         ({"keep": ["end", "y"], "times": [0.5]}, r"times are none there, here 0\.5"),
         ({"model": BALL.replace(parameters={"vt": "31 m s-1"})}, "its model is another"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_path: Path) -> None:
     """Assert one clear error, and that the folder is as it was."""
     axes = {"v_y": [10.0, 15.0]}
@@ -118,7 +118,12 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_p
     found.close()
     more = {key: value for key, value in changed.items() if key not in ("axes", "model")}
     with pytest.raises(InputError, match=words):
-        xd.sweep(changed.get("model", BALL), changed.get("axes", {"v_y": [10.0, 15.0, 20.0]}), path=tmp_path / "a", **(asked | more))  # fmt: skip
+        xd.sweep(
+            changed.get("model", BALL),
+            changed.get("axes", {"v_y": [10.0, 15.0, 20.0]}),
+            path=tmp_path / "a",
+            **(asked | more),
+        )
     assert xd.open_sweep(tmp_path / "a").attrs["content_digest"] == found.attrs["content_digest"]
 
 
@@ -157,7 +162,15 @@ def test_an_opened_and_a_lazy_sweep_are_put_together(dim: str, tmp_path: Path) -
     parts = [axes | {dim: axes[dim][:1]}, axes | {dim: axes[dim][1:]}]
     opened = xd.sweep(BALL, parts[0], path=tmp_path / "a", **asked)
     lazy = xd.sweep(BALL, parts[1], **asked)
-    both = xr.concat([opened, lazy], dim=dim, data_vars="minimal", coords="minimal", compat="override", join="outer", combine_attrs="override")  # fmt: skip
+    both = xr.concat(
+        [opened, lazy],
+        dim=dim,
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="outer",
+        combine_attrs="override",
+    )
     whole = xd.sweep(BALL, axes, **asked)
     xr.testing.assert_equal(both.drop_attrs().load(), whole.drop_attrs().load())
     plain = xr.concat([opened, lazy], dim=dim, data_vars="all", coords="different", compat="equals", join="outer")

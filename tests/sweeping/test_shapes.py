@@ -137,7 +137,7 @@ def test_whole_runs(escapes: xd.Model, tmp_path: Path) -> None:
         ({"m[a]": [1.0]}, "end_x[c]", r"keep has 'end_x\[c\]'; there are end, log, event_time_escape, .* end_x,"),
         ({"m[a]": [1.0]}, "after_escape_x", "keep has 'after_escape_x'; there are"),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(escapes: xd.Model, axes: dict[str, object], keep: str, said: str) -> None:
     """Assert that names and values are refused in a line, elements named as people write them."""
     with pytest.raises(xd.InputError, match=said) as caught:

@@ -15,13 +15,24 @@ from xdynamics.march.configuration import settings_for
 N = 40  # members, enough for lanes on any machine
 X, V = "(x/metre)", "(v_x*second/metre)"
 PARTS = (
-    f"sin(3*{X})", f"exp(-{X}**2)", f"tanh({X}*{V})", f"atan2({X}, 1 + {V}**2)", f"hypot({X}, {V})", f"abs({V})", f"{X}**3",
-    "t/second", f"where({X} > 0.3, 1, -0.5)", "cos(2*t/second)",
-)  # fmt: skip
+    f"sin(3*{X})",
+    f"exp(-{X}**2)",
+    f"tanh({X}*{V})",
+    f"atan2({X}, 1 + {V}**2)",
+    f"hypot({X}, {V})",
+    f"abs({V})",
+    f"{X}**3",
+    "t/second",
+    f"where({X} > 0.3, 1, -0.5)",
+    "cos(2*t/second)",
+)
 WAYS: tuple[dict[str, Any], ...] = (
-    {"method": "dop853", "rtol": 1e-8}, {"method": "dormand_prince", "rtol": 1e-6}, {"method": "bogacki_shampine", "rtol": 1e-5},
-    {"method": "rk4", "step": 0.06}, {"method": "heun", "step": 0.05},
-)  # fmt: skip
+    {"method": "dop853", "rtol": 1e-8},
+    {"method": "dormand_prince", "rtol": 1e-6},
+    {"method": "bogacki_shampine", "rtol": 1e-5},
+    {"method": "rk4", "step": 0.06},
+    {"method": "heun", "step": 0.05},
+)
 
 
 def random_model(rng: np.random.Generator) -> xd.Model:
@@ -29,8 +40,9 @@ def random_model(rng: np.random.Generator) -> xd.Model:
     text = " + ".join(f"{float(rng.normal())!r}*{part}" for part in rng.choice(PARTS, 2, replace=False))
     more: dict[str, Any] = {}
     forces: dict[str, Any] = {
-        "spring": {"potential": "k*x**2/2"}, "strange": {"x": f"newton*({text})", "smooth": bool(rng.random() < 0.6)},
-    }  # fmt: skip
+        "spring": {"potential": "k*x**2/2"},
+        "strange": {"x": f"newton*({text})", "smooth": bool(rng.random() < 0.6)},
+    }
     if rng.random() < 0.5:
         times, kind = (
             np.cumsum(rng.uniform(0.01, 0.3, int(rng.integers(3, 60)))),
@@ -42,9 +54,15 @@ def random_model(rng: np.random.Generator) -> xd.Model:
     if rng.random() < 0.3:
         more["events"] = {"level": {"function": "x - 0.2*metre", "direction": "rising"}}
     return xd.Model(
-        name="random", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"}, forces=forces,
-        observables={"power": "k*x*v_x", "depth": "-abs(x - 0.1*metre)"}, initial={"x": "0.3 m", "v_x": "0 m s-1"}, **more,
-    )  # fmt: skip
+        name="random",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces=forces,
+        observables={"power": "k*x*v_x", "depth": "-abs(x - 0.1*metre)"},
+        initial={"x": "0.3 m", "v_x": "0 m s-1"},
+        **more,
+    )
 
 
 @pytest.mark.cases(100)
@@ -141,19 +159,34 @@ def test_the_highest_humps_are_searched(monkeypatch: pytest.MonkeyPatch) -> None
     assert rows.tolist() == list(range(401, 2400, 2))
 
 
-def begun(sign: float, values: list[float], time: list[float], rates: list[list[float]] | None, rows: list[int]) -> Summits:  # fmt: skip
+def begun(
+    sign: float, values: list[float], time: list[float], rates: list[list[float]] | None, rows: list[int]
+) -> Summits:
     """A search about humps of one member."""
     best = int(np.argmax(sign * np.array(values)))
     given = None if rates is None else np.array(rates).T
     first, where = np.array([0, len(values)]), np.array(rows)
-    return summits(sign, np.array(values)[[best]], np.array(time)[[best]], np.array(values), np.array(time), first, given, where, 0 * where)  # fmt: skip
+    return summits(
+        sign,
+        np.array(values)[[best]],
+        np.array(time)[[best]],
+        np.array(values),
+        np.array(time),
+        first,
+        given,
+        where,
+        0 * where,
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_brackets_are_where_the_rate_changes_its_sign(sign: float) -> None:
     """Assert the step to the hump or from it, by the rate there; and that the rest is looked through, or is no place to look."""
     values, time = [sign * one for one in (0.0, 2.0, 1.0)], [1.0, 2.0, 4.0]
-    before, behind = begun(sign, values, time, [[3 * sign, -sign, -sign]], [1]), begun(sign, values, time, [[3 * sign, sign, -sign]], [1])  # fmt: skip
+    before, behind = (
+        begun(sign, values, time, [[3 * sign, -sign, -sign]], [1]),
+        begun(sign, values, time, [[3 * sign, sign, -sign]], [1]),
+    )
     assert (before.ends.ravel().tolist(), before.rows.tolist()) == ([1.0, 2.0], [0])
     assert (before.values.ravel().tolist(), before.rates.ravel().tolist()) == ([0.0, 2.0], [3.0, -1.0])
     assert (behind.ends.ravel().tolist(), behind.rows.tolist()) == ([2.0, 4.0], [1])

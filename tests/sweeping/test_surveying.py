@@ -20,9 +20,14 @@ END = 2.0  # s
 def falling(**events: Any) -> xd.Model:
     """A body thrown upward without drag: y = y0 + v0 t - g t^2/2."""
     return xd.Model(
-        name="thrown", coordinates={"y": {"unit": "m"}}, parameters={"m": "1 kg", "g": "10 m s-2"}, mass={"y": "m"},
-        forces={"gravity": {"potential": "m*g*y"}}, initial={"y": "0 m", "v_y": "5 m s-1"}, events=events,
-    )  # fmt: skip
+        name="thrown",
+        coordinates={"y": {"unit": "m"}},
+        parameters={"m": "1 kg", "g": "10 m s-2"},
+        mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={"y": "0 m", "v_y": "5 m s-1"},
+        events=events,
+    )
 
 
 GRID = {"v_y": "5:25:5 m s-1", "g": ["8 m s-2", "10 m s-2", "12 m s-2"], "method": ["euler_cromer", "velocity_verlet"]}
@@ -146,12 +151,18 @@ def test_evidence_of_grids_is_saved(tmp_path: Any, free: xr.Dataset) -> None:
         (lambda grid: xd.sensitivities(grid.isel(v_y=[0], g=[0])), "no axis of the sweep has two numbers"),
         (lambda _: xd.influences(xr.Dataset()), "Dataset is no sweep"),
         (lambda _: xd.sobol_indices(falling(), {"k": (1, 2)}, "end_y"), "'k' is no parameter or initial value"),
-        (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0, 3.0)}, "end_y"), "'g' needs two numbers, first the lowest"),
+        (
+            lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0, 3.0)}, "end_y"),
+            "'g' needs two numbers, first the lowest",
+        ),
         (lambda _: xd.sobol_indices(falling(), {"g": (2.0, 1.0)}, "end_y"), "'g' needs two numbers, first the lowest"),
         (lambda _: xd.sobol_indices(falling(), {"g": ("1 kg", "2 kg")}, "end_y"), "needs the unit 'm s-2'"),
-        (lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0)}, "end", step=0.1, until=1.0, method="heun"), "needs a word that stands for one number"),
+        (
+            lambda _: xd.sobol_indices(falling(), {"g": (1.0, 2.0)}, "end", step=0.1, until=1.0, method="heun"),
+            "needs a word that stands for one number",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_questions_are_named(free: xr.Dataset, call: Any, message: str) -> None:
     """Assert one clear error for what cannot be asked of a sweep."""
     with pytest.raises(xd.InputError, match=message):

@@ -16,7 +16,17 @@ from xdynamics.record import unfold
 from xdynamics.record.flag_words import words_of
 
 BALL = MODELS / "ball_drag.toml"
-KEEP = ["end", "event_time_ground", "event_count_ground", "maximum_y", "minimum_v_y", "end_total_energy", "total_energy", "y", "after_apex_v_y"]  # fmt: skip
+KEEP = [
+    "end",
+    "event_time_ground",
+    "event_count_ground",
+    "maximum_y",
+    "minimum_v_y",
+    "end_total_energy",
+    "total_energy",
+    "y",
+    "after_apex_v_y",
+]
 AXES = {"v_y": "10:30:5 m s-1", "vt": ["20 m s-1", "40 m s-1"], "method": ["heun", "dop853"]}
 
 
@@ -198,10 +208,13 @@ def test_designs_are_those_of_scipy(design: str) -> None:
 
 def _with_uncertainty() -> dict[str, Any]:
     return {
-        "name": "spring", "coordinates": {"x": {"unit": "m"}}, "mass": {"x": "m"},
+        "name": "spring",
+        "coordinates": {"x": {"unit": "m"}},
+        "mass": {"x": "m"},
         "parameters": {"m": "1 kg", "k": {"value": "4 N m-1", "uncertainty": "10 cN m-1"}},
-        "forces": {"spring": {"potential": "k*x**2/2"}}, "initial": {"x": "1 m", "v_x": "0 m s-1"},
-    }  # fmt: skip
+        "forces": {"spring": {"potential": "k*x**2/2"}},
+        "initial": {"x": "1 m", "v_x": "0 m s-1"},
+    }
 
 
 def test_settings_and_starts_as_axes() -> None:
@@ -221,7 +234,9 @@ def test_tables_of_a_drive_as_an_axis(tmp_path: Path) -> None:
     """Assert that each column of a wide table is a member, whose text the sweep keeps."""
     model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
     (tmp_path / "motors.csv").write_text("time [s],weak [N],strong [N]\n0,0,0\n0.1,8,12\n1.5,8,12\n1.6,0,0\n")
-    found = xd.sweep(model, {"thrust": tmp_path / "motors.csv"}, keep=["end", "maximum_y"], method="dop853", rtol=1e-8, until="3 s").compute()  # fmt: skip
+    found = xd.sweep(
+        model, {"thrust": tmp_path / "motors.csv"}, keep=["end", "maximum_y"], method="dop853", rtol=1e-8, until="3 s"
+    ).compute()
     assert found.thrust.values.tolist() == ["weak", "strong"]
     assert found.maximum_y.values[1] > found.maximum_y.values[0] > 0
     run = xd.member(found, thrust="strong")
@@ -399,7 +414,7 @@ def test_a_member_from_the_catalogue_alone(tmp_path: Path) -> None:
         ({"vt": [20.0]}, {"until": "-1 s"}, "until is -1.0 s, needs a time after the start"),
         ({"v_y": [20.0]}, {"keep": ["v_y"], "times": [1.0]}, "call the axis 'initial_v_y'"),
     ],
-)  # fmt: skip
+)
 def test_wrong_input_is_named(axes: dict[str, Any], more: dict[str, Any], message: str) -> None:
     """Assert one clear error for everything that cannot be used, before anything is marched."""
     import re
@@ -472,7 +487,15 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
         ball(), {"vt": "20:40:3 m s-1"}, keep=["end", "log"], method="dop853", rtol=1e-6, path=tmp_path / "s"
     )
     files = sorted((tmp_path / "s" / "runs").glob("*.nc"))
-    with xr.open_mfdataset(files, engine="netcdf4", combine="nested", concat_dim="step", parallel=False, preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False) as rows:  # fmt: skip
+    with xr.open_mfdataset(
+        files,
+        engine="netcdf4",
+        combine="nested",
+        concat_dim="step",
+        parallel=False,
+        preprocess=lambda run: run[["time", "y", "v_y"]],
+        decode_times=False,
+    ) as rows:
         each = [xd.open_run(one) for one in files]
         assert rows.y.values.tolist() == np.concatenate([one.y.values for one in each]).tolist()
         for one in each:

@@ -24,18 +24,34 @@ BOUNCING = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
 def walled(unit: str = "m") -> xd.Model:
     """A mass on a spring that is thrown back at a wall."""
     return xd.Model(
-        name="walled", coordinates={"x": unit}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": f"0.7 {unit}", "v_x": f"0.7 {unit} s-1"},
-        events={"wall": {"function": "x - 0.77*metre" if unit == "m" else "x - 0.77e-6*metre", "direction": "rising",
-                         "action": "reset", "set": {"v_x": "-0.8*v_x"}}},
-    )  # fmt: skip
+        name="walled",
+        coordinates={"x": unit},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": f"0.7 {unit}", "v_x": f"0.7 {unit} s-1"},
+        events={
+            "wall": {
+                "function": "x - 0.77*metre" if unit == "m" else "x - 0.77e-6*metre",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"v_x": "-0.8*v_x"},
+            }
+        },
+    )
 
 
 @pytest.mark.parametrize(("unit", "rtol", "atol"), [("m", 0.5, 1.0), ("m", 0.1, 0.1), ("um", 1e-6, None)])
 def test_no_member_knows_the_one_before(unit: str, rtol: float, atol: float | None) -> None:
     """Assert ends of members one a task, many a task and alone, where motions are small beside the tolerances."""
     starts = np.random.default_rng(3).uniform(0.05, 0.75, 40)
-    settings: dict[str, Any] = {"method": "dormand_prince", "until": "6 s", "rtol": rtol, "atol": atol, "max_steps": 300}  # fmt: skip
+    settings: dict[str, Any] = {
+        "method": "dormand_prince",
+        "until": "6 s",
+        "rtol": rtol,
+        "atol": atol,
+        "max_steps": 300,
+    }
     one, many = (
         xd.sweep(walled(unit), {"initial_x": starts}, keep=["end", "event_count_wall"], members_per_task=n, **settings)
         for n in (1, 40)
@@ -90,10 +106,14 @@ def test_a_range_takes_the_units_of_its_ends() -> None:
 def test_a_member_without_a_number_has_no_maximum() -> None:
     """Assert nan of the member whose observable is none, wherever it stands, and the others' own."""
     model = xd.Model(
-        name="o", coordinates={"x": "m"}, parameters={"m": "1 kg", "p": "1 m"}, mass={"x": "m"},
-        forces={"f": {"x": "-m*x/second**2"}}, initial={"x": "0.5 m", "v_x": "0 m s-1"},
+        name="o",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "p": "1 m"},
+        mass={"x": "m"},
+        forces={"f": {"x": "-m*x/second**2"}},
+        initial={"x": "0.5 m", "v_x": "0 m s-1"},
         observables={"r": "sqrt(x+p)*sqrt(x+p)"},
-    )  # fmt: skip
+    )
     for values in ([1.0, -1.0, 2.0], [-1.0, 1.0, 2.0], [1.0, 2.0, -1.0]):
         found = xd.sweep(model, {"p": values}, keep=["maximum_r"], until="2 s", method="rk4", step=0.1)
         right = [np.nan if p < 0 else 0.5 + p for p in values]
@@ -125,9 +145,14 @@ def test_too_many_axes_and_names_that_are_taken() -> None:
     """Assert that 30 axes are refused, and an observable by the name of what every sweep has."""
     parameters = {f"p{k}": "1 m" for k in range(30)}
     model = xd.Model(
-        name="many", coordinates={"x": "m"}, parameters={"m": "1 kg", **parameters}, mass={"x": "m"},
-        forces={"f": {"x": "-m*x/second**2"}}, initial={"x": "1 m", "v_x": "0 m s-1"}, observables={"run_outcome": "x"},
-    )  # fmt: skip
+        name="many",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", **parameters},
+        mass={"x": "m"},
+        forces={"f": {"x": "-m*x/second**2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+        observables={"run_outcome": "x"},
+    )
     with pytest.raises(xd.InputError, match="30 axes, 24 at most"):
         xd.sweep(model, {name: [1.0] for name in parameters}, step=0.1, until=1.0, method="rk4")
     with pytest.raises(xd.InputError, match="rename the observable"):
@@ -141,7 +166,10 @@ def begun(folder: Path, **settings: Any) -> Path:
     """March a sweep up to its last step, where its parts are still there; return the folder of the parts."""
     from unittest import mock
 
-    with mock.patch("xdynamics.sweeping.catalogue._joined", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):  # fmt: skip
+    with (
+        mock.patch("xdynamics.sweeping.catalogue._joined", side_effect=KeyboardInterrupt),
+        pytest.raises(KeyboardInterrupt),
+    ):
         xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=folder, **LONG, **settings)
     return next((folder / UNFINISHED).iterdir())
 
@@ -217,7 +245,9 @@ def test_a_damaged_folder_is_told_and_mended(tmp_path: Path) -> None:
     for call in (lambda: xd.sweep(BALL, axes, **settings), lambda: xd.verify(tmp_path / "s")):
         with pytest.raises(xd.ArchiveError, match=r"catalogue\.nc") as told:
             call()
-        assert [one.name in fault or other.name in fault or "foo.nc is no run" in fault for fault in told.value.faults] == [True] * 3  # fmt: skip
+        assert [
+            one.name in fault or other.name in fault or "foo.nc is no run" in fault for fault in told.value.faults
+        ] == [True] * 3
     for path in (other, tmp_path / "s" / "runs" / "foo.nc", tmp_path / "s" / "catalogue.nc"):
         path.unlink()
     assert xd.sweep(BALL, axes, **settings).run_digest.values.tolist() == right
@@ -239,11 +269,17 @@ def test_the_event_that_ended_a_run_is_kept() -> None:
     from xdynamics.documenting.summary import summary
 
     model = xd.Model(
-        name="two walls", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="two walls",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
-        events={name: {"function": f"x {sign} 1*metre", "action": action, "direction": "either"}
-                for name, sign, action in (("east", "-", "stop"), ("west", "+", "stop"), ("seen", "-", "record"))},
-    )  # fmt: skip
+        events={
+            name: {"function": f"x {sign} 1*metre", "action": action, "direction": "either"}
+            for name, sign, action in (("east", "-", "stop"), ("west", "+", "stop"), ("seen", "-", "record"))
+        },
+    )
     found = xd.sweep(model, {"v_x": [-2.0, 0.1, 2.0, 4.0]}, until="2 s", step=0.1, method="rk4").compute()
     assert found.run_stopped_by.values.tolist() == ["west", "", "east", "east"]
     assert xd.influences(found).outcome_changes.values.tolist() == [2 / 3]
@@ -262,9 +298,13 @@ def test_a_sweep_says_how_it_was_marched_and_what_varies() -> None:
 
 def test_rounding_has_no_influence() -> None:
     """Assert no main effect of a number that is equal everywhere up to rounding, and none of members that are not there."""
-    found = xd.sweep(BALL, {"vt": "20:60:41 m s-1", "g": "9:10:7 m s-2"}, until="0.7 s", step="0.1 s", method="rk4").compute()  # fmt: skip
+    found = xd.sweep(
+        BALL, {"vt": "20:60:41 m s-1", "g": "9:10:7 m s-2"}, until="0.7 s", step="0.1 s", method="rk4"
+    ).compute()
     assert xd.influences(found).main_effect_end_time.values.tolist() == [0.0, 0.0]
-    counted = xd.sweep(BALL, {"vt": "20:60:5 m s-1", "g": "9:10:4 m s-2"}, keep=["event_count_apex"], step="0.1 s", method="rk4").compute()  # fmt: skip
+    counted = xd.sweep(
+        BALL, {"vt": "20:60:5 m s-1", "g": "9:10:4 m s-2"}, keep=["event_count_apex"], step="0.1 s", method="rk4"
+    ).compute()
     some = counted.where((counted.vt < 45) | (counted.g > 9.5))
     some.attrs = counted.attrs
     assert xd.influences(some).event_count_apex_changes.values.tolist() == [0.0, 0.0]
@@ -273,9 +313,13 @@ def test_rounding_has_no_influence() -> None:
 def test_slopes_are_of_second_order_at_the_ends() -> None:
     """Assert the slope of a parabola on an uneven grid, ends included."""
     model = xd.Model(
-        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="free",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     found = xd.sweep(
         model, {"v_x": [0.0, 1.0, 2.0, 4.0]}, keep=["end_kinetic_energy"], until=1.0, step=0.5, method="rk4"
     )
@@ -296,7 +340,10 @@ def test_indices_are_those_of_scipy() -> None:
 
 def test_parts_of_sweeps_that_are_none_are_refused() -> None:
     """Assert that sweeps put together are read, and stacked, pointwise and empty ones named."""
-    one, other = (xd.sweep(BALL, {"v_y": values}, until="1 s", method="heun", step=0.1).compute() for values in ([10.0, 11.0], [12.0]))  # fmt: skip
+    one, other = (
+        xd.sweep(BALL, {"v_y": values}, until="1 s", method="heun", step=0.1).compute()
+        for values in ([10.0, 11.0], [12.0])
+    )
     both = xr.concat([one, other], "v_y", data_vars="all")
     assert float(xd.member(both, v_y=12.0).y[-1]) == float(other.end_y[0])
     grid = xd.sweep(BALL, {"v_y": [10.0, 11.0], "g": [9.0, 10.0]}, until="1 s", method="heun", step=0.1).compute()

@@ -16,7 +16,13 @@ from xdynamics.sweeping import zarr_catalogue
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
-ASKED: dict[str, Any] = {"axes": {"k": "1:2:5 N m-1", "method": ["rk4", "heun"]}, "step": 0.1, "until": 1.0, "keep": ["end", "x"], "times": [0.5]}  # fmt: skip
+ASKED: dict[str, Any] = {
+    "axes": {"k": "1:2:5 N m-1", "method": ["rk4", "heun"]},
+    "step": 0.1,
+    "until": 1.0,
+    "keep": ["end", "x"],
+    "times": [0.5],
+}
 
 
 @pytest.fixture(scope="module")

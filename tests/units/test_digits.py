@@ -49,14 +49,20 @@ def test_a_fall_with_an_uncertain_speed_has_few_digits(tmp_path: Path) -> None:
     sharp, vague = (
         xd.simulate(
             xd.Model(
-                name="ball", coordinates={"y": "m"}, parameters={"g": "9.80665 m s-2", "vt": vt}, mass={"y": "1*kilogram"},
-                initial={"y": "0 m", "v_y": "20 m s-1"}, forces={"fall": {"y": "-1*kilogram*g*(1 + v_y*abs(v_y)/vt**2)"}},
+                name="ball",
+                coordinates={"y": "m"},
+                parameters={"g": "9.80665 m s-2", "vt": vt},
+                mass={"y": "1*kilogram"},
+                initial={"y": "0 m", "v_y": "20 m s-1"},
+                forces={"fall": {"y": "-1*kilogram*g*(1 + v_y*abs(v_y)/vt**2)"}},
                 events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
             ),
-            method="rk4", step="1 ms", until="9 s",
+            method="rk4",
+            step="1 ms",
+            until="9 s",
         )
         for vt in ("35 m s-1", {"value": "35 m s-1", "uncertainty": 1})
-    )  # fmt: skip
+    )
     assert float(sharp.event_time[-1]) == float(vague.event_time[-1])
     texts = [re.search(r"at t = ([0-9.]+) s$", run.attrs["run_outcome_text"])[1] for run in (sharp, vague)]
     counts = [len(one.replace(".", "")) for one in texts]
@@ -74,9 +80,12 @@ def test_a_fall_with_an_uncertain_speed_has_few_digits(tmp_path: Path) -> None:
 def test_events_next_to_each_other_are_told_apart(tmp_path: Path) -> None:
     """Assert as many digits as two events 2e-11 s apart need, though the tolerance bears fewer."""
     fall = xd.Model(
-        name="two lines", coordinates={"y": "m"}, mass={"y": "1*kilogram"}, initial={"y": "0 m", "v_y": "1 m s-1"},
+        name="two lines",
+        coordinates={"y": "m"},
+        mass={"y": "1*kilogram"},
+        initial={"y": "0 m", "v_y": "1 m s-1"},
         events={"first": {"function": "y - 1.5*metre"}, "second": {"function": "y - 1.50000000002*metre"}},
-    )  # fmt: skip
+    )
     xd.save(xd.simulate(fall, method="dop853", rtol=1e-4, until=2.0), tmp_path / "run.nc")
     times = re.findall(r"at t = ([0-9.]+) s, located", call("show", tmp_path / "run.nc").output)
     assert len(set(times)) == 2

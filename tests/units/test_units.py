@@ -35,9 +35,31 @@ from xdynamics.units import (
 )
 
 HOSTILE = [
-    "9**9**9 m", "m#kg", "m\0", "(" * 5000, "m" * 5000, "kg m-", "", "  ", "m2 2", "m^99", "m**-17", "m0", "é", "m/",
-    "__import__('os')", "m;s", "1e3 m", "lambda", "m..s", "degC", "furlong", "kg m-1\nrm", "m" + " m" * 150, "-m",
-]  # fmt: skip
+    "9**9**9 m",
+    "m#kg",
+    "m\0",
+    "(" * 5000,
+    "m" * 5000,
+    "kg m-",
+    "",
+    "  ",
+    "m2 2",
+    "m^99",
+    "m**-17",
+    "m0",
+    "é",
+    "m/",
+    "__import__('os')",
+    "m;s",
+    "1e3 m",
+    "lambda",
+    "m..s",
+    "degC",
+    "furlong",
+    "kg m-1\nrm",
+    "m" + " m" * 150,
+    "-m",
+]
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda one: repr(one[:12]))
@@ -58,9 +80,21 @@ def test_any_text_is_a_unit_or_an_input_error(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("given_text", "spelled"),
-    [("kg m-1", "kg m-1"), ("m/s**2", "m s-2"), ("m s^-2", "m s-2"), ("N*s/m", "N s m-1"), ("rad", "rad"), ("deg", "degree"),
-     ("1", "1"), ("1/s", "s-1"), ("metre.second-1", "m s-1"), ("km/h", "km h-1"), ("m m", "m2"), ("m m-1", "1")],
-)  # fmt: skip
+    [
+        ("kg m-1", "kg m-1"),
+        ("m/s**2", "m s-2"),
+        ("m s^-2", "m s-2"),
+        ("N*s/m", "N s m-1"),
+        ("rad", "rad"),
+        ("deg", "degree"),
+        ("1", "1"),
+        ("1/s", "s-1"),
+        ("metre.second-1", "m s-1"),
+        ("km/h", "km h-1"),
+        ("m m", "m2"),
+        ("m m-1", "1"),
+    ],
+)
 def test_spelling(given_text: str, spelled: str) -> None:
     """Assert that units come out in UDUNITS spelling, and the spelling reads as itself."""
     assert parse_unit(given_text).text == spelled
@@ -69,9 +103,19 @@ def test_spelling(given_text: str, spelled: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "si"),
-    [("10.8 g", 0.0108), ("1 ms", 1e-3), ("1e-3 s", 1e-3), ("20m s-1", 20.0), ("180 degree", 3.141592653589793),
-     ("4.83 cm2", 4.83e-4), ("-2 km", -2000.0), (3, 3.0), ("7 uN", 7e-6), ("36 km/h", 10.0)],
-)  # fmt: skip
+    [
+        ("10.8 g", 0.0108),
+        ("1 ms", 1e-3),
+        ("1e-3 s", 1e-3),
+        ("20m s-1", 20.0),
+        ("180 degree", 3.141592653589793),
+        ("4.83 cm2", 4.83e-4),
+        ("-2 km", -2000.0),
+        (3, 3.0),
+        ("7 uN", 7e-6),
+        ("36 km/h", 10.0),
+    ],
+)
 def test_conversion_is_correctly_rounded(text: str, si: float) -> None:
     """Assert the very float that the decimal means in SI."""
     assert parse_quantity(text).si == si
@@ -151,7 +195,15 @@ def test_time_needs_seconds() -> None:
         parse_time("1 m", "step")
 
 
-PINTS = {"m": "[length]", "kg": "[mass]", "s": "[time]", "A": "[current]", "K": "[temperature]", "mol": "[substance]", "cd": "[luminosity]"}  # fmt: skip
+PINTS = {
+    "m": "[length]",
+    "kg": "[mass]",
+    "s": "[time]",
+    "A": "[current]",
+    "K": "[temperature]",
+    "mol": "[substance]",
+    "cd": "[luminosity]",
+}
 
 
 @pytest.mark.parametrize(
@@ -159,8 +211,18 @@ PINTS = {"m": "[length]", "kg": "[mass]", "s": "[time]", "A": "[current]", "K": 
 )
 def test_dimensions_are_those_of_pint(text: str) -> None:
     """Assert the power of every base unit in named and composed units, by another library."""
-    expected = registry().parse_units(" * ".join(f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')):] or 1}" for one in text.split())).dimensionality  # fmt: skip
-    assert [float(one) for one in parse_unit(text).dimension.powers] == [float(expected.get(PINTS[base], 0)) for base in BASE]  # fmt: skip
+    expected = (
+        registry()
+        .parse_units(
+            " * ".join(
+                f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')) :] or 1}" for one in text.split()
+            )
+        )
+        .dimensionality
+    )
+    assert [float(one) for one in parse_unit(text).dimension.powers] == [
+        float(expected.get(PINTS[base], 0)) for base in BASE
+    ]
 
 
 @pytest.mark.parametrize("case", range(20))
@@ -187,10 +249,15 @@ def test_a_coherent_unit_has_the_same_dimension_and_no_factor(text: str) -> None
 @pytest.mark.parametrize(
     ("text", "start", "stop", "count", "unit"),
     [
-        ("0:20:201 s", 0.0, 20.0, 201, "s"), ("1:2:3", 1.0, 2.0, 3, "1"), ("500ms:2s:4", 0.5, 2.0, 4, "s"), ("2s:500ms:4", 2000.0, 500.0, 4, "ms"),
-        ("0:5s:2", 0.0, 5.0, 2, "s"), ("5mm:0:2", 5.0, 0.0, 2, "mm"), (" -1e3 : 2.5 : 10 N s m-1", -1e3, 2.5, 10, "N s m-1"),
+        ("0:20:201 s", 0.0, 20.0, 201, "s"),
+        ("1:2:3", 1.0, 2.0, 3, "1"),
+        ("500ms:2s:4", 0.5, 2.0, 4, "s"),
+        ("2s:500ms:4", 2000.0, 500.0, 4, "ms"),
+        ("0:5s:2", 0.0, 5.0, 2, "s"),
+        ("5mm:0:2", 5.0, 0.0, 2, "mm"),
+        (" -1e3 : 2.5 : 10 N s m-1", -1e3, 2.5, 10, "N s m-1"),
     ],
-)  # fmt: skip
+)
 def test_ranges_have_ends_and_a_unit(text: str, start: float, stop: float, count: int, unit: str) -> None:
     """Assert ends in the unit behind the count, or in that of the last end that has one."""
     assert is_range(text)
@@ -200,8 +267,14 @@ def test_ranges_have_ends_and_a_unit(text: str, start: float, stop: float, count
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("0s:2s:3 s", "after its ends and after the count"), ("0s:2m:3", "from 's' to 'm'"), ("0:1", "needs start:stop:count"), ("0:1:2.5", "needs start"), ("0:1:2:3", "needs start")],
-)  # fmt: skip
+    [
+        ("0s:2s:3 s", "after its ends and after the count"),
+        ("0s:2m:3", "from 's' to 'm'"),
+        ("0:1", "needs start:stop:count"),
+        ("0:1:2.5", "needs start"),
+        ("0:1:2:3", "needs start"),
+    ],
+)
 def test_ranges_that_are_none(text: str, said: str) -> None:
     """Assert one clear error for each, and that a number is no range."""
     assert not is_range(3.0)
@@ -259,7 +332,11 @@ def test_rates_in_a_time_without_a_unit_keep_theirs() -> None:
 
 def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:
     """Assert bare and pure numbers, percents of 1, and refusal of seconds; with seconds a pure number as a text is none."""
-    assert (time_in(NUMBERS, 3, "until"), time_in(NUMBERS, "3", "until"), time_in(NUMBERS, "50 percent", "until")) == (3.0, 3.0, 0.5)  # fmt: skip
+    assert (time_in(NUMBERS, 3, "until"), time_in(NUMBERS, "3", "until"), time_in(NUMBERS, "50 percent", "until")) == (
+        3.0,
+        3.0,
+        0.5,
+    )
     assert (time_in(SECONDS, "2 min", "until"), time_in(SECONDS, 2, "until")) == (120.0, 2.0)
     with pytest.raises(InputError, match="until '3 s' has units 's', and the model's time is a pure number"):
         time_in(NUMBERS, "3 s", "until")
@@ -269,7 +346,9 @@ def test_times_of_a_model_without_seconds_are_pure_numbers() -> None:
         parse_time("x", "until")
 
 
-@pytest.mark.parametrize(("text", "power"), [("kilometre2", 6), ("uPa", -6), ("cm3", -6), ("MW", 6), ("hPa", 2), ("dL", -4), ("fs", -15)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "power"), [("kilometre2", 6), ("uPa", -6), ("cm3", -6), ("MW", 6), ("hPa", 2), ("dL", -4), ("fs", -15)]
+)
 def test_prefixes_are_powers_of_ten(text: str, power: int) -> None:
     """Assert exact factors to SI units, with powers of the unit."""
     assert parse_unit(text).factor == Fraction(10) ** power

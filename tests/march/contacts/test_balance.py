@@ -26,14 +26,28 @@ from xdynamics.model.reactions import NORMAL
 def test_a_shift_is_in_the_record() -> None:
     """Assert the offsets of two events at one time, of positions alone, which add up to what the rows say."""
     model = xd.Model(
-        name="shifts", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg"}, mass={"x": "m", "y": "m"}, forces={},
+        name="shifts",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m", "y": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "1 m s-1", "y": "2 m", "v_y": "-0.5 m s-1"},
         events={
-            "first": {"function": "t - 0.5*second", "direction": "rising", "action": "reset", "set": {"x": "x + 1e-6*metre", "v_x": "2*v_x"}},
-            "second": {"function": "t - 0.5*second", "direction": "rising", "action": "reset", "set": {"y": "-y", "v_y": "-v_y"}},
+            "first": {
+                "function": "t - 0.5*second",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"x": "x + 1e-6*metre", "v_x": "2*v_x"},
+            },
+            "second": {
+                "function": "t - 0.5*second",
+                "direction": "rising",
+                "action": "reset",
+                "set": {"y": "-y", "v_y": "-v_y"},
+            },
             "third": {"function": "t - 0.9*second", "action": "record"},
         },
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     before, after = run.event_row_before.values, run.event_row_after.values
     assert run.event_offset_x.values == pytest.approx([1e-6, 0.0, 0.0], rel=1e-9)
@@ -107,7 +121,14 @@ run = xd.simulate(model, method='rk4', step=0.01, until=1.5)
 print(run.attrs['run_outcome'], run.attrs['run_outcome_text'])
 """
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    found = subprocess.run([sys.executable, "-W", "ignore", "-c", script], cwd=ROOT, env=environment, capture_output=True, text=True, check=True)  # fmt: skip
+    found = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert found.stdout.startswith("contact_inconsistent at t = "), found.stdout
     assert said in found.stdout
 
@@ -138,9 +159,12 @@ def test_contacts_of_version_0_2_are_extended(name: str) -> None:
 def group(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Two coordinates and two contacts by hand; the first is a normal force, and what is read of each stands in lists."""
     about: dict[str, Any] = {
-        "within": [0.5, 0.1], "spread": [1e-6, 1.0], "size_of_gap": [1e9, 1.0], "brake": [2.0, 0.0],
+        "within": [0.5, 0.1],
+        "spread": [1e-6, 1.0],
+        "size_of_gap": [1e9, 1.0],
+        "brake": [2.0, 0.0],
         "chosen": {True: [0], False: [0, 1]},
-    }  # fmt: skip
+    }
 
     def choose(run: Any, settling: bool) -> int:
         run.chosen[: len(about["chosen"][settling])] = about["chosen"][settling]
@@ -152,13 +176,26 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(balance, "examine", plain("examine"))
     touches = np.array([SimpleNamespace(total=0.0, lost=0.0, slack=0.0, hit=-1) for _ in "ab"])
     run = SimpleNamespace(
-        plan=[SimpleNamespace(coordinates=2, kinetic=0)], touches=touches, reactions=[SimpleNamespace(role=NORMAL), SimpleNamespace(role=NORMAL + 1)],
-        entry=np.zeros(4), z=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), pulled=np.ones(2), slowed=np.ones(2), approach=np.zeros(2), chosen=np.zeros(2, int),
-        balance=np.full(places.BALANCE, 7.0), now=[SimpleNamespace(events=4, status=0, h=0.0)], base=[SimpleNamespace(events=1)], trial=[SimpleNamespace(h=0.125)],
-        log_impulses=np.zeros((3, 4)), about=about,
+        plan=[SimpleNamespace(coordinates=2, kinetic=0)],
+        touches=touches,
+        reactions=[SimpleNamespace(role=NORMAL), SimpleNamespace(role=NORMAL + 1)],
+        entry=np.zeros(4),
+        z=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        pulled=np.ones(2),
+        slowed=np.ones(2),
+        approach=np.zeros(2),
+        chosen=np.zeros(2, int),
+        balance=np.full(places.BALANCE, 7.0),
+        now=[SimpleNamespace(events=4, status=0, h=0.0)],
+        base=[SimpleNamespace(events=1)],
+        trial=[SimpleNamespace(h=0.125)],
+        log_impulses=np.zeros((3, 4)),
+        about=about,
         links=np.array([(0.0, 0.5, -8.0, 0.0, 0.0), (9.0, -0.25, 3.0, 0.0, 0.0)], places.LINK),
-        delassus=np.array([[4.0, 1.0], [1.0, 0.5]]), responses=np.array([[2.0, -1.0], [0.5, 3.0]]), directions=np.array([[1.0, -1.0], [0.0, 2.0]]),
-    )  # fmt: skip
+        delassus=np.array([[4.0, 1.0], [1.0, 0.5]]),
+        responses=np.array([[2.0, -1.0], [0.5, 3.0]]),
+        directions=np.array([[1.0, -1.0], [0.0, 2.0]]),
+    )
     plain("open_balance")(run)
     return run
 
@@ -177,7 +214,11 @@ def broken(run: Any) -> tuple[float, ...]:
 def test_parts_a_group_begins_with_nothing_taken(group: Any) -> None:
     """Assert the state and rates that are kept, sums of 0, and the first guard that breaks: beyond its bound or no number."""
     assert group.entry.tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert (group.approach.tolist(), group.pulled.tolist(), group.slowed.tolist()) == ([0.5, -0.25], [0.0, 0.0], [0.0, 0.0])  # fmt: skip
+    assert (group.approach.tolist(), group.pulled.tolist(), group.slowed.tolist()) == (
+        [0.5, -0.25],
+        [0.0, 0.0],
+        [0.0, 0.0],
+    )
     assert group.balance[places.GUARD] == places.KEPT_ALL
     assert (group.balance[places.TAKEN :] == 0.0).all()
     examine = plain("examine")
@@ -217,8 +258,15 @@ def test_parts_impulses_take_their_mean_rate(group: Any) -> None:
 
 @pytest.mark.parametrize(
     ("more", "slow"),
-    [({}, 0.0), ({"slack": 0.75}, 0.75), ({"lost": 2.0}, 4.0), ({"hit": GAP}, 1.0), ({"hit": GAP, "total": 1.0}, 0.0), ({"slack": 0.5, "lost": 0.5, "hit": GAP}, 0.5 + 2.0 + 1.0)],
-)  # fmt: skip
+    [
+        ({}, 0.0),
+        ({"slack": 0.75}, 0.75),
+        ({"lost": 2.0}, 4.0),
+        ({"hit": GAP}, 1.0),
+        ({"hit": GAP, "total": 1.0}, 0.0),
+        ({"slack": 0.5, "lost": 0.5, "hit": GAP}, 0.5 + 2.0 + 1.0),
+    ],
+)
 def test_parts_rates_are_taken_from_what_rests(group: Any, more: dict[str, float], slow: float) -> None:
     """Assert four times what acceleration and brake do in the bracket, with slack, skipped bounces and a step's own."""
     vars(group.touches[0]).update(more)
@@ -265,14 +313,25 @@ def test_parts_energies_are_those_of_the_impulses(group: Any, pulled: float, ski
         plain("open_balance")(group)
         group.entry[2:], group.pulled[:] = before, [pulled, -0.5 * pulled]
         group.log_impulses[2] = [9.0, 0.25, loss - 0.25, 9.0]
-        for place, value in ((places.BEFORE, energies[0]), (places.BEHIND, energies[1] + energy), (places.TAKEN, taken), (places.SKIPPED, skipped), (places.TERMS, 2.0)):  # fmt: skip
+        for place, value in (
+            (places.BEFORE, energies[0]),
+            (places.BEHIND, energies[1] + energy),
+            (places.TAKEN, taken),
+            (places.SKIPPED, skipped),
+            (places.TERMS, 2.0),
+        ):
             group.balance[place] = value
         plain("weigh_energies")(group, 1)
         return broken(group)
 
     for part in (0.9, -0.9):
         assert weighed(part * bound, taken + skipped + part * bound)[0] == places.KEPT_ALL
-    assert weighed(1.2 * bound, taken + skipped) == (places.WORK, 0, pytest.approx(1.2 * bound, rel=0.1), pytest.approx(bound, rel=1e-6))  # fmt: skip
+    assert weighed(1.2 * bound, taken + skipped) == (
+        places.WORK,
+        0,
+        pytest.approx(1.2 * bound, rel=0.1),
+        pytest.approx(bound, rel=1e-6),
+    )
     assert weighed(0.0, taken + skipped - 1.2 * bound)[0] == places.LOSSES
     group.plan[0].kinetic = -1
     assert weighed(1.2 * bound, taken + skipped)[0] == places.KEPT_ALL

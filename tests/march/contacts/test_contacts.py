@@ -27,21 +27,40 @@ from cases.contacts import (
 )
 
 TABLE: dict[str, Any] = {
-    "name": "table", "coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": f"{G} m s-2", "A": "0.1 m", "w": "12 s-1"},
-    "mass": {"y": "m"}, "forces": {"gravity": {"potential": "m*g*y"}}, "initial": {"y": "0 m", "v_y": "1.2 m s-1"},
-    "contacts": {"table": {"gap": "y - A*sin(w*t)", "restitution": 0.5}},
-}  # fmt: skip
-BLOCK: dict[str, Any] = {
-    "name": "rocking block", "coordinates": {"x": "m", "y": "m", "theta": "rad"},
-    "parameters": {"m": "1 kg", "b": "0.2 m", "h": "1 m", "g": f"{G} m s-2", "mu": "2"},
-    "mass": {"x": "m", "y": "m", "theta": "m*(b**2 + h**2)/3"}, "definitions": {"s": "sin(theta)", "c": "cos(theta)"},
+    "name": "table",
+    "coordinates": {"y": "m"},
+    "parameters": {"m": "1 kg", "g": f"{G} m s-2", "A": "0.1 m", "w": "12 s-1"},
+    "mass": {"y": "m"},
     "forces": {"gravity": {"potential": "m*g*y"}},
-    "initial": {"x": "0 m", "v_x": "-0.4 m s-1", "y": "1 m", "v_y": "0.08 m s-1", "theta": "0 rad", "v_theta": "0.4 rad s-1"},
+    "initial": {"y": "0 m", "v_y": "1.2 m s-1"},
+    "contacts": {"table": {"gap": "y - A*sin(w*t)", "restitution": 0.5}},
+}
+BLOCK: dict[str, Any] = {
+    "name": "rocking block",
+    "coordinates": {"x": "m", "y": "m", "theta": "rad"},
+    "parameters": {"m": "1 kg", "b": "0.2 m", "h": "1 m", "g": f"{G} m s-2", "mu": "2"},
+    "mass": {"x": "m", "y": "m", "theta": "m*(b**2 + h**2)/3"},
+    "definitions": {"s": "sin(theta)", "c": "cos(theta)"},
+    "forces": {"gravity": {"potential": "m*g*y"}},
+    "initial": {
+        "x": "0 m",
+        "v_x": "-0.4 m s-1",
+        "y": "1 m",
+        "v_y": "0.08 m s-1",
+        "theta": "0 rad",
+        "v_theta": "0.4 rad s-1",
+    },
     "contacts": {
-        name: {"gap": f"y {sign} b*s - h*c", "restitution": 0, "tangential": "coulomb", "slip": f"v_x + ({other}b*s + h*c)*v_theta/radian", "friction": "mu"}
+        name: {
+            "gap": f"y {sign} b*s - h*c",
+            "restitution": 0,
+            "tangential": "coulomb",
+            "slip": f"v_x + ({other}b*s + h*c)*v_theta/radian",
+            "friction": "mu",
+        }
         for name, sign, other in (("left", "-", ""), ("right", "+", "-"))
     },
-}  # fmt: skip
+}
 
 
 def table_of(model: xd.Model) -> dict[str, Any]:
@@ -128,11 +147,16 @@ def shaken(amplitude: str, **balls: tuple[float, float]) -> xd.Model:
     """Balls side by side on a table that is shaken 200 radians a second: restitution and speed of each."""
     table = "a*sin(200*t/second)"
     return xd.Model(
-        name="shaken", coordinates=dict.fromkeys(balls, "m"), parameters={"m": "1 kg", "g": f"{G} m s-2", "a": amplitude},
-        mass=dict.fromkeys(balls, "m"), forces={f"weight_{one}": {one: "-m*g"} for one in balls},
-        initial={key: value for one, (_, v) in balls.items() for key, value in ((one, "0 m"), (f"v_{one}", f"{v!r} m s-1"))},
+        name="shaken",
+        coordinates=dict.fromkeys(balls, "m"),
+        parameters={"m": "1 kg", "g": f"{G} m s-2", "a": amplitude},
+        mass=dict.fromkeys(balls, "m"),
+        forces={f"weight_{one}": {one: "-m*g"} for one in balls},
+        initial={
+            key: value for one, (_, v) in balls.items() for key, value in ((one, "0 m"), (f"v_{one}", f"{v!r} m s-1"))
+        },
         contacts={f"on_{one}": {"gap": f"{one} - {table}", "restitution": e} for one, (e, _) in balls.items()},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("two", [{"y": (0.0, 0.2), "z": (0.3, 0.5)}, {"y": (0.0, 0.2), "z": (0.2, 0.66)}])
@@ -151,7 +175,10 @@ def test_rest_is_as_certain_as_it_says() -> None:
     """Assert the rests of a ball on a table after seconds, against what bounces that are left out would take until there."""
     run = xd.simulate(shaken("1 mm", y=(0.2, 0.2)), method="dop853", rtol=1e-9, until=4.0)
     fine = xd.simulate(shaken("1 mm", y=(0.2, 0.2)), method="rk4", step=1e-4, until=4.0)
-    times, sure = ([one.event_time.values[[kind == "rest" for _, kind in words(one)]] for one in (run, fine)], run.event_time_uncertainty)  # fmt: skip
+    times, sure = (
+        [one.event_time.values[[kind == "rest" for _, kind in words(one)]] for one in (run, fine)],
+        run.event_time_uncertainty,
+    )
     rests = [kind == "rest" for _, kind in words(run)]
     assert times[0].size == times[1].size > 20
     assert (np.abs(times[0] - times[1]) <= 4 * sure.values[rests] + 1e-10).all()
@@ -186,10 +213,14 @@ def box(x: float, y: float, u: float, v: float) -> xd.Model:
     """A ball in a box with elastic walls, without gravity."""
     gaps = {"left": "x", "right": "a - x", "floor": "y", "ceiling": "a - y"}
     return xd.Model(
-        name="box", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "a": "1 m"}, mass={"x": "m", "y": "m"}, forces={},
+        name="box",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg", "a": "1 m"},
+        mass={"x": "m", "y": "m"},
+        forces={},
         initial={"x": f"{x} m", "y": f"{y} m", "v_x": f"{u} m s-1", "v_y": f"{v} m s-1"},
         contacts={name: {"gap": gap, "restitution": 1} for name, gap in gaps.items()},
-    )  # fmt: skip
+    )
 
 
 def test_two_walls_are_hit_at_once_in_a_corner() -> None:
@@ -204,10 +235,14 @@ def test_two_walls_are_hit_at_once_in_a_corner() -> None:
 @pytest.mark.parametrize(
     ("law", "e", "speeds"),
     [
-        ("newton", 1.0, (-1 / 3, 2 / 3, 2 / 3)), ("poisson", 1.0, (-1 / 3, 2 / 3, 2 / 3)), ("sequential", 1.0, (0, 0, 1)),
-        ("newton", 0.5, (0, 0.5, 0.5)), ("newton", 0.0, (1 / 3, 1 / 3, 1 / 3)), ("sequential", 0.0, (1 / 3, 1 / 3, 1 / 3)),
+        ("newton", 1.0, (-1 / 3, 2 / 3, 2 / 3)),
+        ("poisson", 1.0, (-1 / 3, 2 / 3, 2 / 3)),
+        ("sequential", 1.0, (0, 0, 1)),
+        ("newton", 0.5, (0, 0.5, 0.5)),
+        ("newton", 0.0, (1 / 3, 1 / 3, 1 / 3)),
+        ("sequential", 0.0, (1 / 3, 1 / 3, 1 / 3)),
     ],
-)  # fmt: skip
+)
 def test_the_law_tells_what_three_balls_do(law: str, e: float, speeds: tuple[float, ...]) -> None:
     """Assert speeds, impulses and energies by each law, and that the record has it with the order."""
     run = xd.simulate(cradle(law, e), method="rk4", step=0.3, until=2.0)
@@ -246,11 +281,17 @@ def test_impulses_are_what_velocities_change_by() -> None:
         mass, normals = root @ root.T, random.normal(size=(2, 2))
         v = -np.linalg.solve(normals, random.uniform(0.5, 2.0, 2))
         model = xd.Model(
-            name="oblique", coordinates={"x": "m", "y": "m"}, parameters={"u": "1 kg"},
-            mass={"matrix": [[f"{float(one)!r}*u" for one in row] for row in (mass + mass.T) / 2]}, forces={},
+            name="oblique",
+            coordinates={"x": "m", "y": "m"},
+            parameters={"u": "1 kg"},
+            mass={"matrix": [[f"{float(one)!r}*u" for one in row] for row in (mass + mass.T) / 2]},
+            forces={},
             initial={"x": "0 m", "y": "0 m", "v_x": f"{float(v[0])!r} m s-1", "v_y": f"{float(v[1])!r} m s-1"},
-            contacts={f"c{i}": {"gap": f"({float(a)!r})*x + ({float(b)!r})*y + 1*metre", "restitution": 0.4 + 0.3 * i} for i, (a, b) in enumerate(normals)},
-        )  # fmt: skip
+            contacts={
+                f"c{i}": {"gap": f"({float(a)!r})*x + ({float(b)!r})*y + 1*metre", "restitution": 0.4 + 0.3 * i}
+                for i, (a, b) in enumerate(normals)
+            },
+        )
         run = xd.simulate(model, method="rk4", step=0.1, until=3.0)
         both = (mass + mass.T) / 2
         for rows in {*zip(run.event_row_before.values.tolist(), run.event_row_after.values.tolist(), strict=True)}:
@@ -264,7 +305,13 @@ def test_impulses_are_what_velocities_change_by() -> None:
 
 def test_an_event_at_the_floor_does_not_wait_for_rest() -> None:
     """Assert that an event of the model at every impact stands beside it, and that rest ends the crossings."""
-    model = xd.Model(**table_of(ball(0.5, 4.0, 8.0)), events={"apex": {"function": "v_y", "direction": "falling"}, "floor_too": {"function": "y", "direction": "falling"}})  # fmt: skip
+    model = xd.Model(
+        **table_of(ball(0.5, 4.0, 8.0)),
+        events={
+            "apex": {"function": "v_y", "direction": "falling"},
+            "floor_too": {"function": "y", "direction": "falling"},
+        },
+    )
     run = xd.simulate(model, method="dop853", rtol=1e-9, until=5.0)
     found = words(run)
     assert found[:3] == [("floor_too", "crossing"), ("floor", "impact"), ("apex", "crossing")]
@@ -284,27 +331,59 @@ def test_it_stops_at_rest_height() -> None:
     ("model", "outcome", "said"),
     [
         (
-            xd.Model(**table_of(ball()) | {"events": {"push": {"function": "t - 0.2*second", "action": "reset", "set": {"y": "-0.1*metre"}}}}),
-            "contact_penetrated", r"the gap of contact 'floor' is -0.1 m",
+            xd.Model(
+                **table_of(ball())
+                | {"events": {"push": {"function": "t - 0.2*second", "action": "reset", "set": {"y": "-0.1*metre"}}}}
+            ),
+            "contact_penetrated",
+            r"the gap of contact 'floor' is -0.1 m",
         ),
         (
             xd.Model(**table_of(ball()) | {"contacts": {"floor": {"gap": "y**2/metre", "restitution": 0.5}}}),
-            "contact_undetermined", r"the gap of contact 'floor' closes where its gradient vanishes",
+            "contact_undetermined",
+            r"the gap of contact 'floor' closes where its gradient vanishes",
         ),
         (
-            xd.Model(**table_of(ball()) | {"contacts": {"floor": {"gap": "y + metre/cosh(1000*(y + metre)/metre)", "restitution": 0.5}}}),
-            "contact_undetermined", r"the gap of contact 'floor', or a derivative of it, is not finite there",
+            xd.Model(
+                **table_of(ball())
+                | {"contacts": {"floor": {"gap": "y + metre/cosh(1000*(y + metre)/metre)", "restitution": 0.5}}}
+            ),
+            "contact_undetermined",
+            r"the gap of contact 'floor', or a derivative of it, is not finite there",
         ),
         (ball("2 - 0*approach_speed*second/metre"), "contact_undetermined", r"restitution of contact 'floor' is 2"),
         (
-            xd.Model(**BLOCK | {
-                "name": "rod", "parameters": {"m": "1 kg", "l": "1 m", "g": f"{G} m s-2", "mu": "1.8"}, "mass": {"x": "m", "y": "m", "theta": "m*l**2/3"}, "definitions": {},
-                "initial": {"x": "0 m", "v_x": "-10 m s-1", "y": f"{math.sin(1.0)!r} m", "v_y": "0 m s-1", "theta": "1 rad", "v_theta": "0 rad s-1"},
-                "contacts": {"tip": {"gap": "y - l*sin(theta)", "restitution": 0, "tangential": "coulomb", "slip": "v_x + l*sin(theta)*v_theta/radian", "friction": "mu"}},
-            }), "contact_undetermined", r"friction of contact 'tip', with the coefficient 1.8: .*Painleve's paradox",
+            xd.Model(
+                **BLOCK
+                | {
+                    "name": "rod",
+                    "parameters": {"m": "1 kg", "l": "1 m", "g": f"{G} m s-2", "mu": "1.8"},
+                    "mass": {"x": "m", "y": "m", "theta": "m*l**2/3"},
+                    "definitions": {},
+                    "initial": {
+                        "x": "0 m",
+                        "v_x": "-10 m s-1",
+                        "y": f"{math.sin(1.0)!r} m",
+                        "v_y": "0 m s-1",
+                        "theta": "1 rad",
+                        "v_theta": "0 rad s-1",
+                    },
+                    "contacts": {
+                        "tip": {
+                            "gap": "y - l*sin(theta)",
+                            "restitution": 0,
+                            "tangential": "coulomb",
+                            "slip": "v_x + l*sin(theta)*v_theta/radian",
+                            "friction": "mu",
+                        }
+                    },
+                }
+            ),
+            "contact_undetermined",
+            r"friction of contact 'tip', with the coefficient 1.8: .*Painleve's paradox",
         ),
     ],
-)  # fmt: skip
+)
 def test_what_has_no_answer_is_an_outcome(model: xd.Model, outcome: str, said: str) -> None:
     """Assert an outcome of its own, with the contact named, and no guess."""
     import re
@@ -317,11 +396,29 @@ def test_what_has_no_answer_is_an_outcome(model: xd.Model, outcome: str, said: s
 def test_a_sliding_rod_that_comes_into_painleves_region_ends_there() -> None:
     """Assert that a run whose surface turns too rough keeps its last state with an answer, and says why."""
     model = xd.Model(
-        name="rod", coordinates={"x": "m", "y": "m", "theta": "rad"}, parameters={"m": "1 kg", "l": "1 m", "g": f"{G} m s-2"},
-        mass={"x": "m", "y": "m", "theta": "m*l**2/3"}, forces={"gravity": {"potential": "m*g*y"}},
-        initial={"x": "0 m", "v_x": "-10 m s-1", "y": f"{math.sin(1.0)!r} m", "v_y": "0 m s-1", "theta": "1 rad", "v_theta": "0 rad s-1"},
-        contacts={"tip": {"gap": "y - l*sin(theta)", "restitution": 0, "tangential": "coulomb", "slip": "v_x + l*sin(theta)*v_theta/radian", "friction": "where(x < -3*metre, 4, 0.3)"}},
-    )  # fmt: skip
+        name="rod",
+        coordinates={"x": "m", "y": "m", "theta": "rad"},
+        parameters={"m": "1 kg", "l": "1 m", "g": f"{G} m s-2"},
+        mass={"x": "m", "y": "m", "theta": "m*l**2/3"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={
+            "x": "0 m",
+            "v_x": "-10 m s-1",
+            "y": f"{math.sin(1.0)!r} m",
+            "v_y": "0 m s-1",
+            "theta": "1 rad",
+            "v_theta": "0 rad s-1",
+        },
+        contacts={
+            "tip": {
+                "gap": "y - l*sin(theta)",
+                "restitution": 0,
+                "tangential": "coulomb",
+                "slip": "v_x + l*sin(theta)*v_theta/radian",
+                "friction": "where(x < -3*metre, 4, 0.3)",
+            }
+        },
+    )
     run = xd.simulate(model, method="rk4", step=0.001, until=1.0)
     assert run.attrs["run_outcome"] == "contact_undetermined"
     assert "friction of contact 'tip', with the coefficient 4: pressing harder" in run.attrs["run_outcome_text"]
@@ -331,10 +428,13 @@ def test_a_sliding_rod_that_comes_into_painleves_region_ends_there() -> None:
 
 def test_a_block_is_held_by_both_of_its_corners() -> None:
     """Assert weight and friction of a block on an incline: what holds the same motion twice is no fault."""
-    model = xd.Model(**BLOCK | {
-        "forces": {"gravity": {"x": "m*g*sin(0.1)", "y": "-m*g*cos(0.1)"}},
-        "initial": BLOCK["initial"] | {"v_x": "0 m s-1", "v_y": "0 m s-1", "v_theta": "0 rad s-1"},
-    })  # fmt: skip
+    model = xd.Model(
+        **BLOCK
+        | {
+            "forces": {"gravity": {"x": "m*g*sin(0.1)", "y": "-m*g*cos(0.1)"}},
+            "initial": BLOCK["initial"] | {"v_x": "0 m s-1", "v_y": "0 m s-1", "v_theta": "0 rad s-1"},
+        }
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     assert words(run) == []
     assert float(run.contact_force_left[-1] + run.contact_force_right[-1]) == pytest.approx(G * math.cos(0.1))
@@ -348,10 +448,14 @@ def wedge(e: float, law: str) -> xd.Model:
     """A ball between two oblique walls."""
     walls = {"right": "y*cos(0.6) - x*sin(0.6)", "left": "y*cos(0.4) + x*sin(0.4)"}
     return xd.Model(
-        name="wedge", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "g": f"{G} m s-2"}, mass={"x": "m", "y": "m"},
-        forces={"gravity": {"potential": "m*g*y"}}, initial={"x": "0.3 m", "y": "1 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+        name="wedge",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg", "g": f"{G} m s-2"},
+        mass={"x": "m", "y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}},
+        initial={"x": "0.3 m", "y": "1 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
         contacts={name: {"gap": gap, "restitution": e, "law": law} for name, gap in walls.items()},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("law", ["newton", "poisson", "sequential"])
@@ -382,10 +486,21 @@ def test_nanoseconds_are_as_good_as_seconds(asked: dict[str, Any]) -> None:
 
     def thrown(length: str, time: str) -> xd.Model:
         return xd.Model(
-            name="block", coordinates={"x": length, "y": length}, parameters={"m": "2 kg", "g": f"9.81 {length} {time}-2"}, mass={"x": "m", "y": "m"},
-            forces={"gravity": {"potential": "m*g*y"}}, initial={"x": f"0 {length}", "v_x": f"3 {length} {time}-1", "y": f"0.5 {length}", "v_y": f"0 {length} {time}-1"},
-            contacts={"floor": {"gap": "y", "restitution": 0.4, "tangential": "coulomb", "slip": "v_x", "friction": 0.3}},
-        )  # fmt: skip
+            name="block",
+            coordinates={"x": length, "y": length},
+            parameters={"m": "2 kg", "g": f"9.81 {length} {time}-2"},
+            mass={"x": "m", "y": "m"},
+            forces={"gravity": {"potential": "m*g*y"}},
+            initial={
+                "x": f"0 {length}",
+                "v_x": f"3 {length} {time}-1",
+                "y": f"0.5 {length}",
+                "v_y": f"0 {length} {time}-1",
+            },
+            contacts={
+                "floor": {"gap": "y", "restitution": 0.4, "tangential": "coulomb", "slip": "v_x", "friction": 0.3}
+            },
+        )
 
     whole = xd.simulate(thrown("m", "s"), until="6 s", **asked)
     if "step" in asked:
@@ -491,25 +606,52 @@ def test_masses_and_bounces_of_many_runs_are_their_own() -> None:
         ({"gap": "y", "restitution": 1.5}, "restitution is 1.5, needs to be from 0 to 1"),
         ({"gap": "y", "restitution": "-1/2"}, "restitution is -0.5, needs to be from 0 to 1"),
         ({"gap": "abs(y)", "restitution": 1}, "gap has a kink or a jump, abs"),
-        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": -0.3}, "friction is -0.3, needs to be non-negative"),
-        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "0*v_y", "friction": 0.3}, "slip depends on no velocity"),
-        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": 0.3, "static": 0.1}, "static is 0.1, needs to be at least friction"),
+        (
+            {"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": -0.3},
+            "friction is -0.3, needs to be non-negative",
+        ),
+        (
+            {"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "0*v_y", "friction": 0.3},
+            "slip depends on no velocity",
+        ),
+        (
+            {"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": 0.3, "static": 0.1},
+            "static is 0.1, needs to be at least friction",
+        ),
         ({"gap": "y", "restitution": "m"}, "restitution has units 'kg', needs '1'"),
         ({"gap": "y + v_y*second", "restitution": 1}, "gap reads the velocity 'v_y'"),
         ({"gap": "t*metre/second", "restitution": 1}, "gap depends on no coordinate"),
         ({"gap": "y + m", "restitution": 1}, "joins 'y' in 'm' with 'm' in 'kg'"),
-        ({"gap": "y", "restitution": 1, "law": "hertz"}, "law 'hertz' is not known; there are newton, poisson, sequential, energetic"),
+        (
+            {"gap": "y", "restitution": 1, "law": "hertz"},
+            "law 'hertz' is not known; there are newton, poisson, sequential, energetic",
+        ),
         ({"gap": "y", "restitution": 1, "friction": 0.3}, "friction is for tangential = 'coulomb'"),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb"}, "tangential 'coulomb' needs slip and friction"),
-        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "y/second", "friction": 0.3}, "slip depends on no velocity"),
-        ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y*v_y/(1*metre/second)", "friction": 0.3}, "slip is not linear in v_y"),
+        (
+            {"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "y/second", "friction": 0.3},
+            "slip depends on no velocity",
+        ),
+        (
+            {
+                "gap": "y",
+                "restitution": 1,
+                "tangential": "coulomb",
+                "slip": "v_y*v_y/(1*metre/second)",
+                "friction": 0.3,
+            },
+            "slip is not linear in v_y",
+        ),
         ({"gap": "y", "restitution": 1, "tangential": "coulomb", "slip": "v_y", "friction": "g"}, "friction has units"),
-        ({"gap": "y", "restitution": 1, "rest_height": "1 s"}, "rest_height is '1.0 s', needs the unit of the gap, 'm'"),
+        (
+            {"gap": "y", "restitution": 1, "rest_height": "1 s"},
+            "rest_height is '1.0 s', needs the unit of the gap, 'm'",
+        ),
         ({"gap": "y", "restitution": 1, "rest_height": "-1 m"}, "needs to be non-negative"),
         ({"gap": "y", "restitution": 1, "time_tolerance": "0 s"}, "needs a positive time"),
         ({"gap": "y", "restitution": 1, "stiffness": "1 N m-1"}, "key 'stiffness' is not known"),
     ],
-)  # fmt: skip
+)
 def test_wrong_contacts_are_named(contact: dict[str, Any], said: str) -> None:
     """Assert one clear fault for each wrong key, unit or expression."""
     with pytest.raises(xd.ModelError, match=f"contact 'floor': .*{said.replace('(', '[(]')}"):

@@ -15,10 +15,14 @@ from cases.contacts import FITTING, G, asked, dry, sliding, state_of, words
 STOPS = 0.43240777557053784 + math.pi * np.arange(8)
 STUCK, THERE = 22.42355635069909, 0.68217893672364685
 BELT: dict[str, Any] = {
-    "name": "belt", "coordinates": {"x": "m"}, "parameters": {"m": "1 kg", "k": "10 N m-1", "load": "10 N", "mu_k": "0.2", "mu_s": "0.4", "v": "0.1 m s-1"},
-    "mass": {"x": "m"}, "forces": {"spring": {"potential": "k*x**2/2"}}, "initial": {"x": "0 m", "v_x": "0.1 m s-1"},
+    "name": "belt",
+    "coordinates": {"x": "m"},
+    "parameters": {"m": "1 kg", "k": "10 N m-1", "load": "10 N", "mu_k": "0.2", "mu_s": "0.4", "v": "0.1 m s-1"},
+    "mass": {"x": "m"},
+    "forces": {"spring": {"potential": "k*x**2/2"}},
+    "initial": {"x": "0 m", "v_x": "0.1 m s-1"},
     "frictions": {"belt": {"slip": "v_x - v", "kinetic": "mu_k*load", "static": "mu_s*load"}},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("method", FITTING)
@@ -54,8 +58,17 @@ def test_a_block_pushed_up_an_incline(alpha: float, static: float, ends: str) ->
     model = sliding(
         parameters={"m": "2 kg", "g": f"{G} m s-2", "mu": "0.3", "alpha": f"{alpha} rad", "pull": "0 N"},
         initial={"x": "0 m", "v_x": "-2 m s-1", "y": "0 m", "v_y": "0 m s-1"},
-        contacts={"floor": {"gap": "y", "restitution": 0, "tangential": "coulomb", "slip": "v_x", "friction": "mu", "static": static}},
-    )  # fmt: skip
+        contacts={
+            "floor": {
+                "gap": "y",
+                "restitution": 0,
+                "tangential": "coulomb",
+                "slip": "v_x",
+                "friction": "mu",
+                "static": static,
+            }
+        },
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=2.0)
     up, down = (G * (math.sin(alpha) + one * 0.3 * math.cos(alpha)) for one in (1, -1))
     assert words(run) == [("floor", ends)]
@@ -100,10 +113,17 @@ def test_a_load_that_jumps_breaks_it_loose_at_once() -> None:
     from io import StringIO
 
     model = sliding(
-        drives={"pull": {"table": "pull.csv", "csv": StringIO("t [s],pull [N]\n0,0\n1,20\n9,20\n").getvalue(), "interpolation": "previous"}},
-        parameters={"m": "2 kg", "g": f"{G} m s-2", "mu": "0.3"}, forces={"gravity": {"potential": "m*g*y"}, "pull": {"x": "pull"}},
+        drives={
+            "pull": {
+                "table": "pull.csv",
+                "csv": StringIO("t [s],pull [N]\n0,0\n1,20\n9,20\n").getvalue(),
+                "interpolation": "previous",
+            }
+        },
+        parameters={"m": "2 kg", "g": f"{G} m s-2", "mu": "0.3"},
+        forces={"gravity": {"potential": "m*g*y"}, "pull": {"x": "pull"}},
         initial={"x": "0 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.3, until=2.0)
     assert words(run) == [("floor", "slip")]
     assert float(run.event_time[0]) == pytest.approx(1.0, abs=2e-12)

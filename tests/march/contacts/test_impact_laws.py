@@ -47,10 +47,16 @@ def test_laws_agree_where_there_is_no_friction(case: int) -> None:
 def test_laws_agree_where_an_impact_is_central(law: str, e: float) -> None:
     """Assert a ball that strikes head on, with a floor that would hold it: -e times its speed by each law, no slip."""
     model = xd.Model(
-        name="head on", coordinates={"x": "m", "y": "m"}, parameters={"m": "2 kg"}, mass={"x": "m", "y": "m"}, forces={},
+        name="head on",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "2 kg"},
+        mass={"x": "m", "y": "m"},
+        forces={},
         initial={"x": "0 m", "y": "0.1 m", "v_x": "0 m s-1", "v_y": "-3 m s-1"},
-        contacts={"floor": {"gap": "y", "restitution": e, "law": law, "tangential": "coulomb", "slip": "v_x", "friction": 0.7}},
-    )  # fmt: skip
+        contacts={
+            "floor": {"gap": "y", "restitution": e, "law": law, "tangential": "coulomb", "slip": "v_x", "friction": 0.7}
+        },
+    )
     run = xd.simulate(model, method="rk4", step=0.01, until=0.1)
     assert speeds_behind(run, ("x", "y")) == pytest.approx([0.0, 3.0 * e], abs=1e-14)
 
@@ -70,7 +76,10 @@ def test_energy_that_is_created_is_spoken_against(law: str) -> None:
     It sticks as it rebounds, so that rates of gap and slip go from (-1, 1/2) to (1, 0) m/s: the energy changes by half of
     the impulses times the sums of the rates before and after, which is 7/64 J of 5/8.
     """
-    with pytest.warns(xd.AccuracyWarning, match=r"energy was created in an impact at event 0 \('floor', t = 5e-05 s, event_energy_lost = -0\.109 J\).*law = 'poisson' and law = 'energetic' do not"):  # fmt: skip
+    with pytest.warns(
+        xd.AccuracyWarning,
+        match=r"energy was created in an impact at event 0 \('floor', t = 5e-05 s, event_energy_lost = -0\.109 J\).*law = 'poisson' and law = 'energetic' do not",
+    ):
         run = PARADOX.struck(law)
     assert float(run.event_energy_lost[0]) == pytest.approx(-7 / 64, rel=1e-12)
     assert float(run.kinetic_energy[-1] / run.kinetic_energy[0]) == pytest.approx(1.175, rel=1e-12)
@@ -95,11 +104,33 @@ def pendulum(law: str, e: float = 0.7, mu: float = 0.5) -> xd.Model:
     before = 1e-4
     reach = math.cos(q1) + math.cos(q2)
     return xd.Model(
-        name="double pendulum", coordinates={"q1": "rad", "q2": "rad"}, parameters={"m": "1 kg", "l": "1 m", "reach": f"{reach!r} m"},
-        mass={"matrix": [["4/3*m*l**2/radian**2", "m*l**2*cos(q1 - q2)/(2*radian**2)"], ["m*l**2*cos(q1 - q2)/(2*radian**2)", "m*l**2/(3*radian**2)"]]},
-        forces={}, initial={"q1": f"{q1 + 0.1 * before!r} rad", "q2": f"{q2 + 0.2 * before!r} rad", "v_q1": "-0.1 rad s-1", "v_q2": "-0.2 rad s-1"},
-        contacts={"floor": {"gap": "reach - l*(cos(q1) + cos(q2))", "restitution": e, "law": law, "tangential": "coulomb", "slip": "l*(cos(q1)*v_q1 + cos(q2)*v_q2)/radian", "friction": mu}},
-    )  # fmt: skip
+        name="double pendulum",
+        coordinates={"q1": "rad", "q2": "rad"},
+        parameters={"m": "1 kg", "l": "1 m", "reach": f"{reach!r} m"},
+        mass={
+            "matrix": [
+                ["4/3*m*l**2/radian**2", "m*l**2*cos(q1 - q2)/(2*radian**2)"],
+                ["m*l**2*cos(q1 - q2)/(2*radian**2)", "m*l**2/(3*radian**2)"],
+            ]
+        },
+        forces={},
+        initial={
+            "q1": f"{q1 + 0.1 * before!r} rad",
+            "q2": f"{q2 + 0.2 * before!r} rad",
+            "v_q1": "-0.1 rad s-1",
+            "v_q2": "-0.2 rad s-1",
+        },
+        contacts={
+            "floor": {
+                "gap": "reach - l*(cos(q1) + cos(q2))",
+                "restitution": e,
+                "law": law,
+                "tangential": "coulomb",
+                "slip": "l*(cos(q1)*v_q1 + cos(q2)*v_q2)/radian",
+                "friction": mu,
+            }
+        },
+    )
 
 
 def test_kane_and_levinsons_pendulum_is_no_paradox() -> None:
@@ -136,10 +167,23 @@ def test_contacts_that_do_not_act_on_each_other_are_struck_each_alone() -> None:
 
     def corner(**walls: dict[str, Any]) -> Any:
         model = xd.Model(
-            name="corner", coordinates={"x": "m", "y": "m", "u": "m", "w": "m"}, parameters={"m": "1 kg"}, mass=dict.fromkeys("xyuw", "m"), forces={},
-            initial={"x": "0.1 m", "y": "0.1 m", "u": "0 m", "w": "0 m", "v_x": "-1 m s-1", "v_y": "-1 m s-1", "v_u": "0.3 m s-1", "v_w": "-2 m s-1"},
+            name="corner",
+            coordinates={"x": "m", "y": "m", "u": "m", "w": "m"},
+            parameters={"m": "1 kg"},
+            mass=dict.fromkeys("xyuw", "m"),
+            forces={},
+            initial={
+                "x": "0.1 m",
+                "y": "0.1 m",
+                "u": "0 m",
+                "w": "0 m",
+                "v_x": "-1 m s-1",
+                "v_y": "-1 m s-1",
+                "v_u": "0.3 m s-1",
+                "v_w": "-2 m s-1",
+            },
             contacts=walls,
-        )  # fmt: skip
+        )
         return xd.simulate(model, method="rk4", step=0.01, until=0.15)
 
     common = {"law": "energetic", "tangential": "coulomb"}
@@ -168,10 +212,14 @@ def test_a_contact_that_only_parts_is_no_obstacle(inertia: str, outcome: str) ->
     def plank(*ends: str) -> Any:
         gaps = {"left": "y - b*theta/radian", "right": "y + b*theta/radian"}
         model = xd.Model(
-            name="plank", coordinates={"y": "m", "theta": "rad"}, parameters={"m": "3 kg", "b": "1 m"}, mass={"y": "m", "theta": f"{inertia}/radian**2"},
-            forces={}, initial={"y": "0.1 m", "theta": "0.1 rad", "v_y": "-1 m s-1", "v_theta": "-1 rad s-1"},
+            name="plank",
+            coordinates={"y": "m", "theta": "rad"},
+            parameters={"m": "3 kg", "b": "1 m"},
+            mass={"y": "m", "theta": f"{inertia}/radian**2"},
+            forces={},
+            initial={"y": "0.1 m", "theta": "0.1 rad", "v_y": "-1 m s-1", "v_theta": "-1 rad s-1"},
             contacts={one: {"gap": gaps[one], "restitution": 0.5, "law": "energetic"} for one in ends},
-        )  # fmt: skip
+        )
         return xd.simulate(model, method="rk4", step=0.01, until=0.15)
 
     alone, both = plank("right"), plank("left", "right")
@@ -184,10 +232,23 @@ def test_a_contact_that_only_parts_is_no_obstacle(inertia: str, outcome: str) ->
 def test_a_body_of_one_coordinate_that_is_held_stays() -> None:
     """Assert a pendulum whose tip friction holds: gap and slip are one motion, and nothing rebounds."""
     model = xd.Model(
-        name="pendulum", coordinates={"q": "rad"}, parameters={"j": "1 kg m2"}, mass={"q": "j/radian**2"}, forces={},
+        name="pendulum",
+        coordinates={"q": "rad"},
+        parameters={"j": "1 kg m2"},
+        mass={"q": "j/radian**2"},
+        forces={},
         initial={"q": "0.1 rad", "v_q": "-1 rad s-1"},
-        contacts={"floor": {"gap": "q*metre/radian", "restitution": 0.5, "law": "energetic", "tangential": "coulomb", "slip": "-0.5*v_q*metre/radian", "friction": 2.5}},
-    )  # fmt: skip
+        contacts={
+            "floor": {
+                "gap": "q*metre/radian",
+                "restitution": 0.5,
+                "law": "energetic",
+                "tangential": "coulomb",
+                "slip": "-0.5*v_q*metre/radian",
+                "friction": 2.5,
+            }
+        },
+    )
     run = xd.simulate(model, method="rk4", step=0.01, until=0.3)
     assert float(run.v_q[-1]) == pytest.approx(0.0, abs=1e-14)
 

@@ -22,11 +22,15 @@ def cradle(law: str, angles: Floats, until: float, method: str, rtol: float) -> 
     """March elastic balls on equal pendulums, let go at some angles."""
     names = [f"q{i}" for i in range(len(angles))]
     model = xd.Model(
-        name="cradle", coordinates=dict.fromkeys(names, "rad"), parameters={"m": "50 g", "g": f"{G} m s-2", "l": f"{L} m"},
-        mass=dict.fromkeys(names, "m*l**2"), forces={"weight": {"potential": "m*g*l*(" + " + ".join(f"1 - cos({q})" for q in names) + ")"}},
-        initial={q: f"{angle!r} rad" for q, angle in zip(names, angles.tolist(), strict=True)} | {f"v_{q}": "0 rad s-1" for q in names},
+        name="cradle",
+        coordinates=dict.fromkeys(names, "rad"),
+        parameters={"m": "50 g", "g": f"{G} m s-2", "l": f"{L} m"},
+        mass=dict.fromkeys(names, "m*l**2"),
+        forces={"weight": {"potential": "m*g*l*(" + " + ".join(f"1 - cos({q})" for q in names) + ")"}},
+        initial={q: f"{angle!r} rad" for q, angle in zip(names, angles.tolist(), strict=True)}
+        | {f"v_{q}": "0 rad s-1" for q in names},
         contacts={f"c{i}": {"gap": f"q{i + 1} - q{i}", "restitution": 1, "law": law} for i in range(len(names) - 1)},
-    )  # fmt: skip
+    )
     return xd.simulate(model, method=method, rtol=rtol, until=until)
 
 
@@ -102,7 +106,12 @@ def check_groups(run: Any, masses: Floats, names: list[str]) -> None:
 def test_elastic_cradles(case: int) -> None:
     """Assert energy, gaps, each group's speeds by its law, and positions where impacts are of two at a time."""
     rng = np.random.default_rng(case)
-    n, law, method, rtol = int(rng.integers(3, 7)), LAWS[case % 3], METHODS[int(rng.integers(2))], [1e-6, 1e-8][int(rng.integers(2))]  # fmt: skip
+    n, law, method, rtol = (
+        int(rng.integers(3, 7)),
+        LAWS[case % 3],
+        METHODS[int(rng.integers(2))],
+        [1e-6, 1e-8][int(rng.integers(2))],
+    )
     pulled = int(rng.integers(1, n)) if rng.random() < 0.7 else n
     angles = np.zeros(n)
     apart = rng.random() < 0.5
@@ -129,7 +138,9 @@ def test_elastic_cradles(case: int) -> None:
             assert v[:, behind] == pytest.approx(told, abs=1e-9 * np.abs(v[:, row]).max())
 
 
-def flights(masses: Floats, x: Floats, v: Floats, e: Floats, width: float, until: float) -> tuple[Floats, Floats, list[float]]:  # fmt: skip
+def flights(
+    masses: Floats, x: Floats, v: Floats, e: Floats, width: float, until: float
+) -> tuple[Floats, Floats, list[float]]:
     """Free balls on a line between walls at 0 and a width, one impact after the other: positions, speeds, times."""
     t, times, n = 0.0, [], len(x)
     while True:
@@ -160,11 +171,18 @@ def test_rows_between_walls(case: int) -> None:
     names = [f"x{i}" for i in range(n)]
     gaps = [names[0], *(f"{b} - {a}" for a, b in pairwise(names)), f"w - {names[-1]}"]
     model = xd.Model(
-        name="row", coordinates=dict.fromkeys(names, "m"), parameters={"w": f"{width} m"} | {f"m{i}": f"{m!r} kg" for i, m in enumerate(masses.tolist())},
-        mass={name: f"m{i}" for i, name in enumerate(names)}, forces={},
-        initial={name: f"{one!r} m" for name, one in zip(names, x.tolist(), strict=True)} | {f"v_{name}": f"{one!r} m s-1" for name, one in zip(names, v.tolist(), strict=True)},
-        contacts={f"c{i}": {"gap": gap, "restitution": float(one), "law": LAWS[case % 3]} for i, (gap, one) in enumerate(zip(gaps, e, strict=True))},
-    )  # fmt: skip
+        name="row",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"w": f"{width} m"} | {f"m{i}": f"{m!r} kg" for i, m in enumerate(masses.tolist())},
+        mass={name: f"m{i}" for i, name in enumerate(names)},
+        forces={},
+        initial={name: f"{one!r} m" for name, one in zip(names, x.tolist(), strict=True)}
+        | {f"v_{name}": f"{one!r} m s-1" for name, one in zip(names, v.tolist(), strict=True)},
+        contacts={
+            f"c{i}": {"gap": gap, "restitution": float(one), "law": LAWS[case % 3]}
+            for i, (gap, one) in enumerate(zip(gaps, e, strict=True))
+        },
+    )
     asked: list[dict[str, Any]] = [
         {"method": "rk4", "step": 0.037},
         {"method": "velocity_verlet", "step": 0.3},

@@ -67,7 +67,9 @@ def test_a_tent_under_values_and_slopes(side: float) -> None:
         (0.81, -0.82, 50.0, SMOOTH, (-8.0, 1.0), False),
     ],
 )
-def test_small_by_values_or_by_slopes(side: float, size: float, low: float, high: float, flaw: int, slopes: tuple[float, float], within: bool) -> None:  # fmt: skip
+def test_small_by_values_or_by_slopes(
+    side: float, size: float, low: float, high: float, flaw: int, slopes: tuple[float, float], within: bool
+) -> None:
     """Assert the tighter of both bounds, at both ends."""
     ends, rates = sorted((side * low, side * high)), sorted(side * slope for slope in slopes)
     run = on_a_piece(side * 0.5, side * 0.6, low=ends[0], high=ends[1], flaw=flaw, down=rates[0], up=rates[1])
@@ -90,7 +92,9 @@ def test_small_by_values_or_by_slopes(side: float, size: float, low: float, high
         (0.0, 1.0, (0.0, 0.0), 1, MONOTONE),
     ],
 )
-def test_what_is_known_on_a_piece(before: float, after: float, slope: tuple[float, float], sampled: int, known: int) -> None:  # fmt: skip
+def test_what_is_known_on_a_piece(
+    before: float, after: float, slope: tuple[float, float], sampled: int, known: int
+) -> None:
     """Assert what enclosures and slopes tell, or of a function that is only sampled its values."""
     run = on_a_piece(before, after, 0.5, low=-5.0, high=5.0, down=slope[0], up=slope[1], floor=1e-12)
     run.detectors[0].sampled, run.located[0].h = sampled, 4.0
@@ -101,7 +105,9 @@ def test_what_is_known_on_a_piece(before: float, after: float, slope: tuple[floa
         assert plain(zero_tests.known)(run, 0) == OPEN
 
 
-@pytest.mark.parametrize(("low", "high", "known"), [(0.1, 5.0, CLEAR), (-5.0, -0.1, CLEAR), (0.0, 5.0, OPEN), (-5.0, 0.0, OPEN)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "known"), [(0.1, 5.0, CLEAR), (-5.0, -0.1, CLEAR), (0.0, 5.0, OPEN), (-5.0, 0.0, OPEN)]
+)
 def test_values_alone_may_do(low: float, high: float, known: int) -> None:
     """Assert that bounds beyond zero are enough, of a function with jumps too, and bounds at zero are not."""
     run = on_a_piece(1.0, 1.0, low=low, high=high, flaw=BREAKS, down=0.5, up=0.6)
@@ -122,7 +128,12 @@ def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
 ) -> None:
     """Assert bounds by slopes from -1 to 1 at the start and bends from -2 to 3 over half a second, where both are known."""
     run = on_a_piece(down=-5.0, up=7.0, least_bend=-2.0, most_bend=3.0, flaw=flaw, alive=alive)
-    run.put(under=np.array([9.0, -1.0]), over=np.array([9.0, 1.0]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64))  # fmt: skip
+    run.put(
+        under=np.array([9.0, -1.0]),
+        over=np.array([9.0, 1.0]),
+        parts=np.zeros(4, np.int64),
+        functions=np.zeros(ENCLOSE + 1, np.int64),
+    )
     run.detectors[0].bend, run.detectors[0].slope = bend, 1
     tighten, seen = plain(zero_tests.tighten), []
     monkeypatch.setitem(
@@ -143,7 +154,14 @@ def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_turns_come_nearer_and_leave(side: float) -> None:
     """Assert that a function with one side turns if it approaches zero first and leaves it then, or where nothing is known."""
-    for rates, expected in (((-1.0, 1.0), True), ((1.0, 1.0), False), ((-1.0, -1.0), False), ((1.0, -1.0), False), ((0.0, 1.0), False), ((-1.0, 0.0), False)):  # fmt: skip
+    for rates, expected in (
+        ((-1.0, 1.0), True),
+        ((1.0, 1.0), False),
+        ((-1.0, -1.0), False),
+        ((1.0, -1.0), False),
+        ((0.0, 1.0), False),
+        ((-1.0, 0.0), False),
+    ):
         run, _ = watching(Seen(lambda _: side, lambda s, rates=rates: side * (rates[0] if s == 0.25 else rates[1])))
         run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side]))
         run.near[0], run.near_g[0] = 0.25, side
@@ -166,9 +184,18 @@ def doubted(monkeypatch: pytest.MonkeyPatch, function: Any, murk: float, uncerta
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(
     ("guard", "armed", "far", "expected"),
-    [(1, 1, -0.1, True), (0, 1, -0.1, False), (1, 0, -0.1, False), (-1, 1, -0.1, False), (1, 1, 0.1, False), (1, 1, -0.01, False)],
-)  # fmt: skip
-def test_a_trespass_is_beyond_doubt(monkeypatch: pytest.MonkeyPatch, side: int, guard: int, armed: int, far: float, expected: bool) -> None:  # fmt: skip
+    [
+        (1, 1, -0.1, True),
+        (0, 1, -0.1, False),
+        (1, 0, -0.1, False),
+        (-1, 1, -0.1, False),
+        (1, 1, 0.1, False),
+        (1, 1, -0.01, False),
+    ],
+)
+def test_a_trespass_is_beyond_doubt(
+    monkeypatch: pytest.MonkeyPatch, side: int, guard: int, armed: int, far: float, expected: bool
+) -> None:
     """Assert that a guarded function is where it may not be by more than its murk."""
     run = on_a_piece(side, side * far, guard=side * guard, armed=side * armed)
     assert doubted(monkeypatch, zero_tests.trespasses, 0.05)(run, 0, 0.75) == expected
@@ -177,10 +204,27 @@ def test_a_trespass_is_beyond_doubt(monkeypatch: pytest.MonkeyPatch, side: int, 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(
     ("guard", "armed", "came", "far", "rate", "expected"),
-    [(1, 0, -1, -0.1, -1.0, True), (0, 0, -1, -0.1, -1.0, False), (1, 1, -1, -0.1, -1.0, False), (1, 0, 1, -0.1, -1.0, False),
-     (1, 0, -1, -0.01, -1.0, False), (1, 0, -1, 0.1, -1.0, False), (1, 0, -1, -0.1, 1.0, False), (1, 0, -1, -0.1, 0.0, False)],
-)  # fmt: skip
-def test_a_function_leaves_to_where_it_may_not_be(monkeypatch: pytest.MonkeyPatch, side: int, guard: int, armed: int, came: int, far: float, rate: float, expected: bool) -> None:  # fmt: skip
+    [
+        (1, 0, -1, -0.1, -1.0, True),
+        (0, 0, -1, -0.1, -1.0, False),
+        (1, 1, -1, -0.1, -1.0, False),
+        (1, 0, 1, -0.1, -1.0, False),
+        (1, 0, -1, -0.01, -1.0, False),
+        (1, 0, -1, 0.1, -1.0, False),
+        (1, 0, -1, -0.1, 1.0, False),
+        (1, 0, -1, -0.1, 0.0, False),
+    ],
+)
+def test_a_function_leaves_to_where_it_may_not_be(
+    monkeypatch: pytest.MonkeyPatch,
+    side: int,
+    guard: int,
+    armed: int,
+    came: int,
+    far: float,
+    rate: float,
+    expected: bool,
+) -> None:
     """Assert that it is there beyond doubt, and goes on."""
     run, _ = watching(Seen(lambda _: side, lambda _: side * rate))
     run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side * far]))
@@ -190,10 +234,20 @@ def test_a_function_leaves_to_where_it_may_not_be(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize(
     ("near", "broken", "slopes", "expected"),
-    [(9.0, SMOOTH, (0.0, 0.0), True), (0.9, BREAKS, (-0.01, 0.5), True), (1.1, BREAKS, (-0.01, 0.5), False), (1.1, BREAKS, (-0.6, 0.5), True),
-     (5.0, UNBOUNDED, (-9.0, 9.0), False), (0.9, UNBOUNDED, (-0.01, 0.5), True), (-0.9, BREAKS, (-0.01, 0.5), True), (-1.1, BREAKS, (-0.5, 0.01), False)],
-)  # fmt: skip
-def test_a_kink_reaches_zero_if_its_slope_explains_it(monkeypatch: pytest.MonkeyPatch, near: float, broken: int, slopes: tuple[float, float], expected: bool) -> None:  # fmt: skip
+    [
+        (9.0, SMOOTH, (0.0, 0.0), True),
+        (0.9, BREAKS, (-0.01, 0.5), True),
+        (1.1, BREAKS, (-0.01, 0.5), False),
+        (1.1, BREAKS, (-0.6, 0.5), True),
+        (5.0, UNBOUNDED, (-9.0, 9.0), False),
+        (0.9, UNBOUNDED, (-0.01, 0.5), True),
+        (-0.9, BREAKS, (-0.01, 0.5), True),
+        (-1.1, BREAKS, (-0.5, 0.01), False),
+    ],
+)
+def test_a_kink_reaches_zero_if_its_slope_explains_it(
+    monkeypatch: pytest.MonkeyPatch, near: float, broken: int, slopes: tuple[float, float], expected: bool
+) -> None:
     """Assert for a piece of 0.02 s that a hundred times the larger slope is what is explained, and no infinite value is."""
     run = on_a_piece(near, near, broken=broken, down=slopes[0], up=slopes[1], greatest=2.0)
     assert doubted(monkeypatch, zero_tests.reaches, 0.0)(run, 0, 0.02) == expected
@@ -204,11 +258,23 @@ def test_a_kink_reaches_zero_if_its_slope_explains_it(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize(
     ("far", "slopes", "doubt", "expected"),
-    [(1e-3, (-1e-9, 1e-9), 1.0, False), (5e-10, (1.0, 2.0), 0.0, False), (5e-10, (1.0, 2.0), 1e-10, False), (5e-10, (1.0, 2.0), 2e-10, False),
-     (5e-10, (1.0, 2.0), 1.1e-9, True), (5e-10, (0.1, 0.2), 1.26e-10, True), (5e-10, (0.1, 0.2), 1.24e-10, False), (0.0, (1e-10, 1.0), 0.0, True),
-     (0.0, (-1.0, -1e-10), 0.0, True), (0.0, (3e-9, 1.0), 0.0, False), (0.0, (-1.0, -3e-9), 0.0, False)],
-)  # fmt: skip
-def test_a_slow_end_near_zero_lingers(monkeypatch: pytest.MonkeyPatch, far: float, slopes: tuple[float, float], doubt: float, expected: bool) -> None:  # fmt: skip
+    [
+        (1e-3, (-1e-9, 1e-9), 1.0, False),
+        (5e-10, (1.0, 2.0), 0.0, False),
+        (5e-10, (1.0, 2.0), 1e-10, False),
+        (5e-10, (1.0, 2.0), 2e-10, False),
+        (5e-10, (1.0, 2.0), 1.1e-9, True),
+        (5e-10, (0.1, 0.2), 1.26e-10, True),
+        (5e-10, (0.1, 0.2), 1.24e-10, False),
+        (0.0, (1e-10, 1.0), 0.0, True),
+        (0.0, (-1.0, -1e-10), 0.0, True),
+        (0.0, (3e-9, 1.0), 0.0, False),
+        (0.0, (-1.0, -3e-9), 0.0, False),
+    ],
+)
+def test_a_slow_end_near_zero_lingers(
+    monkeypatch: pytest.MonkeyPatch, far: float, slopes: tuple[float, float], doubt: float, expected: bool
+) -> None:
     """Assert for a tolerance of 1e-9 s that doubt or bend hides the side that a monotone function ends on."""
     run = on_a_piece(1.0, far, down=slopes[0], up=slopes[1])
     assert doubted(monkeypatch, zero_tests.lingers, 0.0, doubt)(run, 0) == expected
@@ -216,10 +282,19 @@ def test_a_slow_end_near_zero_lingers(monkeypatch: pytest.MonkeyPatch, far: floa
 
 @pytest.mark.parametrize(
     ("role", "lingering", "guard", "armed", "near", "expected"),
-    [(OCCASION, 0.0, 1, 0, 0.1, True), (OCCASION, 0.0, 0, 0, 0.1, False), (OCCASION, 0.0, 1, 1, 0.1, False), (OCCASION, 0.0, 1, 0, -0.3, False), (OCCASION, 0.0, 1, 0, -0.2, True),
-     (GAP, 0.0, 1, 0, 0.1, False), (GAP, 0.1, 1, 0, 0.1, True)],
-)  # fmt: skip
-def test_what_presses_nothing_idles(role: int, lingering: float, guard: int, armed: int, near: float, expected: bool) -> None:  # fmt: skip
+    [
+        (OCCASION, 0.0, 1, 0, 0.1, True),
+        (OCCASION, 0.0, 0, 0, 0.1, False),
+        (OCCASION, 0.0, 1, 1, 0.1, False),
+        (OCCASION, 0.0, 1, 0, -0.3, False),
+        (OCCASION, 0.0, 1, 0, -0.2, True),
+        (GAP, 0.0, 1, 0, 0.1, False),
+        (GAP, 0.1, 1, 0, 0.1, True),
+    ],
+)
+def test_what_presses_nothing_idles(
+    role: int, lingering: float, guard: int, armed: int, near: float, expected: bool
+) -> None:
     """Assert a guarded function on no side that is small at both ends, of a gap only while its contact lingers."""
     for ends in ((near, 0.0), (0.0, near)):
         run = on_a_piece(*ends, guard=guard, armed=armed)
@@ -258,9 +333,14 @@ def test_pieces_are_not_cut_below_the_spacing_of_t(t: float, s: float, width: fl
 def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the side of a value beyond its murk and beyond a billionth of the largest; none for one that sleeps."""
     for value, murk, greatest, asleep, armed, ever in (
-        (0.2, 0.1, 1.0, 0, 1, 1), (-0.2, 0.1, 1.0, 0, -1, 1), (0.1, 0.2, 1.0, 0, 0, 0), (-0.1, 0.2, 1.0, 0, 0, 0), (0.1, 0.0, 1.01e8, 0, 0, 0),
-        (0.1, 0.0, 0.99e8, 0, 1, 1), (0.2, 0.1, 1.0, 1, 0, 0),
-    ):  # fmt: skip
+        (0.2, 0.1, 1.0, 0, 1, 1),
+        (-0.2, 0.1, 1.0, 0, -1, 1),
+        (0.1, 0.2, 1.0, 0, 0, 0),
+        (-0.1, 0.2, 1.0, 0, 0, 0),
+        (0.1, 0.0, 1.01e8, 0, 0, 0),
+        (0.1, 0.0, 0.99e8, 0, 1, 1),
+        (0.2, 0.1, 1.0, 1, 0, 0),
+    ):
         run = on_a_piece(armed=7, ever=0, greatest=greatest, asleep=asleep)
         doubted(monkeypatch, arming.arm, murk)(run, 0, value)
         assert (run.watches[0].armed, run.watches[0].ever) == (armed, ever)
@@ -271,13 +351,32 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.parametrize(
     ("under", "over", "armed", "guard", "asleep", "silent"),
-    [(0.1, 2.0, 1, 0, 0, True), (-2.0, -0.1, -1, 0, 0, True), (0.0, 2.0, 1, 0, 0, False), (-2.0, 0.0, -1, 0, 0, False), (0.1, 2.0, -1, 0, 0, False),
-     (-2.0, -0.1, 1, 0, 0, False), (0.1, 2.0, 0, 0, 0, False), (0.1, 2.0, 1, 1, 0, True), (-2.0, -0.1, -1, 1, 0, False), (-1.0, 1.0, 1, 0, 1, True)],
-)  # fmt: skip
-def test_a_trial_is_quiet_on_the_armed_side(monkeypatch: pytest.MonkeyPatch, under: float, over: float, armed: int, guard: int, asleep: int, silent: bool) -> None:  # fmt: skip
+    [
+        (0.1, 2.0, 1, 0, 0, True),
+        (-2.0, -0.1, -1, 0, 0, True),
+        (0.0, 2.0, 1, 0, 0, False),
+        (-2.0, 0.0, -1, 0, 0, False),
+        (0.1, 2.0, -1, 0, 0, False),
+        (-2.0, -0.1, 1, 0, 0, False),
+        (0.1, 2.0, 0, 0, 0, False),
+        (0.1, 2.0, 1, 1, 0, True),
+        (-2.0, -0.1, -1, 1, 0, False),
+        (-1.0, 1.0, 1, 0, 1, True),
+    ],
+)
+def test_a_trial_is_quiet_on_the_armed_side(
+    monkeypatch: pytest.MonkeyPatch, under: float, over: float, armed: int, guard: int, asleep: int, silent: bool
+) -> None:
     """Assert which bounds over a trial leave no zero in it; of a gap the largest least value is kept."""
     run = on_a_piece(armed=armed, guard=guard, asleep=asleep)
-    run.put(leaves=np.zeros((0, 3), np.int64), under=np.array([under]), over=np.array([over]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64), touches=np.zeros(1, TOUCH))  # fmt: skip
+    run.put(
+        leaves=np.zeros((0, 3), np.int64),
+        under=np.array([under]),
+        over=np.array([over]),
+        parts=np.zeros(4, np.int64),
+        functions=np.zeros(ENCLOSE + 1, np.int64),
+        touches=np.zeros(1, TOUCH),
+    )
     run.detectors[0].role, run.detectors[0].reaction, run.touches[0].largest = GAP, 0, 0.05
     quiet = plain(isolation.quiet)
     monkeypatch.setitem(quiet.__globals__, "enclosed_by", lambda *_: None)
@@ -291,7 +390,13 @@ def test_a_trial_is_quiet_on_the_armed_side(monkeypatch: pytest.MonkeyPatch, und
 def test_a_region_is_put_around_what_is_quiet(monkeypatch: pytest.MonkeyPatch, silent: bool, inside: bool) -> None:
     """Assert that a step inside the region is quiet without a look, and that one that was looked at has a new region if it is."""
     run = on_a_piece(armed=1 if silent else -1)
-    run.put(leaves=np.zeros((1, 3), np.int64), under=np.array([0.1]), over=np.array([2.0]), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64))  # fmt: skip
+    run.put(
+        leaves=np.zeros((1, 3), np.int64),
+        under=np.array([0.1]),
+        over=np.array([2.0]),
+        parts=np.zeros(4, np.int64),
+        functions=np.zeros(ENCLOSE + 1, np.int64),
+    )
     quiet, seen = plain(isolation.quiet), []
     for name, answer in (("stays_inside", inside), ("set_region", None), ("enclosed_by", None)):
         monkeypatch.setitem(
@@ -309,8 +414,12 @@ def test_a_region_is_put_around_what_is_quiet(monkeypatch: pytest.MonkeyPatch, s
     ("direction", "armed", "hit"),
     [(0, 1, True), (0, -1, True), (-1, 1, True), (1, -1, True), (1, 1, False), (-1, -1, False)],
 )
-@pytest.mark.parametrize(("left", "what", "known"), [(0.25, CROSSED, True), (0.125, CROSSED, False), (0.25, TOUCHED, False)])  # fmt: skip
-def test_an_event_is_struck_in_its_direction(direction: int, armed: int, hit: bool, left: float, what: int, known: bool) -> None:  # fmt: skip
+@pytest.mark.parametrize(
+    ("left", "what", "known"), [(0.25, CROSSED, True), (0.125, CROSSED, False), (0.25, TOUCHED, False)]
+)
+def test_an_event_is_struck_in_its_direction(
+    direction: int, armed: int, hit: bool, left: float, what: int, known: bool
+) -> None:
     """Assert the bracket of one that is watched for, with the value at its left end where that is the piece's."""
     run = on_a_piece(0.75, armed=armed)
     run.watches[0].before, run.detectors[0].direction = 9.0, direction
@@ -344,11 +453,23 @@ def test_an_event_is_struck_in_its_direction(direction: int, armed: int, hit: bo
         ({"state": MONOTONE, "armed": 1, "alive": 0}, 0.3, -0.3, False, (NONE, None, None, 1)),
     ],
 )
-def test_what_is_decided_on_a_piece(monkeypatch: pytest.MonkeyPatch, side: int, watched: dict[str, Any], near: float, far: float, border: bool, outcome: tuple[Any, ...]) -> None:  # fmt: skip
+def test_what_is_decided_on_a_piece(
+    monkeypatch: pytest.MonkeyPatch,
+    side: int,
+    watched: dict[str, Any],
+    near: float,
+    far: float,
+    border: bool,
+    outcome: tuple[Any, ...],
+) -> None:
     """Assert the event of a piece, its bracket and the side behind it, for what is known of its function there."""
     decide = plain(isolation.decide)
     monkeypatch.setitem(plain(zero_tests.trespasses).__globals__, "murk", lambda *_: 1e-6)
-    run = on_a_piece(side * near, side * far, **(watched | {one: side * watched[one] for one in ("armed", "guard") if one in watched}))  # fmt: skip
+    run = on_a_piece(
+        side * near,
+        side * far,
+        **(watched | {one: side * watched[one] for one in ("armed", "guard") if one in watched}),
+    )
     monkeypatch.setitem(decide.__globals__, "trespasses", plain(zero_tests.trespasses))
     hit, left, right, armed = outcome
     assert decide(run, 0.25, 0.75, border) == (hit != NONE)
@@ -374,7 +495,9 @@ def test_what_is_decided_on_a_piece(monkeypatch: pytest.MonkeyPatch, side: int, 
         (0.9e-9, -1.0, 0, False),
     ],
 )
-def test_a_model_that_ends_beside_an_event_arrives(side: float, value: float, rate: float, armed: int, hit: bool) -> None:  # fmt: skip
+def test_a_model_that_ends_beside_an_event_arrives(
+    side: float, value: float, rate: float, armed: int, hit: bool
+) -> None:
     """Assert for a tolerance of 1e-9 s that an event is met whose function would be zero within it, and until when it may be."""
     run, _ = watching(Seen(lambda _: side * value, lambda _: side * rate))
     run.watches["armed"], run.watches["hit"] = int(side) * armed, NONE
@@ -389,7 +512,12 @@ def test_a_model_that_ends_beside_an_event_arrives(side: float, value: float, ra
 
 def test_others_stay_on_the_side_that_they_entered_on() -> None:
     """Assert side and bracket of a function without an event in the piece of another's; none by the rule of 0.2."""
-    for apart, zone, hit, armed, left in ((0, -1.0, NONE, 1, 0.25), (0, 0.125, NONE, 1, 0.125), (1, -1.0, NONE, -1, 0.5), (0, -1.0, CROSSED, -1, 0.5)):  # fmt: skip
+    for apart, zone, hit, armed, left in (
+        (0, -1.0, NONE, 1, 0.25),
+        (0, 0.125, NONE, 1, 0.125),
+        (1, -1.0, NONE, -1, 0.5),
+        (0, -1.0, CROSSED, -1, 0.5),
+    ):
         run = on_a_piece(armed=-1, left=0.5, zone=zone, hit=hit)
         run.entered[0], run.plan[0].apart = 1, apart
         plain(isolation.hold)(run, 0.25)

@@ -56,9 +56,16 @@ def machine(function: str, interpolation: str = "linear", outside: str = "hold")
         "curve": {"table": "d.csv", "csv": TABLE, "argument": "q", "interpolation": interpolation, "outside": outside}
     }
     model = xd.Model(
-        name="numbers", coordinates={"q": "m"}, parameters={"m": "1 kg"}, mass={"q": "m"}, forces={}, states=states, drives=drives,
-        initial={"q": "0 m", "v_q": "0 m s-1"} | dict.fromkeys("xyz", "0.5"), events={"e": {"function": function}},
-    )  # fmt: skip
+        name="numbers",
+        coordinates={"q": "m"},
+        parameters={"m": "1 kg"},
+        mass={"q": "m"},
+        forces={},
+        states=states,
+        drives=drives,
+        initial={"q": "0 m", "v_q": "0 m s-1"} | dict.fromkeys("xyz", "0.5"),
+        events={"e": {"function": function}},
+    )
     run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.1)).run
     run.put(functions=rules_in_python())
     plain(enclose)(run, run.y, run.y, 0, run.parts[0], ALL)
@@ -84,7 +91,13 @@ def ends(random: np.random.Generator) -> float:
     """A number of any size and sign, and those where functions turn."""
     special = (0.0, 1.0, 0.5, 2.0, LEAST, 1e-310, MOST, math.pi, math.pi / 2, 3 * math.pi / 2, 2 * math.pi, 1e15, 709.0)
     kind = random.integers(5)
-    size = (special[random.integers(len(special))], random.uniform(0, 10), 10.0 ** random.uniform(-300, 300), random.uniform(0, 1), 10.0 ** random.uniform(-3, 16))  # fmt: skip
+    size = (
+        special[random.integers(len(special))],
+        random.uniform(0, 10),
+        10.0 ** random.uniform(-300, 300),
+        random.uniform(0, 1),
+        10.0 ** random.uniform(-3, 16),
+    )
     return float(size[kind]) * (1 if random.integers(2) else -1)
 
 
@@ -170,13 +183,33 @@ OPERATIONS: dict[str, One] = {
     "sinh": ("sinh(x)", np.sinh, mpmath.sinh, ival.sinh),
     "cosh": ("cosh(x)", np.cosh, mpmath.cosh, ival.cosh),
     "tanh": ("tanh(x)", np.tanh, mpmath.tanh, ival.tanh),
-    "less": ("where(x < y, x, y + 1)", lambda x, y: np.where(x < y, x, y + 1), lambda x, y: x if x < y else y + 1, None),
-    "at most": ("where(x <= y, x, y + 1)", lambda x, y: np.where(x <= y, x, y + 1), lambda x, y: x if x <= y else y + 1, None),
-    "more": ("where(x > y, x, y + 1)", lambda x, y: np.where(x > y, x, y + 1), lambda x, y: x if x > y else y + 1, None),
-    "at least": ("where(x >= y, x, y + 1)", lambda x, y: np.where(x >= y, x, y + 1), lambda x, y: x if x >= y else y + 1, None),
+    "less": (
+        "where(x < y, x, y + 1)",
+        lambda x, y: np.where(x < y, x, y + 1),
+        lambda x, y: x if x < y else y + 1,
+        None,
+    ),
+    "at most": (
+        "where(x <= y, x, y + 1)",
+        lambda x, y: np.where(x <= y, x, y + 1),
+        lambda x, y: x if x <= y else y + 1,
+        None,
+    ),
+    "more": (
+        "where(x > y, x, y + 1)",
+        lambda x, y: np.where(x > y, x, y + 1),
+        lambda x, y: x if x > y else y + 1,
+        None,
+    ),
+    "at least": (
+        "where(x >= y, x, y + 1)",
+        lambda x, y: np.where(x >= y, x, y + 1),
+        lambda x, y: x if x >= y else y + 1,
+        None,
+    ),
     "equal": ("where(x == y, 7, y)", lambda x, y: np.where(x == y, 7, y), lambda x, y: 7 if x == y else y, None),
     "unequal": ("where(x != y, 7, y)", lambda x, y: np.where(x != y, 7, y), lambda x, y: 7 if x != y else y, None),
-}  # fmt: skip
+}
 
 
 def misses(name: str, seed: int, count: int, points: int, exact: int) -> list[str]:
@@ -187,7 +220,10 @@ def misses(name: str, seed: int, count: int, points: int, exact: int) -> list[st
     for _ in range(count):
         given = [between(random) for _ in range(arity)]
         low, high, flaw = enclosed(run, *given)
-        xs = [random.permutation(inside(random, *one, points))[:points] if arity > 1 else inside(random, *one, points) for one in given]  # fmt: skip
+        xs = [
+            random.permutation(inside(random, *one, points))[:points] if arity > 1 else inside(random, *one, points)
+            for one in given
+        ]
         size = min(map(len, xs))
         xs = [one[:size] for one in xs]
         with np.errstate(all="ignore"):
@@ -239,7 +275,15 @@ def test_rough_waves_are_enclosed(name: str) -> None:
     run.piece[0].rough = 1
     for _ in range(500):
         low = float(10.0 ** random.uniform(-3, 14.9) * random.choice([-1, 1]))
-        high = float(random.choice([np.nextafter(low, np.inf), low + random.uniform(0, 1) * np.spacing(abs(low)) * 8, low + random.uniform(0, 7)]))  # fmt: skip
+        high = float(
+            random.choice(
+                [
+                    np.nextafter(low, np.inf),
+                    low + random.uniform(0, 1) * np.spacing(abs(low)) * 8,
+                    low + random.uniform(0, 7),
+                ]
+            )
+        )
         least, most, _ = enclosed(run, (low, high))
         for x in inside(random, low, high, 10):
             assert least <= getattr(mpmath, name)(mpmath.mpf(x)) <= most, (low, high)
@@ -311,7 +355,7 @@ def hull(degree: int, *values: float) -> tuple[float, float]:
     return float(found.min()), float(found.max())
 
 
-def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) -> dict[str, tuple[float, float]]:  # fmt: skip
+def between_two(motion: Callable[[Floats], tuple[Floats, ...]], width: float) -> dict[str, tuple[float, float]]:
     """Enclosures of a coordinate and its rates, and of a first-order state and its own, between two states of a motion."""
     run = machine("x")
     n, used = run.plan[0].coordinates, run.plan[0].used
@@ -367,12 +411,23 @@ def test_rows_of_a_piece_are_enclosed_by_what_they_read() -> None:
     """Assert times, parameters, numbers, states and coordinates of an event function between two states."""
     states = {"s": {"unit": "1", "rate": "2/second"}}
     for function, low, high in (
-        ("t/second - 7", -6.5, -6.25), ("k - 1", 2.0, 2.0), ("s", 5.0, 5.5), ("q/metre + 3*k", 10.0, 10.25), ("v_q/(1*metre/second)", 1.0, 1.0), ("2*s - t/second", 9.25, 10.5),
-    ):  # fmt: skip
+        ("t/second - 7", -6.5, -6.25),
+        ("k - 1", 2.0, 2.0),
+        ("s", 5.0, 5.5),
+        ("q/metre + 3*k", 10.0, 10.25),
+        ("v_q/(1*metre/second)", 1.0, 1.0),
+        ("2*s - t/second", 9.25, 10.5),
+    ):
         model = xd.Model(
-            name="rows", coordinates={"q": "m"}, parameters={"k": "3"}, mass={"q": "1*kilogram"}, forces={}, states=states,
-            initial={"q": "1 m", "v_q": "1 m s-1", "s": "5"}, events={"e": {"function": function}},
-        )  # fmt: skip
+            name="rows",
+            coordinates={"q": "m"},
+            parameters={"k": "3"},
+            mass={"q": "1*kilogram"},
+            forces={},
+            states=states,
+            initial={"q": "1 m", "v_q": "1 m s-1", "s": "5"},
+            events={"e": {"function": function}},
+        )
         run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.25)).run
         run.piece[0].start, run.piece[0].end, run.piece[0].width = 0.5, 0.75, 0.25
         n, used = run.plan[0].coordinates, run.plan[0].used
@@ -441,7 +496,9 @@ def test_shortened_steps_are_enclosed() -> None:
     """Assert of every method of order 4 or more that states of shortened steps lie in the intervals between two of them."""
     paths = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     plainly = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
-    told = subprocess.run([sys.executable, "-W", "ignore", "-c", BETWEEN], env=plainly, capture_output=True, text=True, check=True).stdout  # fmt: skip
+    told = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", BETWEEN], env=plainly, capture_output=True, text=True, check=True
+    ).stdout
     *lost, count = told.splitlines()
     assert lost == []
     assert int(count) > 1000
@@ -468,7 +525,10 @@ def test_compiled_equals_plain_python() -> None:
     """Assert that intervals of every operation have the same bits without numba."""
     command = [sys.executable, "-c", SAME, "curve - 1", *(text for text, *_ in OPERATIONS.values())]
     without = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    first, second = (subprocess.run(command, env=one, capture_output=True, text=True, check=True).stdout for one in (os.environ, without))  # fmt: skip
+    first, second = (
+        subprocess.run(command, env=one, capture_output=True, text=True, check=True).stdout
+        for one in (os.environ, without)
+    )
     assert first == second
     assert len(first) > 5_000
 

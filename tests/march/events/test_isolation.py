@@ -20,19 +20,36 @@ T = "t/(1*second)"
 ACCURATE = [name for name, one in xd.METHODS.items() if one.order >= 4]
 
 
-def clock(function: str, *, direction: str = "either", action: str = "record", start: float = 0.0, until: float = 1.0, **asked: Any) -> xr.Dataset:  # fmt: skip
+def clock(
+    function: str,
+    *,
+    direction: str = "either",
+    action: str = "record",
+    start: float = 0.0,
+    until: float = 1.0,
+    **asked: Any,
+) -> xr.Dataset:
     """A particle that moves freely, and an event that only time tells of."""
     model = xd.Model(
-        name="clock", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="clock",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"t": f"{start!r} s", "x": "0 m", "v_x": "1 m s-1"},
         events={"e": {"function": function, "direction": direction, "action": action}},
-    )  # fmt: skip
+    )
     return xd.simulate(model, until=until, **({"method": "rk4", "step": 0.1} | asked))
 
 
 CLASSES: dict[str, tuple[str, dict[str, Any], list[float], int]] = {  # function, settings, times, kind
     "two roots in one step": (f"({T} - 0.52)*({T} - 0.57)", {}, [0.52, 0.57], CROSSING),
-    "five roots in one step": (f"({T}-0.51)*({T}-0.53)*({T}-0.55)*({T}-0.57)*({T}-0.59)", {}, [0.51, 0.53, 0.55, 0.57, 0.59], CROSSING),
+    "five roots in one step": (
+        f"({T}-0.51)*({T}-0.53)*({T}-0.55)*({T}-0.57)*({T}-0.59)",
+        {},
+        [0.51, 0.53, 0.55, 0.57, 0.59],
+        CROSSING,
+    ),
     "touch": (f"({T} - 0.55)**2", {}, [0.55], TOUCH),
     "touch from below": (f"-({T} - 0.55)**2", {}, [0.55], TOUCH),
     "near miss by 1e-6": (f"({T} - 0.55)**2 + 1e-6", {}, [], CROSSING),
@@ -56,19 +73,36 @@ CLASSES: dict[str, tuple[str, dict[str, Any], list[float], int]] = {  # function
     "crossing at a kink": (f"max({T} - 0.55, 3*({T} - 0.55))", {}, [0.55], CROSSING),
     "pole": (f"1/({T} - 0.553)", {}, [0.553], POLE),
     "pole without a change of sign": (f"1/({T} - 0.553)**2", {}, [], POLE),
-    "slow, behind the year 30": (f"({T} - 1e9 - 0.52)*({T} - 1e9 - 0.57)", {"start": 1e9, "until": 1e9 + 1}, [1e9 + 0.52, 1e9 + 0.57], CROSSING),
+    "slow, behind the year 30": (
+        f"({T} - 1e9 - 0.52)*({T} - 1e9 - 0.57)",
+        {"start": 1e9, "until": 1e9 + 1},
+        [1e9 + 0.52, 1e9 + 0.57],
+        CROSSING,
+    ),
     "318 in ten seconds": (f"sin(100*{T})", {"until": 10.0}, [k * math.pi / 100 for k in range(1, 319)], CROSSING),
-    "63 in a step": (f"sin(100*{T})", {"until": 10.0, "step": 2.0}, [k * math.pi / 100 for k in range(1, 319)], CROSSING),
+    "63 in a step": (
+        f"sin(100*{T})",
+        {"until": 10.0, "step": 2.0},
+        [k * math.pi / 100 for k in range(1, 319)],
+        CROSSING,
+    ),
     "three touches": (f"cos(2*{T}) - 1", {"until": 10.0}, [math.pi, 2 * math.pi, 3 * math.pi], TOUCH),
     "rising alone": (f"sin(10*{T})", {"direction": "rising"}, [math.pi / 5], CROSSING),
     "falling alone": (f"sin(10*{T})", {"direction": "falling"}, [math.pi / 10, 3 * math.pi / 10], CROSSING),
-    "flat to every order": (f"exp(-1/({T} - 0.55)**2) - 1e-30", {}, [0.55 - 30 ** -0.5 * math.log(10) ** -0.5, 0.55 + 30 ** -0.5 * math.log(10) ** -0.5], CROSSING),
+    "flat to every order": (
+        f"exp(-1/({T} - 0.55)**2) - 1e-30",
+        {},
+        [0.55 - 30**-0.5 * math.log(10) ** -0.5, 0.55 + 30**-0.5 * math.log(10) ** -0.5],
+        CROSSING,
+    ),
     "steep": (f"tanh(1e9*({T} - 0.553))", {}, [0.553], CROSSING),
     "two closer than their tolerance": (f"({T} - 0.55)*({T} - 0.55 - 1e-14)", {}, [0.55], TOUCH),
-}  # fmt: skip
+}
 
 
-@pytest.mark.parametrize("asked", [{}, {"step": 0.37}, {"method": "dop853", "step": None, "rtol": 1e-6}], ids=["rk4", "long", "adaptive"])  # fmt: skip
+@pytest.mark.parametrize(
+    "asked", [{}, {"step": 0.37}, {"method": "dop853", "step": None, "rtol": 1e-6}], ids=["rk4", "long", "adaptive"]
+)
 @pytest.mark.parametrize("name", CLASSES)
 def test_classes_of_events(name: str, asked: dict[str, Any]) -> None:
     """Assert time and kind of every event, whatever the steps."""
@@ -84,14 +118,22 @@ def test_classes_of_events(name: str, asked: dict[str, Any]) -> None:
 def corner(first: float, second: float, *, speed: float = 1.0, **asked: Any) -> xr.Dataset:
     """A particle that flies into a corner of two walls."""
     model = xd.Model(
-        name="corner", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg"}, mass={"x": "m", "y": "m"}, forces={},
+        name="corner",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m", "y": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": f"{speed!r} m s-1", "y": "0 m", "v_y": f"{speed!r} m s-1"},
         events={"one": {"function": f"x - {first!r}*metre"}, "other": {"function": f"y - {second!r}*metre"}},
-    )  # fmt: skip
+    )
     return xd.simulate(model, until=1.0, **asked)
 
 
-KINDS_OF_STEP: list[dict[str, Any]] = [{"method": "rk4", "step": 0.1}, {"method": "rk4", "step": 0.37}, {"method": "dop853", "rtol": 1e-6}]  # fmt: skip
+KINDS_OF_STEP: list[dict[str, Any]] = [
+    {"method": "rk4", "step": 0.1},
+    {"method": "rk4", "step": 0.37},
+    {"method": "dop853", "rtol": 1e-6},
+]
 
 
 @pytest.mark.parametrize("asked", KINDS_OF_STEP, ids=["rk4", "long", "adaptive"])
@@ -117,10 +159,14 @@ def test_events_at_any_scale(unit: str) -> None:
     """Assert that the same motion in other lengths has the same events at the same times, to rounding."""
     functions = {"near": "x - c", "wave": "sin(x/A) - 0.3", "product": "x*v_x", "angle": "atan2(x, c)"}
     model = xd.Model(
-        name="scale", coordinates={"x": unit}, parameters={"m": "1 kg", "k": "4 N m-1", "c": f"0.999 {unit}", "A": f"1 {unit}"},
-        mass={"x": "m"}, forces={"spring": {"x": "-k*x"}}, initial={"x": f"1 {unit}", "v_x": f"0 {unit} s-1"},
+        name="scale",
+        coordinates={"x": unit},
+        parameters={"m": "1 kg", "k": "4 N m-1", "c": f"0.999 {unit}", "A": f"1 {unit}"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
+        initial={"x": f"1 {unit}", "v_x": f"0 {unit} s-1"},
         events={name: {"function": one} for name, one in functions.items()},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="dop853", rtol=1e-9, until=10.0)
     counts = [int((run.event_detector.values == i).sum()) for i in range(4)]
     assert counts == [7, 6, 12, 6]
@@ -145,7 +191,9 @@ def test_crossings_near_the_crest(method: str, asked: dict[str, Any]) -> None:
     for i, level in enumerate(levels):
         mine = run.event_detector.values == i
         half, turns = math.acos(level) / 2, np.arange(40) * math.pi
-        assert run.event_time.values[mine] == pytest.approx(np.ravel([turns + half, turns + math.pi - half], "F"), abs=2e-3)  # fmt: skip
+        assert run.event_time.values[mine] == pytest.approx(
+            np.ravel([turns + half, turns + math.pi - half], "F"), abs=2e-3
+        )
         assert run.event_direction.values[mine].tolist() == [-1, 1] * 40
 
 
@@ -163,9 +211,14 @@ def test_a_log_has_room_for_the_most_laborious_step() -> None:
     """Assert that steps near a border, with events that chatter and touch, never write behind a log of few rows."""
     functions = (f"sqrt(0.55 - {T})", f"sin(1/({T} - 0.5499))", f"({T} - 0.5499)**2", f"sin(3000*{T})")
     model = xd.Model(
-        name="laborious", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
-        initial={"x": "0 m", "v_x": "1 m s-1"}, events={f"e{i}": {"function": one} for i, one in enumerate(functions)},
-    )  # fmt: skip
+        name="laborious",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
+        events={f"e{i}": {"function": one} for i, one in enumerate(functions)},
+    )
     march = March(model, settings_for(model, method="rk4", step=0.1, until=0.54))
     assert max(block.trials - len(block.log.trials) for block in march.blocks(7)) <= 0
 
@@ -176,9 +229,11 @@ def test_a_log_has_room_for_the_most_laborious_step() -> None:
 def test_a_tank_is_empty_where_its_law_ends(asked: dict[str, Any], doubt: float) -> None:
     """Assert that h' = -2 sqrt(h) stops where it has no law any more; with an error of h, its root tells the time's."""
     model = xd.Model(
-        name="tank", states={"h": {"unit": "1", "rate": "-2*sqrt(h)/second"}}, initial={"h": "1"},
+        name="tank",
+        states={"h": {"unit": "1", "rate": "-2*sqrt(h)/second"}},
+        initial={"h": "1"},
         events={"empty": {"function": "h", "direction": "falling", "action": "stop"}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, until=3.0, **asked)
     assert run.attrs["run_outcome"] == "stopped_by_event"
     assert EVENT_KINDS[run.event_kind.values[0]] == "touch"
@@ -189,9 +244,14 @@ def test_a_tank_is_empty_where_its_law_ends(asked: dict[str, Any], doubt: float)
 def test_runs_one_behind_the_other_forget_the_last() -> None:
     """Assert that where an event is armed does not depend on the run that was marched in the same place before."""
     model = xd.Model(
-        name="free", coordinates={"x": "m"}, parameters={"m": "1 kg", "c": "1e-12 m"}, mass={"x": "m"}, forces={},
-        initial={"x": "0 m", "v_x": "1 m s-1"}, events={"e": {"function": "x - c"}},
-    )  # fmt: skip
+        name="free",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "c": "1e-12 m"},
+        mass={"x": "m"},
+        forces={},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
+        events={"e": {"function": "x - c"}},
+    )
     settings = settings_for(model, method="rk4", step=0.5, until=10.0)
     both = march_many(model, settings, parameters={"c": [5.0, 1e-12]})
     alone = march_many(model, settings, parameters={"c": [1e-12]})

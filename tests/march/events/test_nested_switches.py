@@ -17,9 +17,13 @@ LANDING = "where(y < 0*metre, max(0*newton, -k*y - c*v_y), 0*newton)"
 def ball(force: str = LANDING, **more: Any) -> xd.Model:
     """A ball that falls onto an elastic floor."""
     return xd.Model(
-        name="ball", coordinates={"y": "m"}, parameters={"m": "1 kg", "g": "9.81 m s-2", "k": "400 N m-1", "c": "3 kg s-1"}, mass={"y": "m"},
-        forces={"gravity": {"potential": "m*g*y"}, "floor": {"y": force} | more}, initial={"y": "1 m", "v_y": "0 m s-1"},
-    )  # fmt: skip
+        name="ball",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": "9.81 m s-2", "k": "400 N m-1", "c": "3 kg s-1"},
+        mass={"y": "m"},
+        forces={"gravity": {"potential": "m*g*y"}, "floor": {"y": force} | more},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+    )
 
 
 def test_nothing_is_met_in_free_flight() -> None:
@@ -67,14 +71,22 @@ def random_model(case: int) -> xd.Model:
     force = FORCES[case % len(FORCES)].format(*("x", "v")[:1], *numbers)
     rate = f"(-x - 0.2*v + {rng.uniform(0.5, 1.5):.3f}*sin({rng.uniform(0.5, 2):.3f}*t*1) - ({force}))"
     return xd.Model(
-        name="choices", time={"unit": "1"}, states={"x": {"unit": "1", "rate": "v"}, "v": {"unit": "1", "rate": rate}},
+        name="choices",
+        time={"unit": "1"},
+        states={"x": {"unit": "1", "rate": "v"}, "v": {"unit": "1", "rate": rate}},
         initial={"x": f"{rng.normal():.3f}", "v": f"{rng.normal():.3f}"},
-    )  # fmt: skip
+    )
 
 
 def function_of(run: Any, name: str, at: Any) -> np.ndarray:
     """The function of a switch, by the attribute of its side, at states."""
-    scope = {"where": np.where, "abs": np.abs, "max": lambda *a: np.maximum.reduce(np.broadcast_arrays(*a)), "min": lambda *a: np.minimum.reduce(np.broadcast_arrays(*a)), "sin": np.sin}  # fmt: skip
+    scope = {
+        "where": np.where,
+        "abs": np.abs,
+        "max": lambda *a: np.maximum.reduce(np.broadcast_arrays(*a)),
+        "min": lambda *a: np.minimum.reduce(np.broadcast_arrays(*a)),
+        "sin": np.sin,
+    }
     return np.broadcast_to(eval(run[name].attrs["function"], scope, at), at["x"].shape)
 
 
@@ -85,7 +97,9 @@ def test_random_choices(case: int) -> None:
     from xdynamics.model.switches import switches
 
     model = random_model(case)
-    run = xd.simulate(model, method=("dop853", "rk4")[case % 2], **({"rtol": 1e-8} if case % 2 == 0 else {"step": 0.02}), until=12.0)  # fmt: skip
+    run = xd.simulate(
+        model, method=("dop853", "rk4")[case % 2], **({"rtol": 1e-8} if case % 2 == 0 else {"step": 0.02}), until=12.0
+    )
     assert run.attrs["run_outcome"] in ("completed", "sliding_mode")  # a jump may hold the motion
     rows = {name: run[name].values for name in ("x", "v")} | {"t": run.time.values}
     dense = xd.sample(run, np.linspace(0, float(run.time[-1]), 4001))
@@ -99,14 +113,25 @@ def test_random_choices(case: int) -> None:
             for path in one.paths:
                 along = np.ones(at["x"].shape, bool)
                 for condition, wanted in path:
-                    left, right = (np.broadcast_to(eval(text_of(part), {}, at), holds.shape) for part in (condition.left, condition.right))  # fmt: skip
+                    left, right = (
+                        np.broadcast_to(eval(text_of(part), {}, at), holds.shape)
+                        for part in (condition.left, condition.right)
+                    )
                     along &= ((left < right) if condition.operator[0] == "<" else (left > right)) == wanted
                 holds |= along
             decides[which] = holds
         side, value = run[name].values, function_of(run, name, rows)
         clear = np.abs(value) > 1e-9  # at a zero the row before an event is on the side it came from
-        conditions = [np.abs(eval(f"({text_of(c.left)}) - ({text_of(c.right)})", {}, rows)) > 1e-9 for path in one.paths for c, _ in path]  # fmt: skip
-        known = np.logical_and.reduce([np.broadcast_to(each, clear.shape) for each in conditions]) if conditions else np.ones_like(clear)  # fmt: skip
+        conditions = [
+            np.abs(eval(f"({text_of(c.left)}) - ({text_of(c.right)})", {}, rows)) > 1e-9
+            for path in one.paths
+            for c, _ in path
+        ]
+        known = (
+            np.logical_and.reduce([np.broadcast_to(each, clear.shape) for each in conditions])
+            if conditions
+            else np.ones_like(clear)
+        )
         assert (side[known & clear] == np.where(decides["rows"], np.sign(value), 0)[known & clear]).all()
         crossed = np.diff(np.sign(function_of(run, name, fine))) != 0
         inside = decides["fine"][1:] & decides["fine"][:-1] & crossed
@@ -125,10 +150,22 @@ def test_conditions_that_stand_still_and_tables(tmp_path: Path) -> None:
     assert set(run.side_floor_abs_2.values) == {-1}
     points = "\n".join(f"{x},{np.sin(3 * x):.4f}" for x in np.linspace(-1, 1.5, 300))
     model = xd.Model(
-        name="spring", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={"spring": {"x": "-pull - 3*x*newton/metre"}},
-        drives={"pull": {"csv": f"x [m],F [N]\n{points}\n", "table": "p.csv", "argument": "x", "interpolation": "linear", "outside": "hold"}},
+        name="spring",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-pull - 3*x*newton/metre"}},
+        drives={
+            "pull": {
+                "csv": f"x [m],F [N]\n{points}\n",
+                "table": "p.csv",
+                "argument": "x",
+                "interpolation": "linear",
+                "outside": "hold",
+            }
+        },
         initial={"x": "0.8 m", "v_x": "0 m s-1"},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.01, until=3.0)
     inner = ~np.isin(run.row_kind.values, [3, 4])
     assert (run.side_spring_pull.values == np.searchsorted(np.linspace(-1, 1.5, 300), run.x.values, "right"))[

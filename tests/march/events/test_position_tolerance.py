@@ -17,10 +17,14 @@ from xdynamics.schema import EVENT_POSITIONS
 def swing(events: dict[str, Any]) -> xd.Model:
     """A mass on a spring, x = sin(t), whose events are looked for no better than to 1 ms, or as they say."""
     return xd.Model(
-        name="swing", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "0 m", "v_x": "1 m s-1"},
+        name="swing",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
         events={name: {"time_tolerance": "1 ms"} | one for name, one in events.items()},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.cases(300)
@@ -31,8 +35,12 @@ def test_events_are_as_near_as_is_asked(case: int) -> None:
     beside = level + float(10.0 ** random.uniform(-9, -3))
     within = {"position_tolerance": f"{asked!r} m", "root_state": ("reintegrate", "interpolant")[case % 2]}
     model = swing(
-        {"one": {"function": f"x - ({level!r}*metre)"} | within, "other": {"function": f"x - ({beside!r}*metre)"} | within, "free": {"function": "x + 0.95*metre"}}
-    )  # fmt: skip
+        {
+            "one": {"function": f"x - ({level!r}*metre)"} | within,
+            "other": {"function": f"x - ({beside!r}*metre)"} | within,
+            "free": {"function": "x + 0.95*metre"},
+        }
+    )
     method = ("rk4", "dop853", "velocity_verlet", "dormand_prince")[case // 2 % 4]
     run = xd.simulate(model, method=method, step=float(random.uniform(0.05, 0.4)), until=7.0)
     names = [name for name, _ in words(run)]
@@ -91,9 +99,21 @@ def test_where_it_is_not_asked_for_nothing_changes() -> None:
 def test_runs_side_by_side_are_located_alike() -> None:
     """Assert that members of a sweep have the events that they have alone."""
     model = ball(0.5, time_tolerance="1 ms", position_tolerance="1 nm")
-    grid = xd.sweep(model, {"y": ["0.5 m", "1 m", "2 m", "3 m"]}, keep=["event_time_floor"], method="dop853", rtol=1e-8, until="1.5 s")  # fmt: skip
+    grid = xd.sweep(
+        model,
+        {"y": ["0.5 m", "1 m", "2 m", "3 m"]},
+        keep=["event_time_floor"],
+        method="dop853",
+        rtol=1e-8,
+        until="1.5 s",
+    )
     for height in (0.5, 1.0, 2.0, 3.0):
-        alone = xd.simulate(ball(0.5, height, time_tolerance="1 ms", position_tolerance="1 nm"), method="dop853", rtol=1e-8, until="1.5 s")  # fmt: skip
+        alone = xd.simulate(
+            ball(0.5, height, time_tolerance="1 ms", position_tolerance="1 nm"),
+            method="dop853",
+            rtol=1e-8,
+            until="1.5 s",
+        )
         assert float(grid.event_time_floor.sel(y=height)) == float(alone.event_time[0])
 
 

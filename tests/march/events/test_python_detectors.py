@@ -31,13 +31,20 @@ def oscillator(function: Any, damping: str = "", **event: Any) -> xd.Model:
     """Cos 2t, with an event."""
     damper = {"damper": {"x": f"-({damping})*v_x"}} if damping else {}
     return xd.Model(
-        name="oscillator", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}} | damper,
-        initial={"x": "1 m", "v_x": "0 m s-1"}, events={"e": {"function": function} | event},
-    )  # fmt: skip
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+        events={"e": {"function": function} | event},
+    )
 
 
-@pytest.mark.parametrize(("method", "asked"), [("dop853", {"rtol": 1e-9}), ("bogacki_shampine", {"rtol": 1e-8}), ("kahan_li8", {"step": 0.1})])  # fmt: skip
+@pytest.mark.parametrize(
+    ("method", "asked"),
+    [("dop853", {"rtol": 1e-9}), ("bogacki_shampine", {"rtol": 1e-8}), ("kahan_li8", {"step": 0.1})],
+)
 def test_crossings_are_found_between_samples(method: str, asked: dict[str, Any]) -> None:
     """Assert every crossing, two of them in one step as well, at the times of the same function as an expression."""
     run, other = (

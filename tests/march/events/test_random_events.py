@@ -15,7 +15,17 @@ from xdynamics.schema import CROSSING, EVENT_KINDS
 T = "t/(1*second)"
 STEP, TOGETHER = 0.1, 20  # s; events of one model
 DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
-FACTORS = ("1", f"exp(sin(7*{T}))", f"(2 + cos(5*{T}))", f"(1/(1 + ({T})**2))", "1e-150", "1e150", f"cosh({T})", f"sqrt(1 + ({T})**2)", f"(3 + tanh(20*({T} - 0.4)))")  # fmt: skip
+FACTORS = (
+    "1",
+    f"exp(sin(7*{T}))",
+    f"(2 + cos(5*{T}))",
+    f"(1/(1 + ({T})**2))",
+    "1e-150",
+    "1e150",
+    f"cosh({T})",
+    f"sqrt(1 + ({T})**2)",
+    f"(3 + tanh(20*({T} - 0.4)))",
+)
 
 
 class Case(NamedTuple):
@@ -71,17 +81,23 @@ def waves(random: np.random.Generator) -> tuple[str, list[float], list[int]]:
             break
     at = np.flatnonzero(value[:-1] * value[1:] < 0)
     roots = [brentq(function, t[i], t[i + 1], xtol=1e-15, rtol=1e-15) for i in at]
-    text = " + ".join(f"{a!r}*sin({w!r}*{T} + {p!r})" for a, w, p in zip(size.tolist(), rate.tolist(), phase.tolist(), strict=True))  # fmt: skip
+    text = " + ".join(
+        f"{a!r}*sin({w!r}*{T} + {p!r})" for a, w, p in zip(size.tolist(), rate.tolist(), phase.tolist(), strict=True)
+    )
     return f"{text} - 0.2", roots, [int(np.sign(value[i + 1])) for i in at]
 
 
 def faults(cases: list[Case], **asked: Any) -> tuple[list[str], int, int]:
     """March once past all of them; say what is missing, a ghost or elsewhere, and count events and substeps."""
     model = xd.Model(
-        name="random", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="random",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={f"e{i}": {"function": one.function, "direction": one.direction} for i, one in enumerate(cases)},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, until=1.0, **asked)
     found = [] if run.attrs["run_outcome"] == "completed" else [run.attrs["run_outcome_text"]]
     for i, one in enumerate(cases):
@@ -122,10 +138,17 @@ def levels(random: np.random.Generator) -> tuple[float, float, float, float]:
 def surprises(coefficients: list[tuple[float, float, float, float]], step: float) -> list[str]:
     """March an oscillator by rk4, whose steps are Taylor polynomials: compare the roots of those with the events."""
     model = xd.Model(
-        name="swing", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"}, forces={"spring": {"x": "-k*x"}},
+        name="swing",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
-        events={f"e{i}": {"function": f"(x - {c!r}*metre)*({a!r}*x + {b!r}*v_x*second - {d!r}*metre)"} for i, (c, a, b, d) in enumerate(coefficients)},
-    )  # fmt: skip
+        events={
+            f"e{i}": {"function": f"(x - {c!r}*metre)*({a!r}*x + {b!r}*v_x*second - {d!r}*metre)"}
+            for i, (c, a, b, d) in enumerate(coefficients)
+        },
+    )
     run, found = xd.simulate(model, method="rk4", step=step, until=12.0), []
     events = set(zip(run.event_row_before.values.tolist(), run.event_detector.values.tolist(), strict=True))
     for row, (x, v, h) in enumerate(zip(run.x.values, run.v_x.values, run.step_size.values[1:], strict=False), 1):
@@ -153,10 +176,20 @@ def test_a_rejected_trial_leaves_no_trace() -> None:
     """Assert that what a trial behind which the model ends showed of an event is not taken for its past."""
     found = xd.simulate(
         xd.Model(
-            name="border", states={"s": {"unit": "1", "rate": f"sqrt(1 - {T})/second"}}, initial={"s": "0"},
-            events={"e": {"function": f"(2 + cos(5*{T}))*({T} - 0.9403053134165189)*({T} - 0.9403053298763914)", "direction": "falling"}},
-        ), method="dop853", rtol=1e-2, until=2.0,
-    )  # fmt: skip
+            name="border",
+            states={"s": {"unit": "1", "rate": f"sqrt(1 - {T})/second"}},
+            initial={"s": "0"},
+            events={
+                "e": {
+                    "function": f"(2 + cos(5*{T}))*({T} - 0.9403053134165189)*({T} - 0.9403053298763914)",
+                    "direction": "falling",
+                }
+            },
+        ),
+        method="dop853",
+        rtol=1e-2,
+        until=2.0,
+    )
     assert found.event_time.values == pytest.approx([0.9403053134165189], rel=1e-12)
 
 

@@ -14,10 +14,14 @@ import xdynamics as xd
 def crossing(root_state: str, **more: Any) -> xd.Model:
     """An oscillator that crosses 0.3 m."""
     return xd.Model(
-        name="oscillator", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m"},
-        forces={"spring": {"potential": "k*x**2/2"}}, initial={"x": "1 m", "v_x": "0 m s-1"},
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
         events={"c": {"function": "x - 0.3*metre", "root_state": root_state} | more},
-    )  # fmt: skip
+    )
 
 
 def times(count: int) -> np.ndarray:

@@ -15,9 +15,12 @@ from xdynamics.record import dataset
 from xdynamics.schema import REASON_EVENT
 
 METHODS = [
-    {"method": "rk4", "step": 0.5}, {"method": "dop853", "rtol": 1e-8}, {"method": "velocity_verlet", "step": 0.13},
-    {"method": "dormand_prince", "rtol": 1e-6, "atol": 1e-6}, {"method": "kahan_li8", "step": 0.25},
-]  # fmt: skip
+    {"method": "rk4", "step": 0.5},
+    {"method": "dop853", "rtol": 1e-8},
+    {"method": "velocity_verlet", "step": 0.13},
+    {"method": "dormand_prince", "rtol": 1e-6, "atol": 1e-6},
+    {"method": "kahan_li8", "step": 0.25},
+]
 DAMPED = [METHODS[0], METHODS[1], METHODS[3], {"method": "heun", "step": 0.1}]  # which take any force
 MOST = 9  # substeps of an event, on the average over a run
 
@@ -49,10 +52,14 @@ def detector(random: np.random.Generator) -> Detector:
 def passed_by(detectors: list[Detector], **asked: Any) -> Any:
     """March along x = t past all of them, with an oscillator beside it, so that steps are those of a motion."""
     model = xd.Model(
-        name="passing", coordinates={"x": "m", "u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1"}, mass={"x": "m", "u": "m"},
-        forces={"spring": {"u": "-k*u"}}, initial={"x": "0 m", "v_x": "1 m s-1", "u": "1 m", "v_u": "0 m s-1"},
+        name="passing",
+        coordinates={"x": "m", "u": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m", "u": "m"},
+        forces={"spring": {"u": "-k*u"}},
+        initial={"x": "0 m", "v_x": "1 m s-1", "u": "1 m", "v_u": "0 m s-1"},
         events={f"e{i}": {"function": one.function} for i, one in enumerate(detectors)},
-    )  # fmt: skip
+    )
     return xd.simulate(model, until=3.0, force_samples="none", **asked)
 
 
@@ -129,15 +136,24 @@ def test_a_region_without_events_hides_none(case: int) -> None:
     """Assert the same rows and events, to the bit, whether or not steps inside a box are looked at one by one."""
     random = np.random.default_rng([29, case])
     a, b, c, w = random.uniform(-1, 1, (4, 6)).tolist()
-    functions = [f"{a[0]!r}*u + {b[0]!r}*v_u*second - {c[0]!r}*metre", f"u - {1 - 10.0 ** random.uniform(-6, 0)!r}*metre",
-                 f"sin({5 * w[2]!r}*u/(1*metre) + {a[2]!r}) - {c[2]!r}", f"{a[3]!r}*q + {b[3]!r}*u - {c[3]!r}*metre",
-                 f"cos({3 * w[4]!r}*t/(1*second)) - {c[4]!r}*u/(1*metre)", f"abs(u) - {1.2 + c[5]!r}*metre"]  # fmt: skip
+    functions = [
+        f"{a[0]!r}*u + {b[0]!r}*v_u*second - {c[0]!r}*metre",
+        f"u - {1 - 10.0 ** random.uniform(-6, 0)!r}*metre",
+        f"sin({5 * w[2]!r}*u/(1*metre) + {a[2]!r}) - {c[2]!r}",
+        f"{a[3]!r}*q + {b[3]!r}*u - {c[3]!r}*metre",
+        f"cos({3 * w[4]!r}*t/(1*second)) - {c[4]!r}*u/(1*metre)",
+        f"abs(u) - {1.2 + c[5]!r}*metre",
+    ]
     model = xd.Model(
-        name="boxed", coordinates={"u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"}, mass={"u": "m"},
-        forces={"spring": {"u": "-k*u - d*v_u"}}, states={"q": {"unit": "m", "rate": "v_u - q/(3*second)"}},
+        name="boxed",
+        coordinates={"u": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"},
+        mass={"u": "m"},
+        forces={"spring": {"u": "-k*u - d*v_u"}},
+        states={"q": {"unit": "m", "rate": "v_u - q/(3*second)"}},
         initial={"u": "1 m", "v_u": "0 m s-1", "q": "0 m"},
         events={f"e{i}": {"function": one} for i, one in enumerate(functions[: random.integers(1, 7)])},
-    )  # fmt: skip
+    )
     asked = DAMPED[case % len(DAMPED)] | {"until": 60.0, "force_samples": "none"}
     boxed, plain = (marched(model, asked, boxed=one) for one in (True, False))
     assert len(boxed[1].run.leaves) > 0
@@ -148,10 +164,14 @@ def test_a_region_without_events_hides_none(case: int) -> None:
 def damped(function: str = "") -> xd.Model:
     """A damped oscillator that is let go, with an event function."""
     return xd.Model(
-        name="damped", coordinates={"u": "m"}, parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"}, mass={"u": "m"},
-        forces={"spring": {"u": "-k*u - d*v_u"}}, initial={"u": "1 m", "v_u": "0 m s-1"},
+        name="damped",
+        coordinates={"u": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1", "d": "0.05 N s m-1"},
+        mass={"u": "m"},
+        forces={"spring": {"u": "-k*u - d*v_u"}},
+        initial={"u": "1 m", "v_u": "0 m s-1"},
         events={"level": {"function": function}} if function else {},
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.cases(200)

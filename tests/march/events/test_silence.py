@@ -37,11 +37,18 @@ def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
 def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
     """Assert for two positions and the time that a step is inside a box, and is not once any side of it is too near."""
     model = xd.Model(
-        name="plane", coordinates={"x": "m", "y": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m", "y": "m"},
+        name="plane",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m", "y": "m"},
         forces={"spring": {"potential": "k*(x**2 + y**2)/2"}},
         initial={"x": "1 m", "v_x": "0 m s-1", "y": "0 m", "v_y": "0.5 m s-1"},
-        events={"far": {"function": "x - 3*metre"}, "wide": {"function": "y + 2*metre"}, "late": {"function": "t - 90*second"}},
-    )  # fmt: skip
+        events={
+            "far": {"function": "x - 3*metre"},
+            "wide": {"function": "y + 2*metre"},
+            "late": {"function": "t - 90*second"},
+        },
+    )
     run, inside = (
         March(model, settings_for(model, method="rk4", step=0.05, until=0.5)).run,
         plain(event_free_region.stays_inside),
@@ -78,17 +85,42 @@ def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
 )
 @pytest.mark.parametrize(
     ("armed", "guard", "asleep", "value", "silent"),
-    [(1, 0, 0, (0.1, 2.0), True), (-1, 0, 0, (-2.0, -0.1), True), (1, 1, 0, (0.1, 2.0), True), (1, -1, 0, (0.1, 2.0), False),
-     (-1, 0, 0, (0.1, 2.0), False), (1, 0, 0, (-2.0, -0.1), False), (1, 0, 0, (0.0, 2.0), False), (-1, 0, 0, (-2.0, 0.0), False),
-     (0, 0, 0, (0.1, 2.0), False), (0, 0, 1, (-1.0, 2.0), True)],
-)  # fmt: skip
-def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bool, low: list[float], high: list[float], armed: int, guard: int, asleep: int, value: tuple[float, float], silent: bool) -> None:  # fmt: skip
+    [
+        (1, 0, 0, (0.1, 2.0), True),
+        (-1, 0, 0, (-2.0, -0.1), True),
+        (1, 1, 0, (0.1, 2.0), True),
+        (1, -1, 0, (0.1, 2.0), False),
+        (-1, 0, 0, (0.1, 2.0), False),
+        (1, 0, 0, (-2.0, -0.1), False),
+        (1, 0, 0, (0.0, 2.0), False),
+        (-1, 0, 0, (-2.0, 0.0), False),
+        (0, 0, 0, (0.1, 2.0), False),
+        (0, 0, 1, (-1.0, 2.0), True),
+    ],
+)
+def test_a_box_reaches_beyond_a_step(
+    monkeypatch: pytest.MonkeyPatch,
+    joined: bool,
+    low: list[float],
+    high: list[float],
+    armed: int,
+    guard: int,
+    asleep: int,
+    value: tuple[float, float],
+    silent: bool,
+) -> None:
     """Assert half a width beyond bounds on every side, or where they leave the last box, if nothing is zero in it."""
     positions = np.array([[event_free_region.POSITION, j, 1 + j] for j in range(3)])
     run = made_by_hand(
-        leaves=positions, region=np.zeros(event_free_region.BOX + 12), under=np.zeros(4), over=np.zeros(4), detectors=np.zeros(1, DETECTOR),
-        watches=np.zeros(1, WATCH), parts=np.zeros(4, np.int64), functions=np.zeros(ENCLOSE + 1, np.int64),
-    )  # fmt: skip
+        leaves=positions,
+        region=np.zeros(event_free_region.BOX + 12),
+        under=np.zeros(4),
+        over=np.zeros(4),
+        detectors=np.zeros(1, DETECTOR),
+        watches=np.zeros(1, WATCH),
+        parts=np.zeros(4, np.int64),
+        functions=np.zeros(ENCLOSE + 1, np.int64),
+    )
     is_silent = plain(event_free_region.is_silent)
     monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)
     (run.under[0], run.over[0]), watch = value, run.watches[0]
@@ -117,8 +149,12 @@ def test_a_box_reaches_beyond_a_step(monkeypatch: pytest.MonkeyPatch, joined: bo
     ],
 )
 def test_a_box_grows_or_another_one_is_tried(
-    monkeypatch: pytest.MonkeyPatch, before: tuple[float, ...], answers: list[int], asked: list[tuple[float, bool]], after: tuple[float, ...]
-) -> None:  # fmt: skip
+    monkeypatch: pytest.MonkeyPatch,
+    before: tuple[float, ...],
+    answers: list[int],
+    asked: list[tuple[float, bool]],
+    after: tuple[float, ...],
+) -> None:
     """Assert which boxes are tried, how far the next one reaches, and for how long none is tried where none would do."""
     leaves = np.array([[event_free_region.POSITION, 0, 1], [event_free_region.OTHER, 1, 0]])
     run = made_by_hand(

@@ -17,19 +17,26 @@ from xdynamics.model.switches import smooth_switches
 def ball(v: float = 20.0, vt: float = 30.0, **more: Any) -> xd.Model:
     """A ball thrown upward with quadratic drag, declared smooth."""
     return xd.Model(
-        name="ball", coordinates={"y": "m"}, parameters={"m": "0.145 kg", "g": "9.81 m s-2", "vt": f"{vt!r} m s-1"}, mass={"y": "m"},
+        name="ball",
+        coordinates={"y": "m"},
+        parameters={"m": "0.145 kg", "g": "9.81 m s-2", "vt": f"{vt!r} m s-1"},
+        mass={"y": "m"},
         initial={"y": "0 m", "v_y": f"{v!r} m s-1"},
-        forces={"gravity": {"potential": "m*g*y"}, "drag": {"y": "-m*g*v_y*abs(v_y)/vt**2", "smooth": True}}, **more,
-    )  # fmt: skip
+        forces={"gravity": {"potential": "m*g*y"}, "drag": {"y": "-m*g*v_y*abs(v_y)/vt**2", "smooth": True}},
+        **more,
+    )
 
 
 def passings(force: str, x: float, v: float, **asked: Any) -> tuple[xd.Model, Any]:
     """An oscillator with a force that is declared smooth, and its run."""
     model = xd.Model(
-        name="smooth", coordinates={"x": "m"}, parameters={"m": "1 kg", "k": "1 N m-1"}, mass={"x": "m"},
+        name="smooth",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "1 N m-1"},
+        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "odd": {"x": force, "smooth": True}},
         initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
-    )  # fmt: skip
+    )
     return model, xd.simulate(model, **asked)
 
 
@@ -45,13 +52,21 @@ def test_the_apex_is_passed_once() -> None:
     assert short.smooth_switches_passed.values.tolist() == [0]
     assert np.isnan(short.smooth_switches_first_passed.values).all()
     assert short.attrs["run_outcome_text"] == "reached t = 1 s"
-    assert "smooth_switches_passed" not in xd.simulate(model.replace(forces={"drag": {"y": "-m*g*v_y*abs(v_y)/vt**2"}}), method="rk4", step=0.1, until=1.0)  # fmt: skip
+    assert "smooth_switches_passed" not in xd.simulate(
+        model.replace(forces={"drag": {"y": "-m*g*v_y*abs(v_y)/vt**2"}}), method="rk4", step=0.1, until=1.0
+    )
 
 
 @pytest.mark.parametrize(
     ("force", "flatness"),
-    [("-v_x*abs(v_x)*kilogram/metre", 2), ("-k*abs(x)", 1), ("-k*sign(x)*metre", 0), ("-k*x**2*sign(x)/metre", 2), ("-max(k*x, 2*k*x)", 1)],
-)  # fmt: skip
+    [
+        ("-v_x*abs(v_x)*kilogram/metre", 2),
+        ("-k*abs(x)", 1),
+        ("-k*sign(x)*metre", 0),
+        ("-k*x**2*sign(x)/metre", 2),
+        ("-max(k*x, 2*k*x)", 1),
+    ],
+)
 def test_how_flat_a_switch_is(force: str, flatness: int) -> None:
     """Assert the derivative that jumps, by products of a switch with its own argument."""
     model = passings(force, 1.0, 0.0, method="rk4", step=0.1, until=0.1)[0]
@@ -133,7 +148,10 @@ def test_refinements_past_an_apex(case: int) -> None:
     if case % 4 == 0:
         varied = {"rtols": [1e-4 / 10**k for k in range(levels)]}
     study = xd.refine(ball(v, vt), method=method, at=[at], until=at, **varied)
-    true = {"y": vt**2 / g * math.log(1 / math.cos(phase) / math.cosh(g * (at - apex) / vt)), "v_y": -vt * math.tanh(g * (at - apex) / vt)}  # fmt: skip
+    true = {
+        "y": vt**2 / g * math.log(1 / math.cos(phase) / math.cosh(g * (at - apex) / vt)),
+        "v_y": -vt * math.tanh(g * (at - apex) / vt),
+    }
     for name, value in true.items():
         assert abs(float(study[name][-1, 0]) - value) <= float(study[f"uncertainty_{name}"][0]) + 1e-14
 

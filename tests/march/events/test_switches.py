@@ -17,9 +17,13 @@ from xdynamics.model.switches import switches
 def pushed(force: str, x: str = "1 m", v: str = "0 m s-1", **more: Any) -> xd.Model:
     """A mass on a line."""
     return xd.Model(
-        name="pushed", coordinates={"x": "m"}, parameters={"m": "1 kg", "f": "1 N", "k": "4 N m-1", "a": "0.5 m"}, mass={"x": "m"},
-        forces={"relay": {"x": force} | more}, initial={"x": x, "v_x": v},
-    )  # fmt: skip
+        name="pushed",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "f": "1 N", "k": "4 N m-1", "a": "0.5 m"},
+        mass={"x": "m"},
+        forces={"relay": {"x": force} | more},
+        initial={"x": x, "v_x": v},
+    )
 
 
 @pytest.mark.parametrize("method", FITTING)
@@ -48,7 +52,9 @@ def test_stepped_over_they_cost_the_order() -> None:
     assert "solver_switches" not in run.attrs
 
 
-@pytest.mark.parametrize(("force", "x"), [("-f*sign(x - a)", "0.5 m"), ("-f*sign(x) - f/10", "0 m"), ("where(x > a, -f, 2*f)", "0.5 m")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("force", "x"), [("-f*sign(x - a)", "0.5 m"), ("-f*sign(x) - f/10", "0 m"), ("where(x > a, -f, 2*f)", "0.5 m")]
+)
 def test_rest_on_a_jump_is_told_from_a_motion_that_is_long(force: str, x: str) -> None:
     """Assert that passages made by rounding alone are named with their remedy, and those of a millimetre are not."""
     run = xd.simulate(pushed(force, x), method="dop853", rtol=1e-8, until=100.0, max_steps=200)
@@ -118,10 +124,14 @@ def test_a_start_at_a_switch_is_on_the_side_it_moves_to() -> None:
 def test_switches_and_contacts_keep_apart() -> None:
     """Assert a ball under a relay that bounces on a floor: both kinds of event, each at its time."""
     model = xd.Model(
-        name="both", coordinates={"y": "m"}, parameters={"m": "1 kg", "f": "2 N"}, mass={"y": "m"},
-        forces={"relay": {"y": "-f*sign(y - 0.5*metre)"}}, initial={"y": "1.5 m", "v_y": "0 m s-1"},
+        name="both",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "f": "2 N"},
+        mass={"y": "m"},
+        forces={"relay": {"y": "-f*sign(y - 0.5*metre)"}},
+        initial={"y": "1.5 m", "v_y": "0 m s-1"},
         contacts={"floor": {"gap": "y", "restitution": 1}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.3, until=2.0)
     # down 1 m at 2 m s-2, half a metre at -2 m s-2 to the floor with sqrt(2) m s-1, and back the same way
     crossed, hit = 1.0, 1.0 + (2 - math.sqrt(2)) / 2

@@ -21,7 +21,15 @@ PERIOD = 4 * math.acos((1 - 2 / 3) / (1.8 - 2 / 3)) / math.sqrt(3) + 4 * math.as
 )
 
 
-def measured(folder: Path, rows: list[tuple[float, float]] = STIFFER, x: str = "1.8 m", v: str = "0 m s-1", force: str = "force", smooth: bool = False, **drive: Any) -> xd.Model:  # fmt: skip
+def measured(
+    folder: Path,
+    rows: list[tuple[float, float]] = STIFFER,
+    x: str = "1.8 m",
+    v: str = "0 m s-1",
+    force: str = "force",
+    smooth: bool = False,
+    **drive: Any,
+) -> xd.Model:
     """A mass on a line, by a table."""
     drive = {"argument": "x", "interpolation": "linear", "outside": "error"} | drive
     unit = "m" if drive["argument"] == "x" else "m s-1"
@@ -34,7 +42,7 @@ forces.spring = {{ x = "{force}"{", smooth = true" if smooth else ""} }}
 initial = {{ x = "{x}", v_x = "{v}" }}
 [drives.force]
 table = "force.csv"
-''' + "".join(f'{key} = "{value}"\n' for key, value in drive.items())  # fmt: skip
+''' + "".join(f'{key} = "{value}"\n' for key, value in drive.items())
     (folder / "model.toml").write_text(text)
     return xd.Model.from_toml(folder / "model.toml")
 
@@ -99,7 +107,9 @@ def test_it_starts_on_a_point(x: str, v: str, times: list[float], tmp_path: Path
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "previous"])
-@pytest.mark.parametrize(("outside", "outcome"), [("error", "outside_drive_table"), ("hold", "completed"), ("zero", "completed")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("outside", "outcome"), [("error", "outside_drive_table"), ("hold", "completed"), ("zero", "completed")]
+)
 def test_it_leaves_the_table(interpolation: str, outside: str, outcome: str, tmp_path: Path) -> None:
     """Assert what was so without switches: a table ends where it ends, or holds, or is nothing."""
     model = measured(tmp_path, x="0 m", v="4 m s-1", interpolation=interpolation, outside=outside)
@@ -189,7 +199,14 @@ def test_fixed_steps_end_with_their_table(x: str, v: str, tmp_path: Path) -> Non
     assert run.sizes["step"] < 100
 
 
-@pytest.mark.parametrize(("rows", "x", "v"), [([(-2, -1), (1, 1), (3, 1)], "0 m", "2 m s-1"), ([(-2, -1), (1, 1), (3, 1)], "1 m", "-2 m s-1"), ([(-1, 1), (0, -1)], "-0.5 m", "1 m s-1")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "x", "v"),
+    [
+        ([(-2, -1), (1, 1), (3, 1)], "0 m", "2 m s-1"),
+        ([(-2, -1), (1, 1), (3, 1)], "1 m", "-2 m s-1"),
+        ([(-1, 1), (0, -1)], "-0.5 m", "1 m s-1"),
+    ],
+)
 def test_sides_are_told_of_the_piece_behind_a_jump(
     rows: list[tuple[float, float]], x: str, v: str, tmp_path: Path
 ) -> None:
@@ -219,7 +236,10 @@ def test_a_table_that_is_nothing_beyond_its_end_jumps_there(tmp_path: Path) -> N
 
 def test_any_units_give_the_same_bits(tmp_path: Path) -> None:
     """Assert that scales of powers of two change nothing."""
-    runs = [xd.simulate(measured(tmp_path), method="rk4", step=0.125, until=4.0, scales=scales) for scales in (None, {"length": "0.0078125 m", "time": "1024 s"})]  # fmt: skip
+    runs = [
+        xd.simulate(measured(tmp_path), method="rk4", step=0.125, until=4.0, scales=scales)
+        for scales in (None, {"length": "0.0078125 m", "time": "1024 s"})
+    ]
     assert np.array_equal(runs[0].event_time, runs[1].event_time)
     assert np.array_equal(runs[0].x, runs[1].x)
 

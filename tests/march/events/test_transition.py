@@ -76,7 +76,14 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
 
 def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a met event, a contact's, one whose value an action changed and one not watched for are none."""
-    changes: list[tuple[str, Any]] = [("hit", zero_tests.CROSSED), ("armed", 0), ("reaction", 0), ("direction", 1), ("g1", 0.0), ("", 0)]  # fmt: skip
+    changes: list[tuple[str, Any]] = [
+        ("hit", zero_tests.CROSSED),
+        ("armed", 0),
+        ("reaction", 0),
+        ("direction", 1),
+        ("g1", 0.0),
+        ("", 0),
+    ]
     for what, value in changes:
         run, _ = watching(FALLING, t=2.0)
         run.y[0], run.watches[0].hit = 0.625, zero_tests.NONE
@@ -95,8 +102,15 @@ def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(
     ("role", "normal", "other", "hit", "left"),
-    [(GRIP, 1, PULL, True, False), (SLIP, 1, PULL, True, False), (GRIP, 0, PULL, True, True), (GRIP, 1, PULL, False, True), (GRIP, 1, GAP, True, True), (OCCASION, 1, PULL, True, True)],
-)  # fmt: skip
+    [
+        (GRIP, 1, PULL, True, False),
+        (SLIP, 1, PULL, True, False),
+        (GRIP, 0, PULL, True, True),
+        (GRIP, 1, PULL, False, True),
+        (GRIP, 1, GAP, True, True),
+        (OCCASION, 1, PULL, True, True),
+    ],
+)
 def test_no_grip_is_lost_where_its_contact_opens(role: int, normal: int, other: int, hit: bool, left: bool) -> None:
     """Assert which events of friction go with that of their own contact."""
     run, _ = watching(FALLING, RISING)
@@ -112,10 +126,14 @@ def test_a_reset_sets_what_it_names() -> None:
     """Assert position and velocity, the shift that is noted, and that what rounding was carried is forgotten, of its own alone."""
     run, _ = watching(FALLING, RISING)
     run.put(
-        law=law_of(nothing, nothing, nothing, lambda *given: given[5].__setitem__(slice(3), [5.0, 6.0, 7.0]), nothing, nothing),
-        resets=np.zeros(3), targets=np.array([[0, 0], [1, 0], [0, 1]]), log_impulses=np.zeros((1, 5)),
+        law=law_of(
+            nothing, nothing, nothing, lambda *given: given[5].__setitem__(slice(3), [5.0, 6.0, 7.0]), nothing, nothing
+        ),
+        resets=np.zeros(3),
+        targets=np.array([[0, 0], [1, 0], [0, 1]]),
+        log_impulses=np.zeros((1, 5)),
         z=np.array([1.0, 2.0, 3.0, 0.25, 0.5]),
-    )  # fmt: skip
+    )
     run.plan[0].used, run.plan[0].evaluated, run.plan[0].coordinates = 2, 1, 1
     plain(actions.reset)(run, 0, 2)
     assert run.z.tolist() == [5.0, 7.0, 3.0, 0.0, 0.0]
@@ -143,8 +161,13 @@ def test_what_happens_ends_the_region_without_events(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(
     ("made", "at", "node", "final"),
-    [(0, acceptance.AT_NODE, 1, True), (3, acceptance.AT_BOTH, 1, True), (0, acceptance.AT_GRID, 1, False), (0, acceptance.AT_NODE, 0, False)],
-)  # fmt: skip
+    [
+        (0, acceptance.AT_NODE, 1, True),
+        (3, acceptance.AT_BOTH, 1, True),
+        (0, acceptance.AT_GRID, 1, False),
+        (0, acceptance.AT_NODE, 0, False),
+    ],
+)
 def test_a_trial_without_events_stays_as_it_is(
     monkeypatch: pytest.MonkeyPatch, made: int, at: int, node: int, final: bool
 ) -> None:
@@ -179,10 +202,14 @@ def test_an_event_at_a_grid_time_is_at_that_time() -> None:
     """Assert that a group that ends at a grid time has it to the bit, where 0.5 + 0.1 is another number than 6*0.1."""
     assert 0.5 + 0.1 != 6 * 0.1
     model = xd.Model(
-        name="clock", coordinates={"x": "m"}, parameters={"m": "1 kg"}, mass={"x": "m"}, forces={},
+        name="clock",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={"one": {"function": "t - 0.59999999999995*second"}, "other": {"function": "x - 0.5999999999999*metre"}},
-    )  # fmt: skip
+    )
     run = xd.simulate(model, method="rk4", step=0.1, until=1.0)
     assert run.time.values[run.event_row_before.values].tolist() == [6 * 0.1] * 2
     assert run.time.values[-5:].tolist() == [6 * 0.1, 7 * 0.1, 0.8, 0.9, 1.0]

@@ -88,8 +88,14 @@ def test_python_forces_are_refused_by_name() -> None:
         return -x
 
     model = particle("0*newton")
-    statement = {"name": "p", "coordinates": {"x": "m"}, "parameters": {"m": "2 kg"}, "mass": {"x": "m"},
-                 "forces": {"push": {"x": push}}, "initial": {"x": "1 m", "v_x": "0 m s-1"}}  # fmt: skip
+    statement = {
+        "name": "p",
+        "coordinates": {"x": "m"},
+        "parameters": {"m": "2 kg"},
+        "mass": {"x": "m"},
+        "forces": {"push": {"x": push}},
+        "initial": {"x": "1 m", "v_x": "0 m s-1"},
+    }
     with pytest.raises(
         xd.InputError,
         match="forces written in Python, which have no derivatives .function push.; these fit: forward_euler",

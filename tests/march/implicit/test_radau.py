@@ -64,15 +64,21 @@ def test_coefficients_take_the_method_apart() -> None:
     """Assert against 40 digits that T**-1 A**-1 T is the block of gamma, alpha and beta, and T**-1 inverts T."""
     with mp.workdps(40):
         s = mp.sqrt(6)
-        a = mp.matrix([
-            [(88 - 7 * s) / 360, (296 - 169 * s) / 1800, (-2 + 3 * s) / 225],
-            [(296 + 169 * s) / 1800, (88 + 7 * s) / 360, (-2 - 3 * s) / 225],
-            [(16 - s) / 36, (16 + s) / 36, mp.mpf(1) / 9],
-        ])  # fmt: skip
+        a = mp.matrix(
+            [
+                [(88 - 7 * s) / 360, (296 - 169 * s) / 1800, (-2 + 3 * s) / 225],
+                [(296 + 169 * s) / 1800, (88 + 7 * s) / 360, (-2 - 3 * s) / 225],
+                [(16 - s) / 36, (16 + s) / 36, mp.mpf(1) / 9],
+            ]
+        )
         t, inverse = mp.matrix(radau.T), mp.matrix(radau.T_INVERSE)
-        block = mp.matrix([
-            [radau.GAMMA, 0, 0], [0, radau.ALPHA, -radau.BETA], [0, radau.BETA, radau.ALPHA],
-        ])  # fmt: skip
+        block = mp.matrix(
+            [
+                [radau.GAMMA, 0, 0],
+                [0, radau.ALPHA, -radau.BETA],
+                [0, radau.BETA, radau.ALPHA],
+            ]
+        )
         assert mp.mnorm(inverse * a**-1 * t - block) < 64 * EPS
         assert mp.mnorm(inverse * t - mp.eye(3)) < 16 * EPS
         nodes = [(4 - s) / 10, (4 + s) / 10, mp.mpf(1)]
@@ -358,10 +364,14 @@ def pushed(method: str, **asked: Any) -> xr.Dataset:
         return -1000.0 * (v_x + x * x) - y
 
     statement = {
-        "name": "damper", "coordinates": {"x": "m"}, "parameters": {"m": "2 kg", "tau": "1 s"}, "mass": {"x": "m"},
-        "forces": {"damper": {"x": damper}}, "states": {"y": {"unit": "1", "rate": "-y/tau"}},
+        "name": "damper",
+        "coordinates": {"x": "m"},
+        "parameters": {"m": "2 kg", "tau": "1 s"},
+        "mass": {"x": "m"},
+        "forces": {"damper": {"x": damper}},
+        "states": {"y": {"unit": "1", "rate": "-y/tau"}},
         "initial": {"x": "1 m", "v_x": "0 m s-1", "y": "1"},
-    }  # fmt: skip
+    }
     return xd.simulate(xd.Model(**statement), method=method, until=2.0, **asked)
 
 
