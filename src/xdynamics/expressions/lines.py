@@ -109,14 +109,24 @@ def _operator(ufunc: str, *, turned: bool = False) -> Callable[[Any, Any], Any]:
 
 
 for _word, _ufunc in (
-    ("add", "add"), ("sub", "subtract"), ("mul", "multiply"), ("truediv", "divide"), ("pow", "power"),
-    ("mod", "remainder"), ("floordiv", "floor_divide"),
-):  # fmt: skip
+    ("add", "add"),
+    ("sub", "subtract"),
+    ("mul", "multiply"),
+    ("truediv", "divide"),
+    ("pow", "power"),
+    ("mod", "remainder"),
+    ("floordiv", "floor_divide"),
+):
     setattr(Line, f"__{_word}__", _operator(_ufunc))
     setattr(Line, f"__r{_word}__", _operator(_ufunc, turned=True))
 for _word, _ufunc in (
-    ("lt", "less"), ("le", "less_equal"), ("gt", "greater"), ("ge", "greater_equal"), ("eq", "equal"), ("ne", "not_equal"),
-):  # fmt: skip
+    ("lt", "less"),
+    ("le", "less_equal"),
+    ("gt", "greater"),
+    ("ge", "greater_equal"),
+    ("eq", "equal"),
+    ("ne", "not_equal"),
+):
     setattr(Line, f"__{_word}__", _operator(_ufunc))
 for _word, _ufunc in (("neg", "negative"), ("pos", "positive"), ("abs", "absolute")):
     setattr(Line, f"__{_word}__", lambda self, ufunc=_ufunc: combined(partial(of_ufunc, ufunc), self))

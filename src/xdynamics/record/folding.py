@@ -105,9 +105,8 @@ def about_dimensions(shapes: Shapes, dims: set[str]) -> dict[str, tuple[tuple[st
                 extent = shapes.extent(of)
                 more = flags(dict(enumerate(extent.labels)), "i4") if extent.labels else {}
                 long_name = f"number of the {end} {of} of a {dim}, from 0"
-                parts[end_of(dim, end)] = (
-                    (dim,), np.asarray(numbers, np.int32), {"units": "1", "long_name": long_name, "role": LINK, LINK_OF: of} | more
-                )  # fmt: skip
+                about = {"units": "1", "long_name": long_name, "role": LINK, LINK_OF: of}
+                parts[end_of(dim, end)] = ((dim,), np.asarray(numbers, np.int32), about | more)
         elif labels := shapes.extents[dim].labels:
             attributes = {"units": "1", "long_name": f"label of the {dim}", "role": LABEL}
             parts[label_of(dim)] = ((dim,), np.array(labels), attributes)
