@@ -47,8 +47,8 @@ def fitted(
     from mpmath import cos
 
     nodes = [end / 2 * (1 - cos(pi * (2 * i + 1) / (2 * degree + 2))) for i in range(degree + 1)]
-    rows = matrix([[(one / end) ** k for k in range(degree + 1)] for one in nodes])
-    found = lu_solve(rows, matrix([function(one) for one in nodes]))
+    rows = matrix([[(node / end) ** k for k in range(degree + 1)] for node in nodes])
+    found = lu_solve(rows, matrix([function(node) for node in nodes]))
     powers = [float(found[k] / end**k) for k in range(degree + 1)]
     tries = [end * i / 500 for i in range(1, 501)]
     worst = max(abs(sum(mpf(c) * u**k for k, c in enumerate(powers)) - function(u)) / weight(u) for u in tries)

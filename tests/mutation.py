@@ -619,8 +619,8 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
     vars(law_cache).update(read=lambda _key: None, write=lambda *_: None)
     spent: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
-        for k, one in enumerate(tests):
-            name, *choice = one.split(" ", 2)
+        for k, test in enumerate(tests):
+            name, *choice = test.split(" ", 2)
             begun = time.process_time()
             if code:
                 allowed = max(LEAST, PATIENCE * json.loads(taken.read_text())[k])
@@ -657,7 +657,7 @@ def survey(name: str, most: int, seed: int, lines: list[int], taken: Path) -> No
     if not passed(module, None, tests, 600.0, taken):
         raise SystemExit(f"{name}: its tests fail without a mutant: {', '.join(tests)}")
     timeout = max(10.0, PATIENCE * (time.monotonic() - before))
-    known = [one for one in mutants(SOURCE / name) if not lines or one.line in lines]
+    known = [mutant for mutant in mutants(SOURCE / name) if not lines or mutant.line in lines]
     tried = sorted(random.Random(seed).sample(range(len(known)), min(most, len(known))))
     survivors = 0
     for one in (known[i] for i in tried):

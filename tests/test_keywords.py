@@ -132,7 +132,7 @@ def test_every_setting_is_in_a_case() -> None:
     """Assert that the cases here have every setting of the table, and with options of the same names."""
     assert {name for asked, _ in CASES.values() for name in asked} == {*KEYWORDS}
     for asked, options in CASES.values():
-        assert {KEYWORDS[name].flag for name in asked} == {one for one in options if one.startswith("--")}
+        assert {KEYWORDS[name].flag for name in asked} == {option for option in options if option.startswith("--")}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -151,8 +151,8 @@ def test_options_are_keywords(case: str, tmp_path: Path) -> None:
     filed = xd.Model(**tomllib.loads(MODEL.to_toml()) | {"run": inside})
     own = {"model_digest", "content"}  # of the file, whose [run] is part of its model
     by_file = attributes(xd.simulate(xd.Model.from_text(filed.to_toml()), **outside))
-    assert {key: one for key, one in by_file.items() if key not in own} == {
-        key: one for key, one in attributes(by_keywords).items() if key not in own
+    assert {key: value for key, value in by_file.items() if key not in own} == {
+        key: attribute for key, attribute in attributes(by_keywords).items() if key not in own
     }
 
 
@@ -160,7 +160,7 @@ def test_options_are_keywords(case: str, tmp_path: Path) -> None:
 def test_verbs_that_march_take_them_all(verb: str) -> None:
     """Assert that every verb that marches has every setting as an option; those of records where there is one."""
     known = {option.name for option in main.commands[verb].params if isinstance(option, click.Option)}
-    records = {name for name, one in KEYWORDS.items() if one.group == RECORD}
+    records = {name for name, keyword in KEYWORDS.items() if keyword.group == RECORD}
     assert known >= {*KEYWORDS} - (set() if verb in ("run", "sweep") else records)
 
 
@@ -177,7 +177,7 @@ def test_simulate_has_the_table_s_order() -> None:
 def test_the_help_gathers_what_belongs_together() -> None:
     """Assert that the help of a verb has a section for each group, with the words that an option takes."""
     told = CliRunner().invoke(main, ["run", "--help"], terminal_width=200).output
-    at = [told.index(f"\n{one}:\n") for one in ("Options", "March", "Step control", "Events", "Arithmetic", "Record")]
+    at = [told.index(f"\n{name}:\n") for name in ("Options", "March", "Step control", "Events", "Arithmetic", "Record")]
     assert at == sorted(at)
     assert "--switches located|stepped over" in told
     assert told.index("--safety") > told.index("\nStep control:\n")

@@ -194,7 +194,7 @@ def rocket_oracle() -> dict[str, float]:
 def test_rocket_flight() -> None:
     """Assert burnout, apogee and landing against another integrator, by extrapolation."""
     oracle = rocket_oracle()
-    burnout, apogee, landing = (extrapolated("rocket_c6", one) for one in ("burnout", "apogee", "landing"))
+    burnout, apogee, landing = (extrapolated("rocket_c6", name) for name in ("burnout", "apogee", "landing"))
     assert burnout[0] == pytest.approx(1.86, abs=1e-12)
     assert burnout[1:] == pytest.approx([oracle["burnout_height"], oracle["burnout_speed"]], rel=1e-6)
     assert apogee[:2] == pytest.approx([oracle["apogee"], oracle["apogee_height"]], rel=1e-6)
@@ -245,8 +245,8 @@ def test_archives_pass_cf(tmp_path: Path, request: pytest.FixtureRequest) -> Non
     common = set.intersection(*({*run.dims} for run in runs))
     kinds = [
         {
-            (tuple(dim if dim in common else "" for dim in one.dims), *sorted(one.attrs))
-            for one in run.variables.values()
+            (tuple(dim if dim in common else "" for dim in variable.dims), *sorted(variable.attrs))
+            for variable in run.variables.values()
         }
         for run in runs
     ]
@@ -347,7 +347,7 @@ def test_a_block_rocks_to_rest() -> None:
     """Assert Housner's loss of speed at the first impacts, and that a rest ends it."""
     found = run("rocking_block")
     hits = [i for i, (_, what) in enumerate(met("rocking_block")) if what == "impact"][:10]
-    after, before = (found.v_theta.values[found[f"event_row_{one}"].values[hits]] for one in ("after", "before"))
+    after, before = (found.v_theta.values[found[f"event_row_{side}"].values[hits]] for side in ("after", "before"))
     assert after / before == pytest.approx(1 - 1.5 * 0.04 / 1.04, rel=1e-9)
     assert met("rocking_block")[-1][1] == "rest"
 
@@ -381,5 +381,5 @@ def test_a_woodpecker_walks_down_its_pole() -> None:
     other = xd.simulate(model("woodpecker"), method="rk4", step=1e-4, until=0.4)
     twice = other.event_time.values[[what == ("beak", "impact") for what in words(other)]]
     assert twice == pytest.approx(found.event_time.values[beak][: len(twice)], abs=2e-6)
-    gaps = [float(found[f"contact_gap_{one}"].min()) for one in ("beak", "lower", "upper")]
+    gaps = [float(found[f"contact_gap_{name}"].min()) for name in ("beak", "lower", "upper")]
     assert min(gaps) > -1e-15

@@ -53,7 +53,7 @@ def test_every_verb_takes_and_gives_units(run: xr.Dataset, tmp_path: Path) -> No
     assert str(sampled.y.data.units) == "meter"
     assert float(sampled.y.data.magnitude[0]) == float(xd.sample(run, [1.0]).y[0])
     for verb in (xd.diagnose, xd.companion, xd.modes):
-        assert any("pint" in type(one.data).__module__ for one in verb(found).variables.values())
+        assert any("pint" in type(variable.data).__module__ for variable in verb(found).variables.values())
     assert float(xd.compare(found, run)["difference_y"].data.magnitude.max()) == 0.0
     xd.plot(found, tmp_path / "a.png")
     assert str(found.dynamics.at([1.0]).y.data.units) == "meter"

@@ -57,14 +57,14 @@ SECOND = re.compile(r"(?<=[0-9]) s\b(?!')|\(s\)|\bs-[0-9]|\bs⁻|\[s\]|\bseconds
 
 def texts_of(found: xr.Dataset) -> Iterator[str]:
     """Yield all that a record says: units, long names, attributes, texts that are values."""
-    for name, one in found.variables.items():
+    for name, variable in found.variables.items():
         if str(name).startswith(("case_", "ledger_")):
             continue  # the method's own closed forms, which have units
-        units = str(one.attrs.get("units", "1"))
+        units = str(variable.attrs.get("units", "1"))
         assert "s" not in units.split(), f"{name} is in {units}"
-        yield from (f"{name}: {key}: {value}" for key, value in one.attrs.items() if isinstance(value, str))
-        if one.dtype.kind in "UO" and name not in ("force_source", "model_toml"):
-            yield from map(str, np.atleast_1d(one.values).ravel())
+        yield from (f"{name}: {key}: {value}" for key, value in variable.attrs.items() if isinstance(value, str))
+        if variable.dtype.kind in "UO" and name not in ("force_source", "model_toml"):
+            yield from map(str, np.atleast_1d(variable.values).ravel())
     circumstances = ("source", "history", "Conventions")
     yield from (
         f"{key}: {value}" for key, value in found.attrs.items() if isinstance(value, str) and key not in circumstances
@@ -80,7 +80,7 @@ def drawn(figure: Any) -> Iterator[str]:
 
 def check(texts: Iterator[str], where: str) -> None:
     """Refuse a second."""
-    wrong = [one for one in texts if SECOND.search(one)]
+    wrong = [text for text in texts if SECOND.search(text)]
     assert not wrong, f"{where}: {wrong[:5]}"
 
 

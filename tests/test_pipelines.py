@@ -18,7 +18,7 @@ from cases.problems import MODELS, ROOT, particle
 from cases.stages import marches
 from xdynamics.evidence.cluster import cluster_of, connected
 
-PIPELINES = sorted(one.parent.name for one in (ROOT / "pipelines").glob("*/pipeline.py"))
+PIPELINES = sorted(entry.parent.name for entry in (ROOT / "pipelines").glob("*/pipeline.py"))
 # of the studies what makes them small
 SMALL: dict[str, dict[str, Any]] = {
     "convergence_study": {"methods": ["velocity_verlet", "rk4"]},
@@ -63,11 +63,11 @@ def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> Non
     assert len(archives) >= 3
     kept = (tmp_path / "results" / "report.md").read_text()
     assert kept.strip() in page + "\n" or page.strip() in kept
-    for one in archives:
-        assert f"{one.name}, {xd.verify(one)}" in kept
+    for archive in archives:
+        assert f"{archive.name}, {xd.verify(archive)}" in kept
     figures = sorted((tmp_path / "results").glob("*.png"))
     assert figures
-    assert all(f"]({one.name})" in kept and one.stat().st_size > 10_000 for one in figures)
+    assert all(f"]({figure.name})" in kept and figure.stat().st_size > 10_000 for figure in figures)
 
 
 @pytest.mark.parametrize("name", PIPELINES)
@@ -172,7 +172,9 @@ def test_a_report_computes_its_stages_in_one_graph(tmp_path: Path) -> None:
         "budget": xd.error_budget(oscillator, "x", at="5 s", step="20 ms", **asked),
     }
     assert xd.report(tmp_path / "eager", run=run, **eager) == page
-    assert {one.name for one in (tmp_path / "lazy").iterdir()} == {one.name for one in (tmp_path / "eager").iterdir()}
+    assert {entry.name for entry in (tmp_path / "lazy").iterdir()} == {
+        entry.name for entry in (tmp_path / "eager").iterdir()
+    }
 
 
 def test_a_stage_that_fails_leaves_the_others_whole(tmp_path: Path) -> None:

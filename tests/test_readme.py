@@ -52,7 +52,7 @@ def test_every_command_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, req
             continue
         done = call(*line[1:])
         assert done.exit_code == (line[1] == "compare"), f"{line}\n{done.output}"
-    made = {one.name for one in tmp_path.iterdir()}
+    made = {entry.name for entry in tmp_path.iterdir()}
     assert {"rocket.nc", "rocket.png", "ball.nc", "ball.svg", "results"} <= made
 
 
@@ -80,8 +80,8 @@ def test_methods_table_is_the_registry() -> None:
     """Assert that name, order, symplecticity and evaluations in the table are the methods' own."""
     rows = re.findall(r"^\| `(\w+)` \| (\d) \| (yes|no) \| (\d+) \|", README, re.MULTILINE)
     assert rows == [
-        (one.name, str(one.order), "yes" if one.symplectic else "no", str(one.evaluations))
-        for one in xd.METHODS.values()
+        (method.name, str(method.order), "yes" if method.symplectic else "no", str(method.evaluations))
+        for method in xd.METHODS.values()
     ]
     assert len(README.splitlines()) < 300
 

@@ -29,7 +29,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     models = {
         name: xd.Model.from_text(str(xd.member(rockets, rocket=k).model_toml.values)) for name, k in extreme.items()
     }
-    refinements = {name: xd.refine(one, **study["refine"], compute=False) for name, one in models.items()}
+    refinements = {name: xd.refine(model, **study["refine"], compute=False) for name, model in models.items()}
     lowest = xd.error_budget(models["lowest"], **study["budget"], **study["march"], compute=False)
     return xd.report(folder, rockets=rockets, flights=flights, extremes=refinements, lowest=lowest)
 

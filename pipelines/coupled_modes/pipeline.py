@@ -20,7 +20,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     asked = {"method": study["method"], "until": study["until"], "compute": False}
     periods = xd.modes(model).period.values
-    excited = [model.replace(initial=one) for one in study["excitations"].values()]
+    excited = [model.replace(initial=excitation) for excitation in study["excitations"].values()]
     runs = [xd.simulate(one, **asked, step=study["refine"]["steps"][-1]) for one in excited]
     names = study["excitations"]
     listed = {"occurrences": study["cycles"], "compute": False}

@@ -20,9 +20,9 @@ CLOSED = {"cos(16)": cos(16.0)}
 def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Sweep methods and steps over every problem; set errors against force evaluations, and judge each method's levels."""
     axes, found = {"method": study["methods"], "step": study["steps"]}, {}
-    for name, one in study["problems"].items():
-        grid = xd.sweep(xd.Model.from_toml(ROOT / one["model"]), axes, until=one["until"])
-        exact = {number: CLOSED[closed] for number, closed in one["exact"].items()}
+    for name, problem in study["problems"].items():
+        grid = xd.sweep(xd.Model.from_toml(ROOT / problem["model"]), axes, until=problem["until"])
+        exact = {number: CLOSED[closed] for number, closed in problem["exact"].items()}
         found |= {f"{name}_work": xd.precision(grid, exact=exact), f"{name}_orders": xd.convergence(grid, "step")}
         found[f"{name}_methods"] = xd.contrast(grid, "method", reference=study["methods"][-1])
     return xd.report(folder, **found)

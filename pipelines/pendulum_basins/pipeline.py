@@ -20,7 +20,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     asked = {"keep": study["keep"], "until": study["until"]}
     basins = xd.sweep(model, {"initial_x": study["x"], "initial_y": study["y"]}, **asked)
-    closer = xd.sweep(model, {f"initial_{name}": one for name, one in study["close"].items()}, **asked)
+    closer = xd.sweep(model, {f"initial_{name}": value for name, value in study["close"].items()}, **asked)
     start = {name: float(closer[name][0]) for name in ("initial_x", "initial_y")}
     return xd.report(folder, basins=basins, closer=closer, one=xd.member(closer, **start))
 

@@ -83,8 +83,8 @@ class Keyword:
 
 
 KEYWORDS = {
-    one.name: one
-    for one in (
+    keyword.name: keyword
+    for keyword in (
         Keyword("method", MARCH, WORD, "integration method; `xdynamics methods` lists them", "needed here or in [run]", '"dop853"', "name of a method", "solver_method"),
         Keyword("until", MARCH, TIME, "end of the run, unless an event stops it before", "needed here or in [run]", '"9 s"', "", "solver_until"),
         Keyword("step", MARCH, STEP, "step of the grid t0 + n*h; with a tolerance, the first step to try", "needed without a tolerance", '"1 ms"', "time"),
@@ -111,7 +111,7 @@ KEYWORDS = {
     )
 }  # fmt: skip
 FULL, STATES = "full", "states"  # logs
-IN_FILES = tuple(name for name, one in KEYWORDS.items() if one.example)
+IN_FILES = tuple(name for name, keyword in KEYWORDS.items() if keyword.example)
 
 
 def number(value: Any, name: str) -> float:

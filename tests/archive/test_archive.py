@@ -36,12 +36,12 @@ def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_opened_equals_in_memory(archived: Path) -> None:
     """Assert that every bit and attribute comes back."""
     kept, made = xd.open_run(archived), short()
-    for name, one in made.variables.items():
+    for name, variable in made.variables.items():
         found = kept.variables[name]
-        assert found.dims == one.dims, name
-        if one.dtype.kind != "U":
-            assert found.dtype == one.dtype, name
-            assert found.values.tobytes() == np.ascontiguousarray(one.values).tobytes(), name
+        assert found.dims == variable.dims, name
+        if variable.dtype.kind != "U":
+            assert found.dtype == variable.dtype, name
+            assert found.values.tobytes() == np.ascontiguousarray(variable.values).tobytes(), name
     assert str(kept.model_toml.values) == str(made.model_toml.values)
     assert xd.content_digest(kept) == xd.content_digest(made) == kept.attrs["content_digest"]
 
@@ -168,7 +168,7 @@ def test_failing_write_leaves_the_old_file(archived: Path, tmp_path: Path, limit
     assert str(path) in ended.stdout
     assert "nothing is changed there" in ended.stdout
     assert path.read_bytes() == before
-    assert [one.name for one in tmp_path.iterdir()] == ["run.nc"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.nc"]
 
 
 def test_save_never_writes_into_the_old_file(archived: Path, tmp_path: Path) -> None:

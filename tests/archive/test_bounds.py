@@ -175,7 +175,7 @@ def test_what_no_archive_has_is_told() -> None:
     """Assert that dimensions that no variable has are named one by one."""
     variables = {"x": SimpleNamespace(dimensions=("step",))}
     file: Any = SimpleNamespace(dimensions={"step": 0, "more": 0, "most": 0}, variables=variables)
-    assert foreign(file) == [f"dimension '{one}' is none of a run" for one in ("more", "most")]
+    assert foreign(file) == [f"dimension '{name}' is none of a run" for name in ("more", "most")]
 
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a directory"])

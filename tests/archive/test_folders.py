@@ -25,7 +25,7 @@ def build(path: Path) -> None:
 
 def whole(path: Path) -> bool:
     """Whether a folder has all files, each whole."""
-    return {one.name: one.read_bytes() for one in path.iterdir()} == FILES
+    return {entry.name: entry.read_bytes() for entry in path.iterdir()} == FILES
 
 
 def forked(path: Path) -> int:
@@ -66,7 +66,7 @@ def test_a_folder_is_whole_or_not_there(case: int, tmp_path: Path) -> None:
         return
     build(path)
     assert whole(path)
-    assert [one.name for one in tmp_path.iterdir()] == ["made"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["made"]
 
 
 def test_one_of_many_processes_wins(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_one_of_many_processes_wins(tmp_path: Path) -> None:
     codes = sorted(map(ended, [forked(path) for _ in range(6)]))
     assert codes == [0, 2, 2, 2, 2, 2]
     assert whole(path)
-    assert [one.name for one in tmp_path.iterdir()] == ["made"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["made"]
 
 
 def test_a_folder_that_is_being_built_stays(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_a_folder_that_is_being_built_stays(tmp_path: Path) -> None:
             late()
         (path / "x").unlink()
     assert living == [True]
-    assert sorted(one.name for one in tmp_path.iterdir()) == [f".made.notours{BUILT}", "made"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == [f".made.notours{BUILT}", "made"]
 
 
 def test_what_is_no_place_for_a_folder_is_named(tmp_path: Path) -> None:
@@ -107,6 +107,6 @@ def test_what_is_no_place_for_a_folder_is_named(tmp_path: Path) -> None:
     ):
         with pytest.raises(xd.InputError, match=said):
             build(tmp_path / name)
-    assert [one.name for one in tmp_path.iterdir()] == ["file"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
     build(tmp_path / ("n" * 255))
     assert whole(tmp_path / ("n" * 255))

@@ -68,5 +68,5 @@ def test_they_are_read_by_everything(path: Path, tmp_path: Path, request: pytest
     run = xd.open_run(path)
     inner = np.unique((run.time.values[1:] + run.time.values[:-1])[::7] / 2)
     found = xd.sample(run, inner)
-    name = next(str(key) for key, one in run.data_vars.items() if one.attrs.get("role") == "coordinate")
+    name = next(str(key) for key, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate")
     assert np.isfinite(found[name]).all()

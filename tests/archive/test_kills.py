@@ -178,16 +178,16 @@ def call(verb: list[str] | Callable[[], object]) -> tuple[int, str]:
 def visible(folder: Path) -> list[Path]:
     """List the files of a folder and of those in it, but for what is being built."""
     return [
-        one
-        for one in sorted(folder.rglob("*"))
-        if one.is_file() and not any(part.startswith(".") for part in one.relative_to(folder).parts)
+        entry
+        for entry in sorted(folder.rglob("*"))
+        if entry.is_file() and not any(part.startswith(".") for part in entry.relative_to(folder).parts)
     ]
 
 
 def hidden(folder: Path) -> list[str]:
     """List what is being built, or was left behind."""
-    every = [one.relative_to(folder) for one in sorted(folder.rglob("*"))]
-    return [str(one) for one in every if any(part.startswith(".") for part in one.parts)]
+    every = [entry.relative_to(folder) for entry in sorted(folder.rglob("*"))]
+    return [str(node) for node in every if any(part.startswith(".") for part in node.parts)]
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -201,7 +201,7 @@ def digests(folder: Path) -> dict[str, str]:
             found[name] = _key(path)
         elif path.name in ("SHA256SUMS", "ro-crate-metadata.json"):
             assert len(sums := _sums(path)) > 8
-            assert all(_sha256(path.with_name(one)) == digest for one, digest in sums.items())
+            assert all(_sha256(path.with_name(name)) == digest for name, digest in sums.items())
             found[name] = "the digests of its files"
         else:
             found[name] = _sha256(path)
@@ -265,7 +265,7 @@ class Stages:
                 self.source(MADE_OF[name])
             words = SOURCES[name]
             if name == "ends":  # a call that writes under the name of another
-                words = ["ends" if one == "grid" else one for one in words]
+                words = ["ends" if word == "grid" else word for word in words]
             with self.inside(made):
                 code, said = call(words)
             assert code == 0, said
@@ -288,10 +288,10 @@ class Stages:
     def _set(self, name: str, folder: Path, *, over: bool) -> Stage:
         verb = VERBS[name]
         folder.mkdir()
-        for one in verb.reads.split():
-            copied(self.source(one), folder / one)
-            if one == "key.pem":
-                copied(self.source(one).with_suffix(".public.pem"), folder / "key.public.pem")
+        for word in verb.reads.split():
+            copied(self.source(word), folder / word)
+            if word == "key.pem":
+                copied(self.source(word).with_suffix(".public.pem"), folder / "key.public.pem")
         if over and verb.before:
             copied(self.source(verb.before), folder / verb.name)
         whole, old = folder.with_name(f"{folder.name} done"), digests(folder)

@@ -17,7 +17,7 @@ HDF = b"\x89HDF\r\n\x1a\n"
 
 def names(folder: Path) -> list[str]:
     """List a folder."""
-    return sorted(one.name for one in folder.iterdir())
+    return sorted(entry.name for entry in folder.iterdir())
 
 
 @pytest.mark.parametrize("name", ["run.nc", "n" * 252 + ".nc", "ä" * 126 + ".nc"])

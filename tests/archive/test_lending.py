@@ -160,7 +160,10 @@ def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
             variable[:] = [1.0, 2.0, 3.0]
             variable.setncatts(about)
     with lent(tmp_path / "odd.nc") as run:
-        assert {str(name): one.values.tolist() for name, one in run.items()} == {"when": [1, 2, 3], "scaled": [1, 2, 3]}
+        assert {str(name): value.values.tolist() for name, value in run.items()} == {
+            "when": [1, 2, 3],
+            "scaled": [1, 2, 3],
+        }
 
 
 def test_in_the_end_every_file_is_closed(archived: Path) -> None:

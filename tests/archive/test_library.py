@@ -262,7 +262,7 @@ def test_a_close_that_fails_is_the_last_one(tmp_path: Path) -> None:
 
 def test_the_locks_are_xarrays_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the two locks of xarray are found, in its order, and others taken while it is not imported."""
-    assert netcdf_library._locks_of_xarray() == [one.lock for one in NETCDF4_PYTHON_LOCK.locks]
+    assert netcdf_library._locks_of_xarray() == [lock.lock for lock in NETCDF4_PYTHON_LOCK.locks]
     monkeypatch.setitem(sys.modules, "xarray.backends.netCDF4_", None)
     first, second = netcdf_library._locks_of_xarray()
     assert first is not second
@@ -275,10 +275,10 @@ def test_a_fork_is_made_with_all_locks_and_frees_them() -> None:
     locks = netcdf_library._locks_of_xarray()
     netcdf_library._before_fork()
     assert netcdf_library._own._is_owned()
-    assert [one.locked() for one in locks] == [True, True]
+    assert [lock.locked() for lock in locks] == [True, True]
     netcdf_library._after_fork()
     assert not netcdf_library._own._is_owned()
-    assert [one.locked() for one in locks] == [False, False]
+    assert [lock.locked() for lock in locks] == [False, False]
 
     @alone
     def forking() -> bool:

@@ -20,7 +20,7 @@ def test_a_run_may_have_any_name(length: int, tmp_path: Path) -> None:
     """Assert that a march into a file leaves that file alone, and its segments have a folder of their own."""
     path = tmp_path / ("n" * (length - 3) + ".nc")
     xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close()
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
     assert len(folder_of(path).name) <= 255
     assert folder_of(path) != folder_of(tmp_path / ("n" * (length - 4) + "m.nc"))
 

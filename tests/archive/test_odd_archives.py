@@ -38,7 +38,7 @@ def answers(path: Path, good: Path) -> dict[str, tuple[int, str]]:
         ["compare", path, good],
     )
     for words in verbs:
-        done = CliRunner().invoke(main, [str(one) for one in words])
+        done = CliRunner().invoke(main, [str(word) for word in words])
         assert done.exception is None or isinstance(done.exception, SystemExit), (words, done.exception)
         found[f"{words[0]} {len(found)}"] = done.exit_code, done.output
     return found
@@ -95,10 +95,10 @@ def hostile(run: xr.Dataset) -> xr.Dataset:
     """Put characters that a terminal obeys wherever a text can stand."""
     for name in ("title", "run_outcome", "run_outcome_text", "solver_reference", "math_functions"):
         run.attrs[name] = HOSTILE
-    for one in run.variables.values():
-        one.attrs["long_name"] = HOSTILE
-        if one.attrs["role"] not in ("time", "step_size", "trial", "event", "sample", "flag", "model"):
-            one.attrs["units"] = HOSTILE
+    for variable in run.variables.values():
+        variable.attrs["long_name"] = HOSTILE
+        if variable.attrs["role"] not in ("time", "step_size", "trial", "event", "sample", "flag", "model"):
+            variable.attrs["units"] = HOSTILE
     run["event_detector"].attrs["flag_meanings"] = "\x1b[31m$x_{"
     extra = {"units": "1", "long_name": "x", "role": "coordinate"}
     return run.assign({"a$_{b": ("step", np.zeros(run.sizes["step"]), extra)})
@@ -120,7 +120,7 @@ def test_a_file_name_is_shown_written_out(swing: Path, tmp_path: Path) -> None:
     path = tmp_path / "a\nverified  b.nc\x1b[0m"
     path.write_bytes(swing.read_bytes())
     for words in (["verify", path], ["reproduce", path], ["verify", tmp_path / "gone\x1b[0m"]):
-        said = CliRunner().invoke(main, [str(one) for one in words]).output
+        said = CliRunner().invoke(main, [str(word) for word in words]).output
         assert len(said.splitlines()) == 1
         assert "\\x1b[0m" in said
     path.write_bytes(swing.read_bytes()[:-900])

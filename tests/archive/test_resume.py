@@ -49,7 +49,7 @@ def broken(often: None, tmp_path: Path) -> Iterator[Path]:  # noqa: ARG001 - a f
     path = tmp_path / "run.nc"
     with pytest.raises(PowerCut):
         xd.simulate(PENDULUM, **ASKED, path=path, progress=cut)
-    assert [one.name for one in names(path)] == [f"00000{n}.segment" for n in range(1, 6)]
+    assert [name.name for name in names(path)] == [f"00000{n}.segment" for n in range(1, 6)]
     yield path
     assert not list(tmp_path.glob(".*.part"))
 
@@ -66,7 +66,7 @@ def whole() -> str:
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_kills_of_whole_processes() -> None:
@@ -98,7 +98,7 @@ def test_resumed_is_uninterrupted(broken: Path) -> None:
     run = xd.simulate(PENDULUM, **ASKED, path=broken, resume=True, progress=lambda _done, t, _rows: seen.append(t))
     assert xd.verify(broken) == run.attrs["content_digest"] == whole()
     assert min(seen) > 24.0
-    assert [one.name for one in broken.parent.iterdir()] == ["run.nc"]
+    assert [entry.name for entry in broken.parent.iterdir()] == ["run.nc"]
 
 
 def test_short_runs_leave_no_segments(tmp_path: Path) -> None:
@@ -219,7 +219,7 @@ def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeyp
         )
     assert run.attrs["run_outcome"] == "interrupted"
     run.close()
-    assert [one.name for one in names(path)] == ["000001.segment", "000002.segment"]
+    assert [name.name for name in names(path)] == ["000001.segment", "000002.segment"]
     xd.simulate(PENDULUM, **ASKED, path=path, resume=True).close()
     assert xd.verify(path) == whole()
 
@@ -338,7 +338,7 @@ def test_discard_removes_segments_alone(broken: Path) -> None:
     other.write_text("another")
     done = call("discard", broken)
     assert (done.exit_code, done.output) == (0, f"discarded 5 segments of {broken}\n")
-    assert [one.name for one in broken.parent.iterdir()] == ["other.nc"]
+    assert [entry.name for entry in broken.parent.iterdir()] == ["other.nc"]
     assert call("discard", broken).exit_code == 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", xd.ResumeWarning)
@@ -367,4 +367,4 @@ def test_slow_steps_are_kept_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xdynamics.march.runner.LOOK", 0.0)
     blocks = list(March(PENDULUM, settings_for(PENDULUM, **ASKED)).blocks(50_000, patience=1e-4))
     assert len(blocks) > 1
-    assert sum(one.rows for one in blocks) == xd.simulate(PENDULUM, **ASKED).sizes["step"]
+    assert sum(block.rows for block in blocks) == xd.simulate(PENDULUM, **ASKED).sizes["step"]

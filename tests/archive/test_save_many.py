@@ -27,13 +27,13 @@ def runs(count: int, until: float = 1.0) -> list[xr.Dataset]:
 def test_files_are_those_of_save(tmp_path: Path) -> None:
     """Assert names, digests and compression of runs in a folder, by name and at paths."""
     made = runs(3)
-    folder, named, paths = (tmp_path / one for one in ("folder", "named", "paths"))
+    folder, named, paths = (tmp_path / name for name in ("folder", "named", "paths"))
     paths.mkdir()
     found = xd.save_many(made, folder, compress=True)
     assert [one.name for one in found] == ["000000.nc", "000001.nc", "000002.nc"]
     found += xd.save_many({f"run {k}": run for k, run in enumerate(made)}, named)
     found += xd.save_many(iter(made), [paths / f"{k}.nc" for k in "abc"])
-    assert {one.name for one in named.iterdir()} == {"run 0.nc", "run 1.nc", "run 2.nc"}
+    assert {entry.name for entry in named.iterdir()} == {"run 0.nc", "run 1.nc", "run 2.nc"}
     assert [xd.verify(one) for one in found] == 3 * [xd.content_digest(run) for run in made]
     assert found[0].stat().st_size < found[3].stat().st_size
 
@@ -67,7 +67,7 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
     monkeypatch.setattr(writing if where == "_finish" else target, where, full)
     with pytest.raises(xd.ArchiveError, match=r"00000\d.nc' cannot be written: .*nothing is changed"):
         xd.save_many(runs(3, until=2.0), tmp_path)
-    assert [xd.verify(one) for one in sorted(tmp_path.iterdir())] == before
+    assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == before
 
 
 @pytest.mark.cases(200)
@@ -89,7 +89,7 @@ def test_killed_at_any_moment(case: int, tmp_path: Path) -> None:
     found = [xd.verify(tmp_path / f"{k:06d}.nc") for k in range(4)]
     assert all(one in (a, b) for one, a, b in zip(found, *digests, strict=True))
     xd.save_many(new, tmp_path)
-    assert [xd.verify(one) for one in sorted(tmp_path.iterdir())] == digests[1]
+    assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == digests[1]
 
 
 def test_wrong_lists_are_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -113,4 +113,4 @@ def test_wrong_lists_are_refused_before_anything_is_written(tmp_path: Path) -> N
             xd.save_many(given, places)
     with pytest.raises(xd.InputError, match="compress is 'yes', needs true or false"):
         xd.save_many(made, tmp_path, compress="yes")  # type: ignore[arg-type]
-    assert [one.name for one in tmp_path.iterdir()] == ["file"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]

@@ -42,8 +42,8 @@ def test_a_digest_of_nothing_is_of_its_shape(shape: tuple[int, ...]) -> None:
     others = [(0, 2), (0, 3), (2, 0)]
     dims = ("n", "m")[: len(shape)]
     found = digest_of("a", xr.Variable(dims, np.zeros(shape)))
-    assert [one for one in others if digest_of("a", xr.Variable(("n", "m"), np.zeros(one))) == found] == [
-        one for one in others if one == shape
+    assert [other for other in others if digest_of("a", xr.Variable(("n", "m"), np.zeros(other))) == found] == [
+        other for other in others if other == shape
     ]
 
 
@@ -64,7 +64,7 @@ def test_the_content_digest_is_of_every_attribute_that_is_no_circumstance() -> N
     more = run.assign(b=run.a)
     assert content_digest(more[["b", "a"]]) == content_digest(more[["a", "b"]]) != same
     others = [run.assign_attrs(title="y"), run.assign_attrs(more=1), run.assign(a=run.a.assign_attrs(units="s"))]
-    assert same not in [content_digest(one) for one in others]
+    assert same not in [content_digest(other) for other in others]
 
 
 def test_a_digest_of_a_text_is_of_its_letters() -> None:

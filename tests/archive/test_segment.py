@@ -29,21 +29,21 @@ ROWS = {
 
 def seals() -> dict[str, Seal]:
     """Digests of nothing so far."""
-    return {name: Seal(name, ("n", "m")[: one.ndim], one.dtype) for name, one in ROWS.items()}
+    return {name: Seal(name, ("n", "m")[: row.ndim], row.dtype) for name, row in ROWS.items()}
 
 
 def digests() -> dict[str, str]:
     """The digest of every variable with its rows."""
     made = seals()
-    for name, one in ROWS.items():
-        made[name].update(one)
-    return {name: one.hexdigest() for name, one in made.items()}
+    for name, row in ROWS.items():
+        made[name].update(row)
+    return {name: value.hexdigest() for name, value in made.items()}
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A segment."""
-    shapes = [(name, one.dtype, one.shape) for name, one in ROWS.items()]
+    shapes = [(name, row.dtype, row.shape) for name, row in ROWS.items()]
     segment.write(tmp_path / "1.segment", {"of": "a run", "digests": digests()}, MEMORY, shapes, ROWS.values())
     return tmp_path / "1.segment"
 
@@ -56,17 +56,17 @@ def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert found.digest == hashlib.sha256(head).hexdigest()
     memory = found.memory()
     assert list(memory) == list(MEMORY)
-    for name, one in MEMORY.items():
-        assert (memory[name].dtype, memory[name].shape) == (one.dtype, one.shape)
-        assert memory[name].tobytes() == one.tobytes()
+    for name, value in MEMORY.items():
+        assert (memory[name].dtype, memory[name].shape) == (value.dtype, value.shape)
+        assert memory[name].tobytes() == value.tobytes()
     none = [(0,), (0, 2)]
     by_pairs = [(4,), (4,), (2,), (2, 2), (2, 2), (2, 2), (1, 2)]
     for piece, shapes in ((1 << 22, [(10,), (7, 2)]), (32, by_pairs), (8, [(1,)] * 10 + [(1, 2)] * 7)):
         monkeypatch.setattr(segment, "_PIECE", piece)
         parts = list(found.rows())
         assert [one.shape for _, one in parts] == shapes + none
-        for name, one in ROWS.items():
-            assert np.concatenate([part for other, part in parts if other == name]).tobytes() == one.tobytes()
+        for name, row in ROWS.items():
+            assert np.concatenate([part for other, part in parts if other == name]).tobytes() == row.tobytes()
 
 
 def test_rows_come_four_megabytes_at_a_time(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_rows_are_held_against_digests(path: Path) -> None:
     found.check(seals())
     for missing in ROWS:
         with pytest.raises(ArchiveError, match=f"has a variable '{missing}' that the run has not"):
-            found.check({name: one for name, one in seals().items() if name != missing})
+            found.check({name: seal for name, seal in seals().items() if name != missing})
     with pytest.raises(ArchiveError, match="has a variable 'flag' that the run has not"):
         found.check(seals() | {"flag": Seal("flag", ("n",), np.dtype("i2"))})
     begun = seals()
@@ -150,4 +150,4 @@ def test_a_segment_is_whole_or_not_there(path: Path) -> None:
     with pytest.raises(ArchiveError, match="1.segment' cannot be written: Input/output error; nothing is changed"):
         segment.write(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
     assert path.read_bytes() == before
-    assert [one.name for one in path.parent.iterdir()] == ["1.segment"]
+    assert [entry.name for entry in path.parent.iterdir()] == ["1.segment"]

@@ -63,8 +63,8 @@ def test_a_segment_says_the_time_in_seconds(tmp_path: Path) -> None:
         for _ in range(2):
             made.keep(writer, {"now": np.array([(0.125,)], dtype=[("t", "f8")])}, {})
     names = segments._names(folder_of(tmp_path / "run.nc"))
-    assert [one.name for one in names] == ["000001.segment", "000002.segment"]
-    first, second = (segment.read(one) for one in names)
+    assert [name.name for name in names] == ["000001.segment", "000002.segment"]
+    first, second = (segment.read(name) for name in names)
     assert (first.said["t"], first.said["before"], second.said["before"]) == (0.5, "", first.digest)
 
 
@@ -82,7 +82,7 @@ def test_segments_are_taken_in_their_order(tmp_path: Path) -> None:
     """Assert that the order in which a folder lists its files says nothing."""
     names = [f"{n:06d}.segment" for n in range(1, 40)]
     folder = segments_at(tmp_path / "run.nc", *names[::2], *names[1::2], "000040.part")
-    assert [one.name for one in segments._names(folder)] == names
+    assert [name.name for name in segments._names(folder)] == names
 
 
 def test_the_last_segment_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,7 @@ MC4CAQAwBQYDK2VwBCIEIKxLcP0FZr1Ka7KATa7QrCF0GOXP8H0Q9VeYz1aGXbvj
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_where_no_key_can_be(tmp_path: Path) -> None:
             new_key(tmp_path / name)
     with pytest.raises(xd.InputError, match=r"the key '.*none/own.pem' cannot be written: No such file or directory"):
         new_key(tmp_path / "none" / "own.pem")
-    assert sorted(one.name for one in tmp_path.iterdir()) == [
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == [
         "half.public.pem",
         "link.pem",
         "own.pem",
@@ -306,7 +306,7 @@ def test_wrong_input_is_one_sentence(
 
 def test_without_the_package(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the extra is named where cryptography is not installed."""
-    for name in [one for one in sys.modules if one.startswith("cryptography")]:
+    for name in [module for module in sys.modules if module.startswith("cryptography")]:
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(xd.InputError, match=r"need the package cryptography: pip install 'xdynamics\[sign\]'"):
         xd.verify_signature(made / "run.nc", made / "key.public.pem")

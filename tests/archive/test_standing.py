@@ -147,7 +147,9 @@ def test_a_record_without_a_past_is_known_by_its_digest() -> None:
     """Assert that a digest that holds names the run, and one that does not, or none, is told."""
     run = record()
     digest = content_digest(run)
-    plain = run.drop_attrs(deep=False).assign_attrs({name: one for name, one in run.attrs.items() if name != "origin"})
+    plain = run.drop_attrs(deep=False).assign_attrs(
+        {name: attr for name, attr in run.attrs.items() if name != "origin"}
+    )
     assert standing(plain.assign_attrs(content_digest=digest)).of == digest
     for other in (plain, plain.assign_attrs(content_digest=digest, title="u")):
         found = standing(other)
@@ -188,8 +190,8 @@ def test_what_a_selection_kept_is_selected_again() -> None:
     part = whole.drop_vars(["event", *MANY]).isel(step=[1, 4])
     kept = part.assign_attrs({SELECTION: "2 rows", SELECTION_OF: "0" * 64, LEFT_OUT_ATOL: "{}"})
     found = selected_like(kept, whole)
-    assert {name: digest_of(str(name), one) for name, one in found.variables.items()} == {
-        name: digest_of(str(name), one) for name, one in part.variables.items()
+    assert {name: digest_of(str(name), variable) for name, variable in found.variables.items()} == {
+        name: digest_of(str(name), variable) for name, variable in part.variables.items()
     }
     said = {name: found.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL)}
     assert said == {SELECTION: "2 rows", SELECTION_OF: content_digest(whole), LEFT_OUT_ATOL: "{}"}

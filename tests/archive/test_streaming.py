@@ -78,7 +78,7 @@ def test_segments_are_kept_while_the_run_is_not_over(tmp_path: Path, monkeypatch
     march = March(MODEL, settings_for(MODEL, step=0.01, until=2.0))
     assert streaming.stream(march, str(tmp_path / "run.nc")) == tmp_path / "run.nc"
     assert kept == [108, 162]
-    assert [one.name for one in tmp_path.iterdir()] == ["run.nc"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.nc"]
 
 
 def test_a_write_that_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,4 +107,4 @@ def test_the_model_s_own_file_is_no_target(tmp_path: Path) -> None:
     model = xd.Model.from_toml(path)
     with pytest.raises(xd.InputError, match="is the model file itself"):
         streaming.stream(March(model, settings_for(model, step=0.1, until=1.0)), path)
-    assert [one.name for one in tmp_path.iterdir()] == ["free.toml"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["free.toml"]

@@ -40,7 +40,7 @@ def bad() -> xr.Dataset:
 
 def names(folder: Path) -> list[str]:
     """List a folder."""
-    return sorted(one.name for one in folder.iterdir())
+    return sorted(entry.name for entry in folder.iterdir())
 
 
 REFUSED = {

@@ -40,7 +40,9 @@ def filled(file: netCDF4.Dataset, rows: int) -> Writer:
 def test_what_may_grow_and_what_not(file: netCDF4.Dataset) -> None:
     """Assert dimensions and chunks: whole ones for what may grow, as many rows as there are for what may not."""
     filled(file, 5)
-    assert [(one.name, len(one), one.isunlimited()) for one in file.dimensions.values()][:3] == [
+    assert [(dimension.name, len(dimension), dimension.isunlimited()) for dimension in file.dimensions.values()][
+        :3
+    ] == [
         (STEPS, 5, True),
         (EVENTS, 3, False),
         (BOUNDS, 2, False),

@@ -71,10 +71,16 @@ def test_what_lies_along_the_steps_says_when(run: xr.Dataset, tmp_path: Path) ->
     """Assert that variables of steps name the time as their coordinate, and no other does, saved or streamed."""
     xd.save(run, tmp_path / "saved.nc")
     xd.simulate(oscillator().model, step=0.1, until=1.0, path=tmp_path / "streamed.nc").close()
-    along = {str(name): "time" for name, one in run.variables.items() if "step" in one.dims and name != "time"}
+    along = {
+        str(name): "time" for name, variable in run.variables.items() if "step" in variable.dims and name != "time"
+    }
     for name in ("saved", "streamed"):
         with netCDF4.Dataset(tmp_path / f"{name}.nc") as file:
-            found = {one.name: one.coordinates for one in file.variables.values() if "coordinates" in one.ncattrs()}
+            found = {
+                variable.name: variable.coordinates
+                for variable in file.variables.values()
+                if "coordinates" in variable.ncattrs()
+            }
         assert found == along
 
 

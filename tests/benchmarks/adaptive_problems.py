@@ -322,18 +322,22 @@ def main() -> None:
     import xdynamics as xd
 
     print(f"scipy {scipy.__version__} at rtol 3e-14 and atol 1e-15; xdynamics midpoint in 200 000 steps")
-    for name, one in PROBLEMS.items():
+    for name, problem in PROBLEMS.items():
         found = solve_ivp(
-            lambda _t, y, rates=one.rates: rates(y, PLAIN),
-            (0.0, one.end),
-            one.start,
+            lambda _t, y, rates=problem.rates: rates(y, PLAIN),
+            (0.0, problem.end),
+            problem.start,
             method="Radau" if name == "robertson" else "DOP853",
             rtol=3e-14,
             atol=1e-15,
         )
-        run = xd.simulate(one.model(), method="midpoint", step=one.end / 200_000, until=one.end, force_samples="none")
-        ours = one.error(one.last_of(run)) if run.attrs["run_outcome"] == "completed" else math.nan
-        print(f"{name:16} scipy {one.error(found.y[:, -1]):8.1e}   midpoint {ours:8.1e}   {run.attrs['run_outcome']}")
+        run = xd.simulate(
+            problem.model(), method="midpoint", step=problem.end / 200_000, until=problem.end, force_samples="none"
+        )
+        ours = problem.error(problem.last_of(run)) if run.attrs["run_outcome"] == "completed" else math.nan
+        print(
+            f"{name:16} scipy {problem.error(found.y[:, -1]):8.1e}   midpoint {ours:8.1e}   {run.attrs['run_outcome']}"
+        )
 
 
 if __name__ == "__main__":

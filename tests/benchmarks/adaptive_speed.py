@@ -79,7 +79,7 @@ def our_lack() -> str:
     import xdynamics as xd
     from xdynamics.methods import METHODS as known
 
-    missing = [one for one in METHODS if one not in known]
+    missing = [method for method in METHODS if method not in known]
     if missing:
         return f"xdynamics has no method {' and '.join(missing)} yet"
     if "rtol" not in inspect.signature(xd.simulate).parameters:
@@ -271,7 +271,9 @@ def peer_points(tolerances: tuple[float, ...]) -> dict[str, Any]:
                 if name == "heyoka":
                     found = heyoka_marches(problem, tolerance)
                 else:
-                    found = {f"diffrax {DIFFRAX[one]}": diffrax_run(problem, one, tolerance) for one in METHODS}
+                    found = {
+                        f"diffrax {DIFFRAX[method]}": diffrax_run(problem, method, tolerance) for method in METHODS
+                    }
                 rows += [[problem, solver, tolerance, asdict(point)] for solver, point in found.items()]
     return {"versions": versions, "rows": rows}
 
@@ -307,14 +309,14 @@ def solvers_of(points: Points) -> list[str]:
     """Return the solvers in the order of the tables: each family after the other."""
     families = [
         [
-            f"C {one}",
-            f"xdynamics {one}, loop",
-            f"xdynamics {one}",
-            f"xdynamics {one}, Dataset",
-            f"scipy {SCIPY[one]}",
-            f"diffrax {DIFFRAX[one]}",
+            f"C {method}",
+            f"xdynamics {method}, loop",
+            f"xdynamics {method}",
+            f"xdynamics {method}, Dataset",
+            f"scipy {SCIPY[method]}",
+            f"diffrax {DIFFRAX[method]}",
         ]
-        for one in METHODS
+        for method in METHODS
     ]
     known = [solver for family in families for solver in family]
     found = {solver for _, solver, _ in points}
@@ -323,7 +325,7 @@ def solvers_of(points: Points) -> list[str]:
 
 def rival(solver: str) -> str:
     """Return the C march that a solver is compared with: that of its family; DOP853 for Taylor series."""
-    fifth = any(one in solver for one in ("dormand_prince", "RK45", "Dopri5"))
+    fifth = any(name in solver for name in ("dormand_prince", "RK45", "Dopri5"))
     return f"C {METHODS[0] if fifth else METHODS[1]}"
 
 
@@ -363,13 +365,13 @@ def at_error(points: Points, problem: str, solver: str, target: float) -> float:
 
 def rows_at_equal_error(points: Points) -> Iterator[str]:
     """Yield the second table: microseconds at an error, and as a ratio to the family's C."""
-    yield f"{'':35} " + " ".join(f"{f'us at {one:.0e}':>12} {'/ C':>7}" for one in TARGETS)
+    yield f"{'':35} " + " ".join(f"{f'us at {target:.0e}':>12} {'/ C':>7}" for target in TARGETS)
     for problem in NAMES:
         yield PROBLEMS[problem].title
         for solver in solvers_of(points):
             pairs = [
-                (at_error(points, problem, solver, one), at_error(points, problem, rival(solver), one))
-                for one in TARGETS
+                (at_error(points, problem, solver, target), at_error(points, problem, rival(solver), target))
+                for target in TARGETS
             ]
             yield f"  {solver:33} " + " ".join(f"{a * 1e6:12.1f} {a / b:7.2f}" for a, b in pairs)
 
@@ -416,7 +418,7 @@ def main() -> None:
     print("\nEqual error of the final state", *rows_at_equal_error(points), sep="\n")
     print(f"\nKepler, e = 0.9, to t = {LONG:.0f} at 1e-8", *long, sep="\n")
     if asked.json:
-        asked.json.write_text(json.dumps([[*key, asdict(one)] for key, one in points.items()], indent=1))
+        asked.json.write_text(json.dumps([[*key, asdict(point)] for key, point in points.items()], indent=1))
 
 
 if __name__ == "__main__":

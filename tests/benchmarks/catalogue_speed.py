@@ -34,7 +34,7 @@ def measured(members: int, place: str) -> None:
         else:
             found = xd.sweep(model, {"k": stiffness}, **ASKED).compute()
         taken, peak = time.process_time() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        sizes = [one.stat().st_size for one in Path(folder).rglob("*") if one.is_file()]
+        sizes = [entry.stat().st_size for entry in Path(folder).rglob("*") if entry.is_file()]
         print(
             f"  {place:<8}{taken:>8.2f} s{taken / members * 1e6:>8.2f} us a member{peak / MEGABYTE:>8.0f} MB at most for {found.nbytes / MEGABYTE:.0f} MB",
             f"({sum(sizes) / MEGABYTE:.0f} MB of files)" if sizes else "",

@@ -108,7 +108,7 @@ def main() -> None:
     random = np.random.default_rng(1)
     codes = {lanes: machine.Code(unvectorised(loops(lanes)), [f"run_{name}" for name in NAMES]) for lanes in LANES}
     other = machine.Code(unvectorised(library()), [f"library_{name}" for name in NAMES])
-    print(f"{'':8s}{'ulp':>7s}   ns: libm   1 lane       " + "".join(f"{one:8d}" for one in LANES[1:]) + " lanes")
+    print(f"{'':8s}{'ulp':>7s}   ns: libm   1 lane       " + "".join(f"{lane:8d}" for lane in LANES[1:]) + " lanes")
     for name in NAMES:
         with np.errstate(all="ignore"):
             hard = arguments_of(name, each)
@@ -122,7 +122,7 @@ def main() -> None:
             + "".join(f"{one:8.2f}" for one in own[1:]),
             flush=True,
         )
-    print("\nns a step of one run, in lanes" + "".join(f"{one:9d}" for one in LANES))
+    print("\nns a step of one run, in lanes" + "".join(f"{lane:9d}" for lane in LANES))
     for model, method in STEPS:
         times = step_times(model, method)
         print(

@@ -40,10 +40,12 @@ def main(rows: int) -> None:
     )
     steps = [0.1 / 2**k for k in range(8)]
     for model in (ball, free):
-        methods = [name for name, one in xd.METHODS.items() if not one.refusals(model)]
+        methods = [name for name, method in xd.METHODS.items() if not method.refusals(model)]
         for once in (True, False):
             spent = seconds(
-                lambda methods=methods, model=model: [xd.refine(model, method=one, steps=steps) for one in methods]
+                lambda methods=methods, model=model: [
+                    xd.refine(model, method=method, steps=steps) for method in methods
+                ]
             )  # type: ignore[misc]
             if not once:
                 print(f"refine {model.name!r}: {len(methods)} methods x {len(steps)} levels in {spent:.2f} s")

@@ -37,13 +37,13 @@ def chain() -> xd.Model:
     names = [f"u{i}" for i in range(MASSES)]
     ends = ["0", *names, "0"]
     pulls = {
-        one: f"k*(({right}) - {one}) - k*({one} - ({left}))"
-        for left, one, right in zip(ends[:-2], names, ends[2:], strict=True)
+        name: f"k*(({right}) - {name}) - k*({name} - ({left}))"
+        for left, name, right in zip(ends[:-2], names, ends[2:], strict=True)
     }
-    start = dict.fromkeys(names, "0 m") | {f"v_{one}": "0 m s-1" for one in names} | {"u0": "0.1 m"}
+    start = dict.fromkeys(names, "0 m") | {f"v_{name}": "0 m s-1" for name in names} | {"u0": "0.1 m"}
     return xd.Model(
         name="chain of masses on springs",
-        coordinates={one: {"unit": "m"} for one in names},
+        coordinates={name: {"unit": "m"} for name in names},
         parameters={"m": "1 kg", "k": "100 N m-1"},
         mass=dict.fromkeys(names, "m"),
         forces={"springs": pulls},
@@ -73,7 +73,7 @@ def cases() -> list[tuple[str, str]]:
         except InputError:
             continue
         found.append((PENDULUM, method.name))
-    return found + [(CHAIN, one) for one in CHAIN_METHODS]
+    return found + [(CHAIN, method) for method in CHAIN_METHODS]
 
 
 def simulated(name: str, method: str) -> dict[str, Any]:

@@ -21,8 +21,8 @@ def chain(n: int) -> xd.Model:
     names = [f"u{i}" for i in range(n)]
     ends = ["0", *names, "0"]
     pulls = {
-        one: f"k*(({right}) - {one}) - k*({one} - ({left}))"
-        for left, one, right in zip(ends[:-2], names, ends[2:], strict=True)
+        name: f"k*(({right}) - {name}) - k*({name} - ({left}))"
+        for left, name, right in zip(ends[:-2], names, ends[2:], strict=True)
     }
     return xd.Model(
         name=f"chain of {n} masses on springs",
@@ -42,7 +42,7 @@ def fput(n: int = 32, alpha: float = 0.25) -> xd.Model:
     names = [f"u{i}" for i in range(1, n + 1)]
     bonds = [f"({right} - {left})" for left, right in pairwise(names)]
     bonds = [names[0], *bonds, f"(-{names[-1]})"]
-    potential = " + ".join(f"k*{one}**2/2 + alpha*{one}**3/3" for one in bonds)
+    potential = " + ".join(f"k*{bond}**2/2 + alpha*{bond}**3/3" for bond in bonds)
     return xd.Model(
         name=f"chain of {n} masses with quadratic forces",
         coordinates=dict.fromkeys(names, "m"),
@@ -115,7 +115,8 @@ def outer_solar_system() -> xd.Model:
     return xd.Model(
         name="outer solar system",
         coordinates=dict.fromkeys(names, "m"),
-        parameters={masses[name]: f"{one[0]!r} kg" for name, one in BODIES.items()} | {"G": f"{GRAVITY!r} m3 kg-1 s-2"},
+        parameters={masses[name]: f"{body[0]!r} kg" for name, body in BODIES.items()}
+        | {"G": f"{GRAVITY!r} m3 kg-1 s-2"},
         mass={name: masses[name[2:]] for name in names},
         forces={"gravity": {"potential": "-(" + " + ".join(pairs) + ")"}},
         initial=initial,

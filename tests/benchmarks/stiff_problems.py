@@ -84,10 +84,10 @@ def chain(masses: int = 50, end: float = 10.0) -> Benchmark:
     names = tuple(f"u{i}" for i in range(masses))
     ends = ("0", *names, "0")
     pulls = {
-        one: f"k*(({right}) - {one}) - k*({one} - ({left}))"
-        for left, one, right in zip(ends[:-2], names, ends[2:], strict=True)
+        name: f"k*(({right}) - {name}) - k*({name} - ({left}))"
+        for left, name, right in zip(ends[:-2], names, ends[2:], strict=True)
     }
-    velocities = tuple(f"v_{one}" for one in names)
+    velocities = tuple(f"v_{name}" for name in names)
     start = (0.1, *[0.0] * (2 * masses - 1))
 
     def numbers(s: Any, _words: Words) -> list[Any]:

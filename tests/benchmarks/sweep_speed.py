@@ -53,7 +53,7 @@ def with_detectors(count: int) -> xd.Model:
     events = {f"e{i}": {"function": f"x - {0.1 * i!r}*metre"} for i in range(count)}
     return xd.Model.from_text(
         model_of(DUFFING).to_toml()
-        + "".join(f'\n[events.{name}]\nfunction = "{one["function"]}"\n' for name, one in events.items())
+        + "".join(f'\n[events.{name}]\nfunction = "{event["function"]}"\n' for name, event in events.items())
     )
 
 

@@ -99,9 +99,11 @@ def sweep(benchmark: Benchmark, method: str) -> list[Point]:
     """
     model, points = benchmark.model(), []
     if method in ADAPTIVE:
-        asked: Iterable[dict[str, object]] = (adaptive_settings(benchmark, method, one) for one in TOLERANCES)
+        asked: Iterable[dict[str, object]] = (
+            adaptive_settings(benchmark, method, tolerance) for tolerance in TOLERANCES
+        )
     else:
-        asked = (fixed_settings(benchmark, method, one) for one in STEPS)
+        asked = (fixed_settings(benchmark, method, step) for step in STEPS)
     for one in asked:
         found = point(benchmark, model, one)
         if found is None or not math.isfinite(found.error):
@@ -127,7 +129,7 @@ def sweeps(problems: Iterable[str], methods: Iterable[str]) -> dict[str, dict[st
     for method in methods:
         if lack(method):
             print(f"{method} {lack(method)}: left out")
-    ready = [one for one in methods if not lack(one)]
+    ready = [method for method in methods if not lack(method)]
     found: dict[str, dict[str, list[Point]]] = {}
     for problem in problems:
         found[problem] = {}

@@ -69,8 +69,8 @@ def test_slopes_of_an_oscillator() -> None:
     w, x0, t = math.sqrt(90 / 0.4), 0.03, 2.3
     swing = -x0 * math.sin(w * t) * t
     right = {"k": swing / (2 * math.sqrt(90 * 0.4)), "m": -swing * w / (2 * 0.4), "x": math.cos(w * t)}
-    for name, one in right.items():
-        assert slope(budget, name)[0] == pytest.approx(one, rel=1e-9)
+    for name, value in right.items():
+        assert slope(budget, name)[0] == pytest.approx(value, rel=1e-9)
     units = {name: slope(budget, name)[1] for name in right}
     assert units == {"k": "m2 N-1", "m": "kg-1 m", "x": "1"}
     crossing = xd.error_budget(model, "t", event="zero", method="dop853", rtol=1e-13, until="3 s")
@@ -216,7 +216,7 @@ def test_intervals_and_verdicts_of_draws() -> None:
     assert found.symmetric == pytest.approx((-math.log(0.975), -math.log(0.025)), abs=0.04)
     assert found.standard == pytest.approx(1.0, rel=0.01)
     assert judged(1.0, 1.0, found, 0.95)[0] == 1
-    assert [tolerance_of(one) for one in (0.0755, 0.0968, 3.0, 12.0)] == pytest.approx([0.005, 0.05, 0.5, 5.0])
+    assert [tolerance_of(value) for value in (0.0755, 0.0968, 3.0, 12.0)] == pytest.approx([0.005, 0.05, 0.5, 5.0])
     normal = drawn(5.0 + 0.3 * np.random.default_rng(3).standard_normal(200_000), 0.95)
     assert judged(5.0, 0.3, normal, 0.95)[0] == 0
     assert judged(5.0, 0.3, drawn(5.0 + 0.3 * np.random.default_rng(4).standard_normal(60), 0.9), 0.9)[0] == 2
@@ -248,7 +248,7 @@ def test_the_verb(tmp_path: Any) -> None:
     from xdynamics.cli import main
 
     def call(*arguments: object) -> Any:
-        return CliRunner().invoke(main, [str(one) for one in arguments])
+        return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
     asked = [
         "budget",
@@ -534,9 +534,9 @@ def test_a_time_without_a_unit_has_no_seconds() -> None:
     )
     for where in ({"at": "1"}, {"at": 1.0}, {"event": "zero"}):
         budget = xd.error_budget(model, "t" if "event" in where else "x", draws=100, **where)
-        assert {one.attrs["units"] for one in budget.variables.values()} == {"1"}
+        assert {variable.attrs["units"] for variable in budget.variables.values()} == {"1"}
         assert {*budget.sensitivity_units.values.tolist(), *budget.input_units.values.tolist()} == {"", "1"}
         texts = [*summary(budget), *map(str, budget.attrs.values()), *map(str, budget.term_rule.values)]
-        assert not [one for one in texts if re.search(r"[0-9] s\b", one)]
+        assert not [text for text in texts if re.search(r"[0-9] s\b", text)]
     with pytest.raises(xd.InputError, match="the model's time is a pure number"):
         xd.error_budget(model, "x", at="1 s")

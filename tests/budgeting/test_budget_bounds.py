@@ -54,7 +54,7 @@ def located(rng: np.random.Generator) -> Number:
     key = str(rng.choice(list(true)))
     if key.startswith("event_time_"):
         return Number(name, model, settings, "t", {"event": key.removeprefix("event_time_")}, true[key])
-    event = next(one for one in ("apex", "ground", "floor") if key.startswith(f"after_{one}_"))
+    event = next(name for name in ("apex", "ground", "floor") if key.startswith(f"after_{name}_"))
     quantity = key.removeprefix(f"after_{event}_")
     return Number(name, model, settings, quantity, {"event": event, "side": "after"}, true[key])
 

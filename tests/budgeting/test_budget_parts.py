@@ -408,10 +408,10 @@ def budget_in_words(**more: Any) -> xr.Dataset:
         "input_uncertainty": [math.nan, 0.008, 1.0],
         "input_units": ["", "m s-2", "1"],
     }
-    found = xr.Dataset({name: ("term", np.array(one)) for name, one in terms.items()})
+    found = xr.Dataset({name: ("term", np.array(term)) for name, term in terms.items()})
     found["term_kind"].attrs = {"flag_values": np.array([0, 1]), "flag_meanings": "numerical physical"}
     totals = {"numerical_rss": 0.0123456, "numerical_bound": 0.03, "physical_rss": 0.51, "total_rss": 0.52}
-    found = found.assign({name: ((), one) for name, one in totals.items()})
+    found = found.assign({name: ((), total) for name, total in totals.items()})
     found["value"] = ((), 3.0, {"units": "s"})
     return found.assign_attrs({"of": "time of apex", "result": "3 s", **more})
 
@@ -434,7 +434,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
         coverage=0.95, draws=4000, linear_apart=0.004, draws_needed=23000.0, extreme_rule="located", extreme_time=1.5
     )
     drawn_too = {"shortest": [2.0111, 3.9], "symmetric": [2.0333, 3.955]}
-    found = found.assign({f"monte_carlo_{name}": ("bound", np.array(one)) for name, one in drawn_too.items()})
+    found = found.assign({f"monte_carlo_{name}": ("bound", np.array(value)) for name, value in drawn_too.items()})
     found["monte_carlo_end_doubt"], found["monte_carlo_standard_uncertainty"] = 0.012, 0.49876
     found["monte_carlo_standard_uncertainty_doubt"] = 0.006
     found["linear_verdict"] = (
@@ -451,7 +451,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
         "linear    not checked: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
     ]
     settled = found.drop_attrs(deep=False).assign_attrs(
-        {key: one for key, one in found.attrs.items() if key != "draws_needed"}
+        {key: attr for key, attr in found.attrs.items() if key != "draws_needed"}
     )
     assert list(lines_of(settled))[-1].endswith("0.004 s from that of the draws")
     assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith(
@@ -549,7 +549,7 @@ def test_levels_and_draws_stand_in_their_units() -> None:
     assert steps.level_value.attrs["units"] == "g"
     assert budgeted_levels(rtol=1e-5, method="dop853").rtol.attrs["units"] == "1"
     found = draws_as(Drawn(1.0, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0, 8.0, 9.0), parse_unit("g"), 0.9)
-    values = {name: np.asarray(one[1]).tolist() for name, one in found.items()}
+    values = {name: np.asarray(value[1]).tolist() for name, value in found.items()}
     assert values == {
         "monte_carlo_mean": 1.0,
         "monte_carlo_standard_uncertainty": 2.0,

@@ -57,16 +57,16 @@ def test_correlated_terms_keep_the_signs_of_their_slopes(correlation: float) -> 
     assert float(budget.value) == pytest.approx(-1.0)
     assert float(budget.physical_rss) == pytest.approx(math.sqrt(variance), rel=1e-9)
     shares = column(budget, "share")
-    assert [shares[one] for one in "abc"] == pytest.approx(
+    assert [shares[letter] for letter in "abc"] == pytest.approx(
         [(parts[0] ** 2 + cross) / variance, (parts[1] ** 2 + cross) / variance, third**2 / variance]
     )
     slopes, bounds = column(budget, "sensitivity"), column(budget, "bound")
-    assert [slopes[one] for one in "abc"] == pytest.approx([2e3, -3e3, 1e3], rel=1e-9)
-    assert [bounds[one] for one in "abc"] == pytest.approx([0.4, 1.2, 0.3], rel=1e-9)
+    assert [slopes[letter] for letter in "abc"] == pytest.approx([2e3, -3e3, 1e3], rel=1e-9)
+    assert [bounds[letter] for letter in "abc"] == pytest.approx([0.4, 1.2, 0.3], rel=1e-9)
     assert float(budget.physical_bound) == pytest.approx(1.9, rel=1e-9)
     inputs = column(budget, "input_uncertainty")
-    assert [inputs[one] for one in "abc"] == pytest.approx([1e-4, 2e-4, 1e-3 * third])
-    assert {one: column(budget, "sensitivity_units")[one] for one in "abc"} == dict.fromkeys("abc", "g kg-1")
+    assert [inputs[letter] for letter in "abc"] == pytest.approx([1e-4, 2e-4, 1e-3 * third])
+    assert {letter: column(budget, "sensitivity_units")[letter] for letter in "abc"} == dict.fromkeys("abc", "g kg-1")
 
 
 def test_draws_are_those_of_correlated_inputs() -> None:
@@ -166,7 +166,7 @@ def test_lines_say_the_terms_from_the_largest_share_on() -> None:
     assert lines[2] == "result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part 4e-16 g)" or lines[2].startswith(
         "result    s at t = 1 s = -1.0 ± 1.3 g (k = 2, numerical part "
     )
-    assert [one.split()[1] for one in lines[3:6]] == ["b", "a", "c"]
+    assert [line.split()[1] for line in lines[3:6]] == ["b", "a", "c"]
     assert "0.6 g, 83.7% of the variance, -3000 g kg-1 times 0.0002 kg" in lines[3]
     assert lines[-1] == "linear    not checked: draw, with --draws 10000"
     assert "physical 0.656 g; together 0.656 g" in lines[-2]

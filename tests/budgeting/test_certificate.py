@@ -47,10 +47,10 @@ def test_a_certificate_has_all_that_defends_a_number(certificate: xr.Dataset) ->
     assert len({*certificate.run_digest.values.tolist()}) == 4
     assert certificate.sizes["case"] == xd.validate(["dormand_prince"]).sizes["case"]
     found = gates(certificate)
-    assert {name: one for name, one in found.items() if name != "linear_budget"} == dict.fromkeys(
+    assert {name: value for name, value in found.items() if name != "linear_budget"} == dict.fromkeys(
         ("outcome", "levels", "convergence", "interpolation", "ledger", "numerical_part"), "passed"
     )
-    assert all(one.attrs["units"] and one.attrs["long_name"] for one in certificate.variables.values())
+    assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in certificate.variables.values())
 
 
 def budget_by_hand(**more: Any) -> xr.Dataset:
@@ -66,7 +66,7 @@ def budget_by_hand(**more: Any) -> xr.Dataset:
         }
     )
     attributes = numbers.pop("attributes", {})
-    return found.assign({name: ((), one) for name, one in numbers.items()}).assign_attrs(attributes)
+    return found.assign({name: ((), number) for name, number in numbers.items()}).assign_attrs(attributes)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path:
     from xdynamics.cli import main
 
     def call(*arguments: object) -> Any:
-        return CliRunner().invoke(main, [str(one) for one in arguments])
+        return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
     xd.save(certificate, tmp_path / "C.nc")
     again = xd.recheck(tmp_path / "C.nc")
@@ -254,7 +254,7 @@ def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, 
     import shutil
 
     folder = xd.bundle(tmp_path / "b", certificate)
-    names = {one.name for one in folder.iterdir()}
+    names = {entry.name for entry in folder.iterdir()}
     assert {
         "certificate.nc",
         "run.nc",
@@ -314,7 +314,7 @@ def test_a_bundle_with_other_sums_is_found_out(certificate: xr.Dataset, tmp_path
     (folder / "model.toml").write_text((folder / "model.toml").read_text().replace("0.145", "0.146"))
     rows = [line.split("  ")[1] for line in (folder / "SHA256SUMS").read_text().splitlines()]
     (folder / "SHA256SUMS").write_text(
-        "".join(f"{hashlib.sha256((folder / one).read_bytes()).hexdigest()}  {one}\n" for one in rows)
+        "".join(f"{hashlib.sha256((folder / row).read_bytes()).hexdigest()}  {row}\n" for row in rows)
     )
     with pytest.raises(xd.ArchiveError, match="another model"):
         xd.recheck(folder)
@@ -328,7 +328,7 @@ def test_a_bundle_with_another_run_is_found_out(certificate: xr.Dataset, tmp_pat
     xd.simulate(BALL, path=folder / "run.nc", method="rk4", step="10 ms", until="1 s")
     rows = [line.split("  ")[1] for line in (folder / "SHA256SUMS").read_text().splitlines()]
     (folder / "SHA256SUMS").write_text(
-        "".join(f"{hashlib.sha256((folder / one).read_bytes()).hexdigest()}  {one}\n" for one in rows)
+        "".join(f"{hashlib.sha256((folder / row).read_bytes()).hexdigest()}  {row}\n" for row in rows)
     )
     with pytest.raises(xd.ArchiveError, match="another run than the certificate's"):
         xd.recheck(folder)
@@ -371,7 +371,7 @@ def test_too_few_draws_leave_a_gate_open_and_say_how_many_settle_it(tmp_path: Pa
 
     from xdynamics.cli import main
 
-    asked = {name: one for name, one in ASKED.items() if name != "draws"}
+    asked = {name: value for name, value in ASKED.items() if name != "draws"}
     few = xd.certify(BALL, "t", draws=100, **asked)
     assert gates(few)["linear_budget"] == "not_checked"
     needed = float(few.attrs["draws_needed"])

@@ -75,7 +75,7 @@ def test_uncertainties_hold_the_true_numbers() -> None:
 def test_without_uncertainties_residuals_tell_them() -> None:
     """Assert the same uncertainties within their own scatter where the data tell none."""
     angles = swung()
-    told, untold = (xd.fit(pendulum(), bench(angles, 3, told=one), NAMES, **MARCH) for one in (True, False))
+    told, untold = (xd.fit(pendulum(), bench(angles, 3, told=flag), NAMES, **MARCH) for flag in (True, False))
     assert (np.abs(untold.estimate - told.estimate) < 1e-4 * told.standard_uncertainty).all()
     assert untold.standard_uncertainty.values == pytest.approx(told.standard_uncertainty.values, rel=0.1)
     assert math.isnan(untold.attrs["chi_square"])
@@ -129,8 +129,8 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
     rows, slopes = np.concatenate([3.0 * t + 8.0, np.full(5, 3.0)]), np.zeros((10, 2))
     slopes[:5, 0], slopes[5:, 0], slopes[:5, 1] = t, 1.0, 12.0
     assert asked.computed(scaled[None] * problem.scales)[0] == pytest.approx(rows)
-    for one, wanted in zip(with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
-        assert one == pytest.approx(wanted, abs=1e-9)
+    for slope, wanted in zip(with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
+        assert slope == pytest.approx(wanted, abs=1e-9)
     found, steep = problem.looked(scaled)
     assert found == pytest.approx((rows - measured) * weights)
     assert steep == pytest.approx(slopes * weights[:, None] * [2.0, 0.5], abs=1e-9)
@@ -346,7 +346,7 @@ def test_a_fit_is_saved_opened_and_told(tmp_path: Path) -> None:
     (tmp_path / "pendulum.toml").write_text(pendulum().to_toml())
 
     def call(*arguments: object) -> Any:
-        return CliRunner().invoke(main, [str(one) for one in arguments])
+        return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
     asked = [
         "fit",

@@ -32,7 +32,9 @@ def pushed(force: str, csv: str, **more: Any) -> xd.Model:
 def written(header: str, *columns: np.ndarray) -> str:
     """CSV text of columns."""
     return (
-        "\n".join([header, *(",".join(map(repr, row)) for row in zip(*(one.tolist() for one in columns), strict=True))])
+        "\n".join(
+            [header, *(",".join(map(repr, row)) for row in zip(*(column.tolist() for column in columns), strict=True))]
+        )
         + "\n"
     )
 

@@ -50,4 +50,4 @@ class Bench:
 
     def call_plainly(self, key: int) -> None:
         """Call a printed one, lane 0 being all there is."""
-        PLAIN[key](*(one if one is self.tables else one[:, 0] for one in self.arrays()))
+        PLAIN[key](*(array if array is self.tables else array[:, 0] for array in self.arrays()))

@@ -9,4 +9,4 @@ from xdynamics.cli import main
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])

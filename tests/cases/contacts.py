@@ -78,7 +78,7 @@ def dry(x: float = 12.0, v: float = 6.0) -> xd.Model:
 
 def words(run: Any) -> list[tuple[str, str]]:
     """The detector and the kind of each event."""
-    names, kinds = (run[f"event_{one}"].attrs["flag_meanings"].split() for one in ("detector", "kind"))
+    names, kinds = (run[f"event_{name}"].attrs["flag_meanings"].split() for name in ("detector", "kind"))
     found = zip(run.event_detector.values.tolist(), run.event_kind.values.tolist(), strict=True)
     return [(names[i], kinds[k]) for i, k in found]
 

@@ -160,7 +160,7 @@ def aimed(name: str, moments: random.Random, expected: str) -> tuple[str, list[t
                 wrong = f"another digest after '{place}'"
         if ended(forked(name, path)) != 0:
             return "did not end", kills
-        if left := [one.name for one in Path(folder).iterdir() if one != path]:
+        if left := [entry.name for entry in Path(folder).iterdir() if entry != path]:
             return f"left {left}", kills
         return wrong or ("" if xd.verify(path) == expected else "another digest"), kills
 

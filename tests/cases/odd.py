@@ -27,9 +27,9 @@ def changed(source: Path, target: Path, change: Callable[[xr.Dataset], xr.Datase
     run = change(run) or run
     with netCDF4.Dataset(target, "w", format="NETCDF4") as file:
         writer = Writer(file)
-        for name, one in run.variables.items():
-            sizes = {str(dim): size for dim, size in zip(one.dims, one.shape, strict=True) if size}
-            writer.define(str(name), tuple(map(str, one.dims)), one.dtype, dict(one.attrs), sizes)
+        for name, variable in run.variables.items():
+            sizes = {str(dim): size for dim, size in zip(variable.dims, variable.shape, strict=True) if size}
+            writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)
         for name, one in run.variables.items():
             writer.append(str(name), one.values)
         writer.finish(dict(run.attrs))

@@ -37,7 +37,7 @@ def _constant(name: str) -> c_int64:
 
 def _do(name: str, *arguments: object) -> c_int64:
     """Call a function of the library: whole numbers are handles."""
-    handles = [c_int64(one) if isinstance(one, int) else one for one in arguments]
+    handles = [c_int64(argument) if isinstance(argument, int) else argument for argument in arguments]
     answer = int(getattr(_LIBRARY, name)(*handles))
     assert answer >= 0, name
     return c_int64(answer)

@@ -20,7 +20,7 @@ def doubtful(model: xd.Model, **spreads: str) -> xd.Model:
         of_model = name in model.parameters
         given = model.parameters[name].quantity if of_model else model.initial[name]
         head, section, rest = text.partition("[parameters]" if of_model else "[initial]")
-        line = next(one for one in rest.split("\n") if one.startswith(f"{name} = "))
+        line = next(line for line in rest.split("\n") if line.startswith(f"{name} = "))
         entry = f'{name} = {{ value = {given.value!r}, unit = "{given.unit.text}", {spread} }}'
         text = head + section + rest.replace(line, entry, 1)
     return xd.Model.from_text(text)

@@ -202,13 +202,13 @@ def test_methods_prints_the_table() -> None:
     """Assert a line for every method, and of each a page with order, update, and what stands between its steps."""
     table = call("methods").output.splitlines()
     assert len(table) == len(xd.METHODS) + 2
-    for line, one in zip(table[1:], xd.METHODS.values(), strict=False):
-        assert line.split()[:2] == [one.name, str(one.order)]
-        page = call("methods", one.name).output
-        assert f"{one.name}: order {one.order}" in page
-        assert one.equations() in page
+    for line, method in zip(table[1:], xd.METHODS.values(), strict=False):
+        assert line.split()[:2] == [method.name, str(method.order)]
+        page = call("methods", method.name).output
+        assert f"{method.name}: order {method.order}" in page
+        assert method.equations() in page
         assert (
-            f"between   re-integration, order {one.order}; or {one.interpolant.words}, order {one.interpolant.order}"
+            f"between   re-integration, order {method.order}; or {method.interpolant.words}, order {method.interpolant.order}"
             in page
         )
     unknown = call("methods", "rk5")
@@ -223,7 +223,7 @@ def test_every_verb_has_an_example() -> None:
             (line.strip() for line in shown.splitlines() if line.strip().startswith(f"xdynamics {name} ")), ""
         )
         assert example, name
-        options = {one for parameter in command.params for one in parameter.opts}
+        options = {opt for parameter in command.params for opt in parameter.opts}
         used = {word for word in example.split() if word.startswith("-") and not word[1:2].isdigit()}
         assert used <= options, name
 
@@ -235,10 +235,10 @@ def test_quiet_and_json(tmp_path: Path) -> None:
     done = call("run", BALL, "-o", path, "--step", "5 ms", "--json")
     told = json.loads(done.output)
     assert (told["outcome"], told["archive"], told["units"]["v_y"]) == ("stopped_by_event", str(path), "m s-1")
-    assert [one["name"] for one in told["events"]] == ["apex", "ground"]
+    assert [event["name"] for event in told["events"]] == ["apex", "ground"]
     assert {
-        key: one for key, one in json.loads(call("show", path, "--json").output).items() if key != "content_digest"
-    } == {key: one for key, one in told.items() if key not in ("archive", "content_digest")}
+        key: load for key, load in json.loads(call("show", path, "--json").output).items() if key != "content_digest"
+    } == {key: value for key, value in told.items() if key not in ("archive", "content_digest")}
     assert "needs 's'" in call("run", BALL, "-o", path, "--step", "1 m", "--quiet").output
 
 
@@ -281,7 +281,7 @@ def test_a_place_for_no_file_ends_a_run_at_once(output: str, code: int, said: st
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-c", script], capture_output=True, text=True, timeout=100, check=False
     )
-    lines = [one for one in done.stderr.splitlines() if not one.startswith("import time:")]
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
     assert (done.returncode, said in "\n".join(lines)) == (code, True)
     assert ("numba" in done.stderr) == (code == 1)
 

@@ -16,7 +16,7 @@ BALL, SWING = str(MODELS / "ball_drag.toml"), str(MODELS / "harmonic_oscillator.
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_refine_by_tolerances_and_by_location(tmp_path: Path) -> None:
 def test_diagnose_growth(swing: Path) -> None:
     """Assert all Lyapunov exponents of a spring or the largest alone, and that no time follows from 0."""
     every = call("diagnose", swing, "--no-companion", "--lyapunov").output
-    line = next(one for one in every.splitlines() if one.startswith("lyapunov_exponents"))
+    line = next(line for line in every.splitlines() if line.startswith("lyapunov_exponents"))
     assert (line.count(" ± "), line[-4:]) == (2, " s-1")
     assert (
         "lyapunov_time = inf: the largest exponent is not above twice its uncertainty, or the run is too short to tell"

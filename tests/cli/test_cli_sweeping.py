@@ -17,7 +17,7 @@ BALL = MODELS / "ball_drag.toml"
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_a_sweep_is_marched_shown_drawn_and_verified(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_figures_of_every_kind_of_grid() -> None:
             **asked,
         ).compute()
     )
-    titles = [one.get_title(loc="left") for one in maps.axes if one.get_visible()]
+    titles = [axis.get_title(loc="left") for axis in maps.axes if axis.get_visible()]
     assert titles[:2] == ["event_time_ground, heun", "event_time_ground, dop853"]
     lines = xd.plot(
         xd.sweep(model, {"v_y": "5:30:6 m s-1", "method": ["heun", "dop853"]}, keep=["maximum_y"], **asked).compute()
@@ -151,4 +151,4 @@ def test_figures_of_every_kind_of_grid() -> None:
     words = xd.plot(
         xd.sweep(model, {"method": ["heun", "rk4"]}, keep=["maximum_y"], step="10 ms", until="4 s").compute()
     )
-    assert [one.get_text() for one in words.axes[0].get_yticklabels()] == ["heun", "rk4"]
+    assert [yticklabel.get_text() for yticklabel in words.axes[0].get_yticklabels()] == ["heun", "rk4"]

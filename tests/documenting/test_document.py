@@ -58,7 +58,7 @@ def test_a_report_is_one_whole_file(bundled: Path, tmp_path: Path) -> None:
     reader.feed(text)
     assert not reader.open
     assert reader.sources
-    assert all(one.startswith("data:image/") for one in reader.sources)
+    assert all(source.startswith("data:image/") for source in reader.sources)
     assert "http" not in re.sub('data:image[^"]+', "", text)
     for said in (
         "y before apogee = 301 ± 20 m",

@@ -101,7 +101,7 @@ def test_check_reads_every_model(path: Path) -> None:
 def test_check_says_equations_and_faults(tmp_path: Path) -> None:
     """Assert the equations of a double pendulum, and that a fault ends with 2 and its column."""
     lines = call("check", MODELS / "double_pendulum.toml").output.splitlines()
-    assert any(one.startswith("motion    ") and "*a_th1 + " in one for one in lines)
+    assert any(line.startswith("motion    ") and "*a_th1 + " in line for line in lines)
     path = tmp_path / "wrong.toml"
     path.write_text((ROOT / "data/models/ball_drag.toml").read_text().replace('"m*g*y"', '"m*g*y^2"'))
     done = call("check", path)

@@ -159,7 +159,7 @@ def test_a_time_follows_from_growth_that_is_certain(
     assert float(found.lyapunov_exponent) == pytest.approx(rate)
     assert float(found.lyapunov_time) == pytest.approx(time)
     assert float(found.finite_time_growth) == pytest.approx(0.3)
-    assert {one.attrs["units"] for name, one in found.data_vars.items() if name != "lyapunov_time"} == {"h-1"}
+    assert {variable.attrs["units"] for name, variable in found.data_vars.items() if name != "lyapunov_time"} == {"h-1"}
     about = found.lyapunov_exponents.attrs
     assert (found.lyapunov_time.attrs["units"], about["transient_end"]) == ("h", pytest.approx(3.0 + span / 10))
     assert (about["pieces"], about["variables"], about["piece_tolerance"]) == (9, 2, 1e-8)
@@ -170,7 +170,7 @@ def test_a_time_follows_from_growth_that_is_certain(
     )
     assert said[2] == "finite_time_growth = 0.3 h-1, over the run's own time"
     pure = exponents(run.assign(time=("step", times, {"units": "1"})))
-    assert {one.attrs["units"] for one in pure.data_vars.values()} == {"1"}
+    assert {variable.attrs["units"] for variable in pure.data_vars.values()} == {"1"}
     assert [line.rpartition(" ")[2] for line in exponents_in_words(pure)][2] == "time"
     assert list(exponents_in_words(xr.Dataset())) == []
 
@@ -368,20 +368,20 @@ def test_rows_are_carried_a_part_at_a_time() -> None:
         each,
     )
     parts = list(_chunks(rows))
-    assert [len(one.times) - 1 for one in parts] == [1024, 1024, 452]
-    assert [float(one.times[0]) for one in parts] == [0.0, 1024.0, 2048.0]
+    assert [len(part.times) - 1 for part in parts] == [1024, 1024, 452]
+    assert [float(part.times[0]) for part in parts] == [0.0, 1024.0, 2048.0]
     assert all(
-        one.states[0, 0]
-        == one.regimes[0]
-        == one.sides[0, 0]
-        == one.pieces[0, 0]
-        == one.jumps[0]
-        == one.parts[0]
-        == one.blocks[0]
-        == one.times[0]
-        for one in parts
+        part.states[0, 0]
+        == part.regimes[0]
+        == part.sides[0, 0]
+        == part.pieces[0, 0]
+        == part.jumps[0]
+        == part.parts[0]
+        == part.blocks[0]
+        == part.times[0]
+        for part in parts
     )
-    assert all(len(one.states) == len(one.jumps) == len(one.blocks) == len(one.times) - 1 for one in parts)
+    assert all(len(part.states) == len(part.jumps) == len(part.blocks) == len(part.times) - 1 for part in parts)
     assert FEW == 16
 
 
@@ -403,7 +403,7 @@ def test_blocks_are_parts_of_the_time(case: int) -> None:
     width, sizes = (times[-1] - times[0]) / BLOCKS, np.diff(path.times)
     assert (ends[0], ends[-1], len(ends) - 1) == (times[0], times[-1], int(counts.sum()))
     assert (np.diff(ends) > 0.0).mean() > 0.95
-    assert parts.tolist() == [max(1, math.ceil(one / width)) for one in sizes]
+    assert parts.tolist() == [max(1, math.ceil(size / width)) for size in sizes]
     assert (ends[first] <= times[:-1] + 1e-12).all()
     assert (times[1:] <= ends[first + parts] + 1e-12).all()
     assert np.diff(ends).max() <= 2.0 * width
@@ -454,7 +454,7 @@ def test_linear_systems_have_the_real_parts_of_their_eigenvalues(case: int) -> N
     matrix = random.normal(size=(n, n))
     names = "abcd"[:n]
     parameters = {f"m_{i}{j}": repr(float(matrix[i, j])) for i in range(n) for j in range(n)}
-    rates = {one: " + ".join(f"m_{i}{j}*{other}" for j, other in enumerate(names)) for i, one in enumerate(names)}
+    rates = {name: " + ".join(f"m_{i}{j}*{other}" for j, other in enumerate(names)) for i, name in enumerate(names)}
     start = random.normal(size=n) * (case % 2)
     states = {one: {"unit": "1", "rate": text} for one, text in rates.items()}
     model = xd.Model(
@@ -496,7 +496,9 @@ def test_saddle_at_rest_and_stiff_decay() -> None:
     said = [*exponents_in_words(saddle)]
     assert said[1] == "lyapunov_time = 0.5"
     assert said[-1].startswith("finite_time_growth = ")
-    assert {str(name): one.attrs["role"] for name, one in saddle.data_vars.items() if "lyapunov" in str(name)} == {
+    assert {
+        str(name): variable.attrs["role"] for name, variable in saddle.data_vars.items() if "lyapunov" in str(name)
+    } == {
         "lyapunov_exponents": "diagnostic",
         "lyapunov_exponent": "diagnostic",
         "lyapunov_time": "diagnostic",

@@ -58,7 +58,7 @@ def test_states_and_observables_between_have_the_set_of_the_run(name: str, runs:
 
     run = runs[name]
     found = observe(run, MODEL, ["x", "angle", "slope"], run.time.values)
-    assert {key: one[0].tobytes() == run[key].values.tobytes() for key, one in found.items()} == dict.fromkeys(
+    assert {key: value[0].tobytes() == run[key].values.tobytes() for key, value in found.items()} == dict.fromkeys(
         found, True
     )
 

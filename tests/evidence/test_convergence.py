@@ -44,7 +44,7 @@ def test_the_digits_of_celik() -> None:
 )
 def test_the_order_of_a_power_is_its_exponent(order: float, ratios: list[float], slope: float, sign: int) -> None:
     """Assert it for all ratios of steps, growing or falling, and that what diverges has an order below zero."""
-    steps = np.cumprod([1.0, *(1.0 / one for one in ratios)])
+    steps = np.cumprod([1.0, *(1.0 / ratio for ratio in ratios)])
     found = observed_orders(sign * slope * steps**order, steps)
     assert np.isnan(found[[0, -1]]).all()
     assert found[1:-1] == pytest.approx(order, rel=1e-6)

@@ -707,7 +707,7 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
     eps = float(np.finfo(float).eps)
     largest = np.abs(speed.values).max(axis=1)
     assert speed.rounding == pytest.approx(4.0 * eps * largest * math.sqrt(run.sizes["step"]), rel=1e-12, abs=0.0)
-    first, last = (float(one.event_time[0]) for one in study.runs)
+    first, last = (float(run.event_time[0]) for run in study.runs)
     between = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [(first + last) / 2, last])
     assert np.isinf(next(between.numbers()).moved).all()
 
@@ -715,15 +715,17 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
 def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
     """Assert times, location, rounding and scale of the two events of a thrown ball, in each level."""
     study = studied(BALL, [0.1, 0.05], 5.0, (), [1.0])
-    for one in study.numbers():
-        name = one.name.removeprefix("event_time_")
+    for number in study.numbers():
+        name = number.name.removeprefix("event_time_")
         for k, run in enumerate(study.runs):
             row = study.met()[name][k]
-            assert one.values[0, k] == float(run.event_time[row][0])
-            assert one.errors[0, k] == float(run.event_time_uncertainty[row][0])
-        assert one.rounding == pytest.approx(4.0 * float(np.finfo(float).eps) * one.values[:, -1], rel=1e-12, abs=0.0)
-        assert one.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
-        assert (one.dims, one.units) == (("occurrence",), "s")
+            assert number.values[0, k] == float(run.event_time[row][0])
+            assert number.errors[0, k] == float(run.event_time_uncertainty[row][0])
+        assert number.rounding == pytest.approx(
+            4.0 * float(np.finfo(float).eps) * number.values[:, -1], rel=1e-12, abs=0.0
+        )
+        assert number.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
+        assert (number.dims, number.units) == (("occurrence",), "s")
 
 
 # ------------------------------------------------------------------------------------------------------------ bit by bit
@@ -833,7 +835,7 @@ def test_the_largest_difference_is_against_the_largest_value(row: int, size: flo
         ("xdynamics_version", "version 1 wrote the law in other words than 2"),
         ("schema_version", "records of schema 1 had the law in other words than those of schema 2"),
     ):
-        pair = [kept.assign_attrs({key: one, "force_digest": one}) for one in "12"]
+        pair = [kept.assign_attrs({key: letter, "force_digest": letter}) for letter in "12"]
         assert reproduced(*pair).attrs["arithmetic"] == f"{said}; every number has the same bits"
         assert reproduced(*pair).attrs["identical"] == 1
         assert reproduced(pair[0], pair[1].assign_attrs({key: "1"})).attrs["identical"] == 0
@@ -991,7 +993,7 @@ def bounced(steps: list[float], until: float) -> Study:
 def test_occurrences_are_those_of_the_finest_level() -> None:
     """Assert times and states behind of each occurrence, their location's part, and that what one level misses is nan."""
     study = bounced([0.1, 0.05], 2.0)
-    times, place, speed = (one for one in study.numbers() if "back" in one.name)
+    times, place, speed = (number for number in study.numbers() if "back" in number.name)
     true = math.sqrt(0.2) * np.array([1.0, 3.0])
     assert times.values == pytest.approx(np.stack([true, true], axis=1))
     assert speed.values == pytest.approx(math.sqrt(20.0))
@@ -1003,10 +1005,10 @@ def test_occurrences_are_those_of_the_finest_level() -> None:
         assert place.errors[:, k] == pytest.approx(math.sqrt(20.0) * doubts)
     assert speed.scale == float(np.abs(study.runs[-1].v_y).max())
     fewer = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 1.0).runs[1]], ("y", "v_y"), [0.2])
-    (once, *_) = [one for one in fewer.numbers() if one.name == "event_time_back"]
+    (once, *_) = [number for number in fewer.numbers() if number.name == "event_time_back"]
     assert once.values.shape == (1, 2)
     none = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y", "v_y"), [0.2])
-    (missed, *_) = [one for one in none.numbers() if one.name == "event_time_back"]
+    (missed, *_) = [number for number in none.numbers() if number.name == "event_time_back"]
     assert missed.values[:, 0] == pytest.approx(true)
     assert np.isnan(missed.values[:, 1]).all()
 
@@ -1131,9 +1133,12 @@ def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> 
         "slabs",
         lambda variable: (variable.values[k : k + 7] for k in range(0, variable.shape[0], 7)),
     )
-    assert [one.scale for one in study.numbers()] == [one.scale for one in whole]
+    assert [number.scale for number in study.numbers()] == [one.scale for one in whole]
     still = OSCILLATOR.replace(initial={"x": "0 m"})
-    assert [one.scale for one in studied(still, [0.2, 0.1], 1.0, ("x", "energy_range"), [0.5]).numbers()] == [1.0, 1.0]
+    assert [number.scale for number in studied(still, [0.2, 0.1], 1.0, ("x", "energy_range"), [0.5]).numbers()] == [
+        1.0,
+        1.0,
+    ]
 
 
 def test_an_event_in_the_first_step_moves_what_follows() -> None:
@@ -1150,7 +1155,7 @@ def test_an_event_in_the_first_step_moves_what_follows() -> None:
     run = study.runs[-1]
     assert run.event_row_before.values.tolist() == [1]
     time, doubt = float(run.event_time[0]), float(run.event_time_uncertainty[0])
-    place, speed = [one for one in study.numbers() if one.dims == ("at",)]
+    place, speed = [number for number in study.numbers() if number.dims == ("at",)]
     assert place.moved == pytest.approx(abs(1.0 - 5.0 * time) * doubt, rel=1e-9)
     assert speed.moved == pytest.approx(10.0 * doubt, rel=1e-9)
 

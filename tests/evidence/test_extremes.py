@@ -331,7 +331,7 @@ def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) 
     assert float(found.minimum_power) * scale == pytest.approx(-w * size**2, rel=5e-2)
     for name in ("maximum_power", "minimum_power"):
         at = xd.sample(run, [float(found[f"{name}_time"])], side="before")
-        x, v, ex, ev = (float(at[one][0]) * factor for one in ("x", "v_x", "error_x", "error_v_x"))
+        x, v, ex, ev = (float(at[name][0]) * factor for name in ("x", "v_x", "error_x", "error_v_x"))
         assert rule(found, name) == "interpolated"
         assert float(found[name]) * scale == pytest.approx(2.0 * x * v, rel=1e-12)
         assert float(found[f"{name}_uncertainty"]) * scale == pytest.approx(2.0 * (abs(ex * v) + abs(x * ev)), rel=1e-6)

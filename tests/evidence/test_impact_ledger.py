@@ -18,7 +18,7 @@ from xdynamics.record.flag_words import words_of
 
 def failed(run: Any, model: xd.Model) -> set[str]:
     """The names of the relations that a run breaks."""
-    return {one.name for one in checks_of(run, model) if not one.note and not one.residual <= one.bound}
+    return {check.name for check in checks_of(run, model) if not check.note and not check.residual <= check.bound}
 
 
 @pytest.mark.cases(200)
@@ -99,8 +99,8 @@ def test_a_model_with_contacts_is_validated_by_its_own_run() -> None:
     table = tomllib.loads(ball(0.5).to_toml()) | {"run": {"method": "dop853", "rtol": 1e-9, "until": "2 s"}}
     found = xd.validate(model=xd.Model(**table))
     assert found.case_name.values.tolist() == [
-        f"impacts.{one}"
-        for one in ("impulse_y", "kinetic_energy", "floor.direction", "floor.restitution", "floor.energy_lost")
+        f"impacts.{name}"
+        for name in ("impulse_y", "kinetic_energy", "floor.direction", "floor.restitution", "floor.energy_lost")
     ]
     assert set(words_of(found.verdict)) == {"passed"}
     assert found.case_units.values.tolist() == ["kg m s-1", "J", "1", "m s-1", "J"]
@@ -135,7 +135,7 @@ def test_bounds_are_rounding_and_what_is_located(tolerance: str | None) -> None:
     speeds, pulls = (sum(abs(float(run[name][row])) for row in rows) for name in ("v_y", "a_y"))
     impulse = abs(float(run.event_impulse_y[0]))
     bound = share * (m * speeds + impulse) + time * m * pulls
-    found = {one.name: one for one in checks_of(run, model)}
+    found = {check.name: check for check in checks_of(run, model)}
     rate = 2.0 * share * speeds + time * pulls
     wanted = {
         "impulse_y": bound,
@@ -144,7 +144,7 @@ def test_bounds_are_rounding_and_what_is_located(tolerance: str | None) -> None:
         "floor.restitution": rate,
         "floor.energy_lost": impulse * rate,
     }
-    assert {name: one.bound for name, one in found.items()} == pytest.approx(wanted, rel=1e-6, abs=0.0)
+    assert {name: value.bound for name, value in found.items()} == pytest.approx(wanted, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize("law", ["newton", "sequential", "poisson"])
@@ -153,11 +153,11 @@ def test_balls_that_are_struck_together_pass(law: str) -> None:
     model = cradle(law, 0.5)
     run = xd.simulate(model, method="rk4", step=0.05, until=1.5)
     assert run.sizes["event"] >= 1
-    found = {one.name: one for one in checks_of(run, model)}
+    found = {check.name: check for check in checks_of(run, model)}
     assert not failed(run, model)
-    notes = {name for name, one in found.items() if one.note}
+    notes = {name for name, value in found.items() if value.note}
     assert notes == ({"first.energy_lost", "second.energy_lost"} if law == "sequential" else set())
-    assert all(one.residual >= 0.0 for name, one in found.items() if name not in notes)
+    assert all(value.residual >= 0.0 for name, value in found.items() if name not in notes)
 
 
 def test_a_contact_that_is_struck_alone_is_held_to_its_energy_by_every_law() -> None:

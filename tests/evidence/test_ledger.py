@@ -349,14 +349,14 @@ def test_a_ledger_in_words() -> None:
         "units": ["mm"] * 4,
         "note": ["", "late", "never", "own"],
     }
-    found = xr.Dataset({f"case_{name}": ("case", np.array(one)) for name, one in texts.items()})
+    found = xr.Dataset({f"case_{name}": ("case", np.array(text)) for name, text in texts.items()})
     numbers = {
         "residual": [2.0, np.inf, np.nan, np.nan],
         "bound": [1.0, 0.0, np.nan, np.nan],
         "residual_scale": [4.0, np.nan, np.nan, np.nan],
         "scaled_residual": [0.5, np.nan, np.nan, np.nan],
     }
-    found = found.assign({name: ("case", np.array(one)) for name, one in numbers.items()})
+    found = found.assign({name: ("case", np.array(number)) for name, number in numbers.items()})
     found["case_stage"] = ("case", np.array([0, 0, 0, 3]))
     found["verdict"] = (
         "case",

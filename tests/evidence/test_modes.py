@@ -83,7 +83,7 @@ def test_force_totals_are_sums_over_the_terms() -> None:
     """Assert that the whole force of a coordinate is what its terms add up to."""
     model = loaded("coupled_masses")
     values = initial_state(model) | {"k": 4.0, "kc": 2.5}
-    assert [evaluate(one, values) for one in force_totals(model).values()] == [-6.5, 2.5]
+    assert [evaluate(total, values) for total in force_totals(model).values()] == [-6.5, 2.5]
 
 
 def test_coupled_masses_have_their_closed_form() -> None:
@@ -179,8 +179,8 @@ def test_a_row_of_a_record_is_taken_in_its_units() -> None:
 def test_every_variable_says_what_it_is() -> None:
     """Assert units, a long name and a role on all of a model with angles, states and drives."""
     for name in ("rocket_c6", "double_pendulum"):
-        for one in modes(loaded(name)).data_vars.values():
-            assert {"units", "long_name", "role"} <= set(one.attrs)
+        for variable in modes(loaded(name)).data_vars.values():
+            assert {"units", "long_name", "role"} <= set(variable.attrs)
 
 
 @pytest.mark.parametrize(

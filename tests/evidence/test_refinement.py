@@ -296,7 +296,11 @@ def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
 def test_models_with_several_events(name: str, asked: dict[str, Any]) -> None:
     """Assert that events which are met unequally often stand along one dimension, nan where there are no more."""
     study = xd.refine(xd.Model.from_toml(MODELS / f"{name}.toml"), **asked)
-    names = [str(one).removeprefix("event_count_") for one in study.data_vars if str(one).startswith("event_count_")]
+    names = [
+        str(variable).removeprefix("event_count_")
+        for variable in study.data_vars
+        if str(variable).startswith("event_count_")
+    ]
     assert study.sizes["occurrence"] == max(int(study[f"event_count_{one}"][-1]) for one in names)
     for one in names:
         assert np.isfinite(study[f"event_time_{one}"].values[-1]).sum() == int(study[f"event_count_{one}"][-1])

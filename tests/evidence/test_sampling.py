@@ -128,10 +128,10 @@ def test_error_is_that_of_the_solution_through_the_row(problem: str, method: str
     found = xd.sample(run, times[rows] + parts * (times[rows + 1] - times[rows]), rule=rule)
     rows = found.row.values
     true = solution_through(
-        problem, times[rows], np.array([run[one].values[rows] for one in names]), found.at_time.values
+        problem, times[rows], np.array([run[name].values[rows] for name in names]), found.at_time.values
     )
-    off = np.abs(np.array([found[one] for one in names]) - true)
-    told = np.array([found[f"error_{one}"] for one in names])
+    off = np.abs(np.array([found[name] for name in names]) - true)
+    told = np.array([found[f"error_{name}"] for name in names])
     inside = found.at_time.values > times[rows]
     assert (told[:, inside] > 0).all()
     for part in (inside, inside & (parts < 0.05), inside & (parts > 0.95)):
@@ -146,7 +146,7 @@ def test_error_is_extrapolated_by_the_order_of_what_goes_on(estimator: str) -> N
     run = xd.simulate(model_of("pendulum"), method="forward_euler", step=0.002, until=1.0, estimator=estimator)
     rows = np.arange(0, 500, 7)
     found = xd.sample(run, run.time.values[rows] + 0.0015)
-    states = np.array([run[one].values[rows] for one in ("theta", "v_theta")])
+    states = np.array([run[name].values[rows] for name in ("theta", "v_theta")])
     true = solution_through("pendulum", run.time.values[rows], states, found.at_time.values)
     told = found.error_v_theta.values / np.abs(found.v_theta.values - true[1])
     assert np.median(told) == pytest.approx(1, abs=0.05)

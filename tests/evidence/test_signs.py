@@ -443,7 +443,9 @@ def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:
         far = xd.limiting(falling(), "g", values, 1e6, **asked)
         assert far.attrs["order_in"] == order_in
         size = np.abs(
-            np.array([(1 / one if one else np.nan) - 1e-6 if order_in == "1/g" else one - 1e6 for one in values])
+            np.array(
+                [(1 / value if value else np.nan) - 1e-6 if order_in == "1/g" else value - 1e6 for value in values]
+            )
         )
         fallen = np.log((1e6 - np.array(values[:-1])) / (1e6 - np.array(values[1:])))
         ratio = np.log(size[:-1] / size[1:])

@@ -49,7 +49,7 @@ def factors(n: int) -> list[float]:
 @lru_cache
 def summed(n: int, place: str) -> xd.Model:
     """A particle with a sum of n different terms in one place of its model."""
-    terms = [f"{one!r}*F*x/d" for one in factors(n)]
+    terms = [f"{factor!r}*F*x/d" for factor in factors(n)]
     total = " + ".join(terms)
     more: dict[str, object] = {"parameters": {"m": "2 kg", "F": "5 N", "d": "1 m"}}
     if place == "force":
@@ -67,9 +67,9 @@ def summed(n: int, place: str) -> xd.Model:
 def expected(n: int, place: str) -> float:
     """The sum from left to right, at x = 1 m and F = 5 N."""
     if place == "potential":  # the derivative of each term is half of 2 x
-        first, *rest = [one * 5.0 * 2.0 / 2.0 for one in factors(n)]
+        first, *rest = [factor * 5.0 * 2.0 / 2.0 for factor in factors(n)]
         return -reduce(lambda so_far, term: so_far - term, rest, first)
-    return reduce(add, [one * 5.0 for one in factors(n)])
+    return reduce(add, [factor * 5.0 for factor in factors(n)])
 
 
 @pytest.mark.parametrize("place", PLACES)

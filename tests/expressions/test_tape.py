@@ -67,7 +67,7 @@ def test_every_number_has_the_bits_of_its_tree(case: int) -> None:
         found, expected = tape.evaluated(values), dict(values)
         for name, tree in named:
             expected[name] = evaluate(tree, expected)
-        assert {name: bits(one) for name, one in found.items()} == {name: bits(expected[name]) for name, _ in named}
+        assert {name: bits(value) for name, value in found.items()} == {name: bits(expected[name]) for name, _ in named}
 
 
 def test_a_sum_may_be_long_and_equal_parts_are_computed_once() -> None:

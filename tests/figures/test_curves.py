@@ -187,7 +187,7 @@ def test_lines_are_of_the_methods_own_states(case: int) -> None:
 def test_energies_of_long_steps_are_those_of_the_closed_form(case: int) -> None:
     """Assert the heights of a flight's energies by v0 and g, of any method of second order at least, however few its steps."""
     random = np.random.default_rng(case)
-    methods = [name for name, one in xd.METHODS.items() if one.order > 1 and name != "moreau_jean"]
+    methods = [name for name, method in xd.METHODS.items() if method.order > 1 and name != "moreau_jean"]
     speed, g = random.uniform(1, 30), random.uniform(1, 20)
     flight = xd.Model(
         name="flight",
@@ -248,7 +248,7 @@ def test_what_changes_the_energy_is_named(case: int) -> None:
     else:
         model = spring(x, 0.0, k, random.uniform(0.2, 0.5) if kind else 0.0)
         run = xd.simulate(model, method="rk4" if kind else "forward_euler", step=0.02, until=4.0)
-    titles = {one.get_title(loc="left") for one in xd.plot(run, only="energy").axes}
+    titles = {axis.get_title(loc="left") for axis in xd.plot(run, only="energy").axes}
     assert titles == {f"energy, changed by {('the method’s error alone', 'forces', 'events')[kind]}".replace("’", "'")}
 
 
@@ -273,7 +273,7 @@ def bodies(count: int) -> xr.Dataset:
         name="bodies",
         coordinates=dict.fromkeys(names, "m"),
         mass=dict.fromkeys(names, "1*kilogram"),
-        forces={"springs": {"potential": " + ".join(f"{one}**2*newton/metre" for one in names)}},
+        forces={"springs": {"potential": " + ".join(f"{name}**2*newton/metre" for name in names)}},
         figure={"plane": [[f"x{k}", f"y{k}"] for k in range(count)]},
         initial=dict.fromkeys(names, "0 m")
         | {f"x{k}": f"{k + 1} m" for k in range(count)}
@@ -301,4 +301,4 @@ def test_a_bar_of_zero_has_no_length() -> None:
     assert (sizes == 0.0).any()
     assert len(axes.patches) == np.count_nonzero(sizes > sizes.max() / 1e6)
     assert len(axes.texts) == len(sizes)
-    assert min(one.get_width() for one in axes.patches) == sizes[sizes > sizes.max() / 1e6].min()
+    assert min(patch.get_width() for patch in axes.patches) == sizes[sizes > sizes.max() / 1e6].min()

@@ -29,8 +29,8 @@ def test_every_format_is_written(tmp_path: Path, ending: str) -> None:
 def test_axes_have_units_and_recorded_times() -> None:
     """Assert labels, and that the trajectory is drawn against recorded time."""
     run = xd.simulate(oscillator().model, step=0.01, until=5.0)
-    axes = [one for one in xd.plot(run).axes if one.get_visible()]
-    assert [one.get_title(loc="left").split(" (")[0].split(",")[0] for one in axes] == [
+    axes = [axis for axis in xd.plot(run).axes if axis.get_visible()]
+    assert [axis.get_title(loc="left").split(" (")[0].split(",")[0] for axis in axes] == [
         "trajectory",
         "velocity",
         "phase portrait",
@@ -56,7 +56,7 @@ def test_units_are_not_mixed_on_one_axis() -> None:
         mass={"x": "m", "theta": "J"},
         initial={"x": "0 m", "v_x": "1 m s-1", "theta": "0 rad", "v_theta": "1 rad s-1"},
     )
-    labels = [one.get_ylabel() for one in xd.plot(xd.simulate(model, method="midpoint", step=0.1, until=1.0)).axes]
+    labels = [axis.get_ylabel() for axis in xd.plot(xd.simulate(model, method="midpoint", step=0.1, until=1.0)).axes]
     assert labels[:4] == ["x (m)", "theta (rad)", "v_x (m s⁻¹)", "v_theta (rad s⁻¹)"]
 
 
@@ -119,7 +119,7 @@ def test_nothing_is_drawn_between_rows_that_are_left_out() -> None:
     run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
     assert between(run.isel(step=slice(None, None, 3)), "x") is None
     assert between(run.drop_vars("v_x"), "x") is None
-    titles = [one.get_title(loc="left") for one in xd.plot(run.isel(step=slice(None, None, 3))).axes]
+    titles = [axis.get_title(loc="left") for axis in xd.plot(run.isel(step=slice(None, None, 3))).axes]
     assert titles[0] == "trajectory; straight between rows"
     assert between(xd.simulate(oscillator().model, step=0.001, until=5.0), "x") is None
 
@@ -127,7 +127,7 @@ def test_nothing_is_drawn_between_rows_that_are_left_out() -> None:
 def test_contacts_are_marked_on_their_own_lines() -> None:
     """Assert names with what happens, on the coordinate that a gap reads, and a panel of the impulses."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "ball_in_box.toml"), until=3.0)
-    axes = {one.get_title(loc="left"): one for one in reversed(xd.plot(run).axes)}
+    axes = {axis.get_title(loc="left"): axis for axis in reversed(xd.plot(run).axes)}
     assert {text.get_text() for text in axes["trajectory"].texts} == {
         "ceiling impact",
         "right impact, floor impact",

@@ -28,7 +28,7 @@ def orbit() -> xr.Dataset:
 
 def titles(figure: Any) -> list[str]:
     """What stands above the panels."""
-    return [one.get_title(loc="left") for one in figure.axes if one.get_visible() and one.get_title(loc="left")]
+    return [axis.get_title(loc="left") for axis in figure.axes if axis.get_visible() and axis.get_title(loc="left")]
 
 
 def test_an_orbit_is_drawn_as_one(orbit: xr.Dataset) -> None:
@@ -57,7 +57,7 @@ def test_three_coordinates_are_seen_from_three_sides() -> None:
         name="space",
         coordinates=dict.fromkeys("xyz", "m"),
         mass=dict.fromkeys("xyz", "1*kilogram"),
-        forces={"pull": {one: f"-{one}*newton/metre" for one in "xyz"}},
+        forces={"pull": {letter: f"-{letter}*newton/metre" for letter in "xyz"}},
         initial={"x": "1 m", "y": "2 m", "z": "0 m", "v_z": "1 m s-1"},
     )
     run = xd.simulate(space, method="rk4", step=0.1, until=3.0)
@@ -100,7 +100,7 @@ def test_many_variables_are_a_map() -> None:
     )
     figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
     assert titles(figure) == ["trajectory, 20 of them", "velocity, 20 of them", "total energy less its start, 0.5 J"]
-    assert max(len(one.lines) for one in figure.axes) < 3
+    assert max(len(axis.lines) for axis in figure.axes) < 3
 
 
 def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
@@ -110,25 +110,25 @@ def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
         return [-0.04 * y[0] + 1e4 * y[1] * y[2], 0.04 * y[0] - 1e4 * y[1] * y[2] - 3e7 * y[1] ** 2, 3e7 * y[1] ** 2]
 
     run = xd.solve(reaction, (0, 1e5), [1.0, 0.0, 0.0], "Radau", rtol=1e-6, atol=1e-9)
-    assert {one.get_xscale() for one in xd.plot(run).axes if one.get_visible()} == {"log"}
+    assert {axis.get_xscale() for axis in xd.plot(run).axes if axis.get_visible()} == {"log"}
     assert xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))).axes[0].get_xscale() == "linear"
 
 
 def test_drives_and_exchanged_energy() -> None:
     """Assert that a thrust is drawn through its own points, and energies where a drag takes of them."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))
-    axes = next(one for one in xd.plot(run).axes if one.get_title(loc="left").startswith("measured drives"))
+    axes = next(axis for axis in xd.plot(run).axes if axis.get_title(loc="left").startswith("measured drives"))
     assert axes.get_ylabel() == "thrust (N)"
     assert float(np.max(axes.lines[0].get_ydata())) == 14.09
     ball = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"))
-    axes = next(one for one in xd.plot(ball).axes if one.get_title(loc="left") == "energy, changed by forces")
-    assert [one.get_text() for one in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
+    axes = next(axis for axis in xd.plot(ball).axes if axis.get_title(loc="left") == "energy, changed by forces")
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
 
 
 def test_panels_and_variables_that_are_chosen(orbit: xr.Dataset) -> None:
     """Assert kinds, names, variables that are drawn when named alone, and what is none."""
     assert titles(xd.plot(orbit, only="plane")) == ["the plane (dot: start)"]
-    assert [one.get_ylabel() for one in xd.plot(orbit, only=["x"]).axes] == ["x (m)"]
+    assert [axis.get_ylabel() for axis in xd.plot(orbit, only=["x"]).axes] == ["x (m)"]
     assert xd.plot(orbit, only="a_x").axes[0].get_ylabel() == "a_x (m s⁻²)"
     with pytest.raises(xd.InputError, match="only has 'speed'; there are plane, trajectory"):
         xd.plot(orbit, only=["speed"])
@@ -142,9 +142,9 @@ def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
     path.write_text("time [ms];x [cm];u(x) [cm]\n0;40;1\n1000;-62,9;1\n")
     other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
     axes = xd.plot(orbit, only=["x"], beside=[path, other]).axes[0]
-    labels = [one.get_text() for one in axes.get_legend().get_texts()]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["x", "Kepler ellipse of eccentricity 0.6, by euler_cromer", "measured, bench.csv"]
-    points = next(one for one in axes.lines if one.get_marker() == "+")
+    points = next(line for line in axes.lines if line.get_marker() == "+")
     assert points.get_ydata() == pytest.approx([0.4, -0.629])
     (tmp_path / "other.csv").write_text("time [s],q [m]\n0,1\n")
     with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are"):
@@ -242,7 +242,7 @@ def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
     """Assert that other orbits stand in the plane and beside the energy, by name."""
     other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
     for axes in xd.plot(orbit, only=["plane", "energy"], beside=other).axes:
-        assert [one.get_text() for one in axes.get_legend().get_texts()] == [
+        assert [text.get_text() for text in axes.get_legend().get_texts()] == [
             "Kepler ellipse of eccentricity 0.6, by euler_cromer"
         ]
     with pytest.raises(xd.InputError, match="the run has no plane to be seen in; name it"):
@@ -281,9 +281,9 @@ def driven(**more: Any) -> xd.Model:
 def test_a_section_has_a_dot_in_each_period() -> None:
     """Assert velocities of the section against the closed form, 3 + cos(w t)/2 once it has settled, and angles that are wrapped."""
     axes = next(
-        one
-        for one in xd.plot(xd.simulate(driven())).axes
-        if one.get_title(loc="left").startswith("Poincare section, 19 periods of 3.14159")
+        axis
+        for axis in xd.plot(xd.simulate(driven())).axes
+        if axis.get_title(loc="left").startswith("Poincare section, 19 periods of 3.14159")
     )
     position, speed = axes.lines[0].get_data()
     assert len(position) == 19

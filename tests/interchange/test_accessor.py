@@ -39,7 +39,7 @@ def test_events_with_both_sides(run: xr.Dataset, tmp_path: Path) -> None:
     assert found.after_v_y.values == pytest.approx(-0.9 * found.before_v_y.values, rel=1e-12)
     assert set(found.event_name.values) == {"floor"}
     assert {"event_time", "event_time_uncertainty", "event_kind", "event_energy_lost"} <= {*found.data_vars}
-    assert all("units" in one.attrs for one in found.data_vars.values())
+    assert all("units" in variable.attrs for variable in found.data_vars.values())
     xd.save(found, tmp_path / "events.nc")
     assert xd.open_run(tmp_path / "events.nc").attrs["evidence"] == "events"
     assert dict(run.dynamics.events().sizes) == {"event": 3}

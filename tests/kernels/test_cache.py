@@ -93,22 +93,22 @@ def test_a_damaged_law_is_compiled_anew(kept: tuple[Path, str], damages: tuple[s
     for k, law in enumerate(laws):
         put_in_place(law, damages[k % 2])
     assert told(folder) == (kept[1], 0, "")
-    assert [one.read_bytes() for one in laws] == [(kept[0] / one.name).read_bytes() for one in laws]
+    assert [law.read_bytes() for law in laws] == [(kept[0] / law.name).read_bytes() for law in laws]
 
 
 def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of 200 random bits of each kept file none can change without the file being set aside."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
     places = random.Random(4)
-    for one in kept[0].iterdir():
-        whole = one.read_bytes()
+    for entry in kept[0].iterdir():
+        whole = entry.read_bytes()
         for _ in range(200):
             changed = bytearray(whole)
             changed[places.randrange(len(whole))] ^= 1 << places.randrange(8)
-            (tmp_path / one.name).write_bytes(changed)
-            assert cache.read(one.name) is None
-        (tmp_path / one.name).write_bytes(whole)
-        assert cache.read(one.name) == whole[32:]
+            (tmp_path / entry.name).write_bytes(changed)
+            assert cache.read(entry.name) is None
+        (tmp_path / entry.name).write_bytes(whole)
+        assert cache.read(entry.name) == whole[32:]
 
 
 KNOWN = """
@@ -165,7 +165,7 @@ def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], known: str, tmp_
     slow = "xdynamics: compiling the model and its method"  # said where that lasts longer than a second
     lines = [line for line in done.stderr.splitlines() if not line.startswith(slow)]
     assert sorted(lines) == [advice, "xdynamics: compiling the engine: about 10 s"]
-    assert [one.name for one in tmp_path.iterdir()] == ["cache"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["cache"]
 
 
 FULL = """
@@ -212,7 +212,7 @@ def test_a_user_without_a_home_has_one_temporary_folder(monkeypatch: pytest.Monk
         cache.write(name, b"code")
         assert cache.read(name) == b"code"
     names = [f"xdynamics-{os.getuid()}", f"xdynamics-{os.getuid()}.secret"]
-    assert sorted(one.name for one in tmp_path.iterdir()) == names
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == names
 
 
 def test_somebody_elses_temporary_folder_is_not_believed(
@@ -230,7 +230,7 @@ def test_somebody_elses_temporary_folder_is_not_believed(
     (tmp_path / "theirs").chmod(0o700)
     cache.folder().symlink_to(tmp_path / "theirs")
     assert cache.read("law-x.o") is None
-    assert [one.name for one in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
+    assert [entry.name for entry in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
     assert len(caplog.records) == 1
 
 
@@ -340,7 +340,7 @@ def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tm
         (tmp_path / name).write_bytes(b"half")
         os.utime(tmp_path / name, (time.time() - age,) * 2)
     cache.write("law-x.o", b"code")
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["law-x.o", "young.part"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["law-x.o", "young.part"]
 
 
 def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -420,4 +420,6 @@ def test_a_long_compilation_is_told(
     assert not caplog.records
     monkeypatch.setattr(machine, "PATIENCE", 0.02)
     machine.compiled("slow\nlaw\n", ["forces"])
-    assert [one.getMessage() for one in caplog.records] == ["xdynamics: compiling the model and its method, 2 lines"]
+    assert [record.getMessage() for record in caplog.records] == [
+        "xdynamics: compiling the model and its method, 2 lines"
+    ]

@@ -87,7 +87,7 @@ def numbers() -> tuple[np.ndarray, dict[str, float]]:
     p = random.uniform(0.3, 1.7, OFFSETS["b"] + 1)
     r, size = OFFSETS["r"], N * 3
     p[r + 2 : r + size : 3] = np.where(np.arange(N) % 2, 0.0, -0.0)  # bodies in a plane
-    names = [one for name in SHAPES.dims for one in SHAPES.elements(name)]
+    names = [element for name in SHAPES.dims for element in SHAPES.elements(name)]
     return p, dict(zip([*names, *SCALARS], p.tolist(), strict=True))
 
 

@@ -196,9 +196,9 @@ def test_a_part_that_stands_twice_is_computed_once() -> None:
     lines = Assignments(lambda own, name: own.load(Place("p", ord(name)), name))
     lines.assign("first", parse("a*b + (a*b)**3"))
     lines.assign("second", parse("(a*b)**-1.5"))
-    operations = [one.operation for one in lines.lines if isinstance(one, Compute)]
+    operations = [line.operation for line in lines.lines if isinstance(line, Compute)]
     assert operations == ["multiply", "multiply", "multiply", "add", "sqrt", "multiply", "divide"]
-    assert sum(isinstance(one, Load) for one in lines.lines) == 2
+    assert sum(isinstance(line, Load) for line in lines.lines) == 2
 
 
 def test_names_never_dangle() -> None:
@@ -210,12 +210,12 @@ def test_names_never_dangle() -> None:
     )
     lines.assign("force", Name("drive"))
     lines.assign("other", parse("drive + 1"))
-    targets = {one.target for one in lines.lines}
+    targets = {line.target for line in lines.lines}
     used = {
         argument
-        for one in lines.lines
-        if isinstance(one, Compute)
-        for argument in one.arguments
+        for line in lines.lines
+        if isinstance(line, Compute)
+        for argument in line.arguments
         if isinstance(argument, str)
     }
     assert used <= targets
@@ -312,7 +312,7 @@ def test_a_law_that_is_kept_is_not_printed_again(method: str, tmp_path: Path, mo
     second = Law(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True)
     assert (second.addresses != 0).tolist() == (first.addresses != 0).tolist()
     assert (second.source, second.memory, second.equations) == (first.source, first.memory, first.equations)
-    assert second.printed.names == tuple(one.name for one in first.entries)
+    assert second.printed.names == tuple(entry.name for entry in first.entries)
 
 
 def test_what_laws_are_kept_by() -> None:
@@ -324,7 +324,7 @@ def test_what_laws_are_kept_by() -> None:
         *(replace(scheme, **{key: "another"}) for key in ("estimator", "summation", "math_functions")),
     ]
     layouts = [layout_of(model, one) for one in (scheme, *others)] + [layout_of(model_named("kepler"), scheme)]
-    keys = [key_of(one, sampled=sampled) for one in layouts for sampled in (True, False)]
+    keys = [key_of(layout, sampled=sampled) for layout in layouts for sampled in (True, False)]
     assert len(set(keys)) == len(keys) == 12
     assert key_of(layout_of(model.replace(parameters={"l": 2.0}), scheme), sampled=True) == keys[0]
 

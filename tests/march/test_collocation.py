@@ -44,14 +44,15 @@ def masses(count: int, draw: np.random.Generator) -> tuple[xd.Model, dict[str, A
     names = [f"x{i}" for i in range(count)]
     springs = {f"s{i}": {"potential": f"k*(x{i} - x{i - 1})**2/2" if i else "k*x0**2/2"} for i in range(count)}
     cubic = {f"c{i}": {"potential": f"c*x{i}**4/4"} for i in range(count) if draw.random() < 0.5}
-    drag = {one: f"-{draw.uniform(0.0, 30.0)!r}*newton*second/metre*v_{one}" for one in names if draw.random() < 0.6}
+    drag = {name: f"-{draw.uniform(0.0, 30.0)!r}*newton*second/metre*v_{name}" for name in names if draw.random() < 0.6}
     model = xd.Model(
         name="masses",
         coordinates=dict.fromkeys(names, "m"),
         parameters={"m": "1 kg", "k": "4 N m-1", "c": "2 N m-3"},
         mass=dict.fromkeys(names, "m"),
         forces=springs | cubic | ({"drag": drag} if drag else {}),
-        initial={one: f"{0.3 * (-1) ** i} m" for i, one in enumerate(names)} | {f"v_{one}": "0 m s-1" for one in names},
+        initial={name: f"{0.3 * (-1) ** i} m" for i, name in enumerate(names)}
+        | {f"v_{name}": "0 m s-1" for name in names},
         events={"met": {"function": "x0 - 0.1*metre"}} if draw.random() < 0.4 else {},
     )
     varied = {"k": 10.0 ** draw.uniform(-1.0, 4.0, N), "c": draw.uniform(0.0, 90.0, N)}

@@ -31,8 +31,8 @@ def is_sound(run: object) -> bool:
     """Whether a record never pairs success with a state that is not finite, and says t and h."""
     finite = all(
         np.isfinite(run[name]).all()
-        for name, one in run.data_vars.items()
-        if one.attrs["role"] in ("coordinate", "velocity", "state")
+        for name, variable in run.data_vars.items()
+        if variable.attrs["role"] in ("coordinate", "velocity", "state")
     )
     text = run.attrs["run_outcome_text"]
     return finite and (WORDS[run.attrs["run_outcome"]].good or ("t = " in text and "h = " in text))

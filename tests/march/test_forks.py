@@ -39,8 +39,8 @@ def marching() -> Iterator[list[int]]:
 
     march(-1)
     threads = [threading.Thread(target=work) for _ in range(3)]
-    for one in threads:
-        one.start()
+    for thread in threads:
+        thread.start()
     yield done
     over.set()
     for one in threads:

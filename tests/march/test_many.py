@@ -20,8 +20,8 @@ def alone(model: xd.Model, settings: Settings) -> tuple[March, np.ndarray, np.nd
     """March one run; return it with its rows and events."""
     march = March(model, settings)
     blocks = list(march.blocks())
-    rows = np.concatenate([one.log.rows[:, : one.rows] for one in blocks], axis=1)
-    return march, rows, np.concatenate([one.log.events[: one.events] for one in blocks])
+    rows = np.concatenate([block.log.rows[:, : block.rows] for block in blocks], axis=1)
+    return march, rows, np.concatenate([block.log.events[: block.events] for block in blocks])
 
 
 def asked(model: xd.Model, **more: Any) -> Settings:

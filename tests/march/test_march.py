@@ -390,11 +390,11 @@ def copied(march: March, rows: int | None) -> list[tuple[np.ndarray, ...]]:
     """March in blocks and keep their tables."""
     return [
         (
-            one.log.rows[:, : one.rows].copy(),
-            one.log.samples[:, : one.samples].copy(),
-            np.array([one.log.events[name][: one.events] for name in one.log.events.dtype.names], float),
+            block.log.rows[:, : block.rows].copy(),
+            block.log.samples[:, : block.samples].copy(),
+            np.array([block.log.events[name][: block.events] for name in block.log.events.dtype.names], float),
         )
-        for one in march.blocks(rows)
+        for block in march.blocks(rows)
     ]
 
 

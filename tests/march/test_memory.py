@@ -56,7 +56,7 @@ def logged(march: March, log: Any) -> bytes:
     """Return the bytes of the log's rows."""
     counts = [int(march.now[name] - log.base[0][name]) for name in ("rows", "trials", "events", "samples")]
     parts = (log.rows[:, : counts[0]], log.trials[: counts[1]], log.events[: counts[2]], log.samples[:, : counts[3]])
-    return b"".join(np.ascontiguousarray(one.T).tobytes() for one in parts)
+    return b"".join(np.ascontiguousarray(part.T).tobytes() for part in parts)
 
 
 @pytest.mark.parametrize(("method", "kind"), CASES)

@@ -378,8 +378,8 @@ def test_the_located_trial_comes_back_whole() -> None:
     for i, name in enumerate(TRIAL.names, start=1):
         run.trial[name] = i
     arrays = [run.z, run.e, run.g1, run.samples]
-    for one in arrays:
-        one[:] = np.arange(1.0, len(one) + 1)
+    for array in arrays:
+        array[:] = np.arange(1.0, len(array) + 1)
     before = [one.tobytes() for one in (run.trial, *arrays)]
     plain(trial_step.keep)(run)
     run.trial[:] = np.zeros(1, TRIAL)

@@ -32,19 +32,21 @@ class Units:
 
     def __init__(self, rng: np.random.Generator | None) -> None:
         self.rng = rng
-        self.large = {one: 10.0 ** rng.uniform(-9, 9) if rng else 1.0 for one in UNITS}
+        self.large = {unit: 10.0 ** rng.uniform(-9, 9) if rng else 1.0 for unit in UNITS}
 
     def unit(self, **powers: int) -> str:
         """Draw a unit."""
-        chosen = {one: self.rng.choice(names) if self.rng else one for one, names in UNITS.items()}
-        return " ".join(f"{chosen[one]}{'' if power == 1 else power}" for one, power in powers.items() if power) or "1"
+        chosen = {name: self.rng.choice(names) if self.rng else name for name, names in UNITS.items()}
+        return (
+            " ".join(f"{chosen[name]}{'' if power == 1 else power}" for name, power in powers.items() if power) or "1"
+        )
 
     def __call__(self, value: float, **powers: int) -> str:
         """Write a quantity."""
         unit = self.unit(**powers)
         factor = float(parse_unit(unit).factor)
-        for one, power in powers.items():
-            value *= self.large[one] ** power
+        for name, power in powers.items():
+            value *= self.large[name] ** power
         return f"{float(value) / factor!r} {unit}"
 
 
@@ -139,15 +141,15 @@ def chain(rng: np.random.Generator, of: Units) -> xd.Model:
     n = int(rng.integers(3, 9))
     names = [f"u{i}" for i in range(n)]
     pulls = {
-        one: "-k*(2*" + one + "".join(f" - {names[j]}" for j in (i - 1, i + 1) if 0 <= j < n) + ")"
-        for i, one in enumerate(names)
+        name: "-k*(2*" + name + "".join(f" - {names[j]}" for j in (i - 1, i + 1) if 0 <= j < n) + ")"
+        for i, name in enumerate(names)
     }
-    starts = {one: of(1.0 if i == 0 else 0.0, m=1) for i, one in enumerate(names)} | {
-        f"v_{one}": of(0.0, m=1, s=-1) for one in names
+    starts = {name: of(1.0 if i == 0 else 0.0, m=1) for i, name in enumerate(names)} | {
+        f"v_{name}": of(0.0, m=1, s=-1) for name in names
     }
     return xd.Model(
         name="chain",
-        coordinates={one: {"unit": of.unit(m=1)} for one in names},
+        coordinates={name: {"unit": of.unit(m=1)} for name in names},
         mass=dict.fromkeys(names, "m"),
         parameters={"m": of(1.0, kg=1), "k": of(1.0, kg=1, s=-2)},
         forces={"springs": pulls},
@@ -162,7 +164,7 @@ def problem(case: int) -> tuple[type, str, float]:
     """Return a problem, a method that takes it, and a tolerance."""
     rng = np.random.default_rng(case)
     made = PROBLEMS[case % len(PROBLEMS)]
-    methods = [one for one in METHODS if not (one == "dprkn6" and made in (oscillator, thrown, circuit))]
+    methods = [method for method in METHODS if not (method == "dprkn6" and made in (oscillator, thrown, circuit))]
     return made, str(rng.choice(methods)), 10.0 ** rng.uniform(-8, -4)
 
 
@@ -178,8 +180,8 @@ def test_steps_are_the_same_in_all_units(case: int) -> None:
         for of in (Units(None), own)
     ]
     first, second = runs
-    assert {one.attrs["run_outcome"] for one in runs} == {"completed"}
-    chosen = [float(one.attrs["solver_first_step"]) for one in runs]
+    assert {run.attrs["run_outcome"] for run in runs} == {"completed"}
+    chosen = [float(run.attrs["solver_first_step"]) for run in runs]
     assert chosen[1] / own.large["s"] == pytest.approx(chosen[0], rel=1e-8)
     if method == "radau_iia":  # whose iterations take one turn more or less where rounding decides
         assert abs(first.sizes["step"] - second.sizes["step"]) <= 2
@@ -198,11 +200,11 @@ def test_what_was_used_is_recorded(case: int) -> None:
         made(np.random.default_rng(case), of), method=method, rtol=rtol, until=of(5.0, s=1), force_samples="none"
     )
     used, kinds = float(run.attrs["solver_rtol_used"]), {}
-    for name, one in run.data_vars.items():
-        if one.attrs.get("role") in ("coordinate", "velocity", "state"):
-            unit = parse_unit(one.attrs["units"])
-            largest = float(abs(one).max()) * float(unit.factor)
-            kinds.setdefault((one.attrs["role"], str(unit.dimension)), []).append((name, largest))
+    for name, variable in run.data_vars.items():
+        if variable.attrs.get("role") in ("coordinate", "velocity", "state"):
+            unit = parse_unit(variable.attrs["units"])
+            largest = float(abs(variable).max()) * float(unit.factor)
+            kinds.setdefault((variable.attrs["role"], str(unit.dimension)), []).append((name, largest))
     for found in kinds.values():
         top = max(largest for _, largest in found)
         for name, largest in found:
@@ -231,7 +233,10 @@ def test_defaults_are_as_accurate_in_every_unit(case: int) -> None:
     model = chain(rng, of)
     run = xd.simulate(model, method=method, rtol=rtol, until=of(10.0, s=1), force_samples="none")
     exact = spread_out(len(model.coordinates), 10.0)
-    found = [float(run[name][-1]) * float(one.unit.factor) / of.large["m"] for name, one in model.coordinates.items()]
+    found = [
+        float(run[name][-1]) * float(coordinate.unit.factor) / of.large["m"]
+        for name, coordinate in model.coordinates.items()
+    ]
     assert np.abs(found - exact).max() < 100 * rtol + 1e-13
     # the last mass has moved a millionth of what the first one did, say, and is known to a part of that
     assert abs(found[-1] - exact[-1]) < 1e3 * rtol * max(abs(exact[-1]), 1e-3) + 1e-13

@@ -138,8 +138,8 @@ def test_rows_have_the_bits_of_the_whole_march(case: int, tmp_path: Path, monkey
     np.testing.assert_array_equal(run["step_number"], rows)
     names = [
         name
-        for name, one in whole.variables.items()
-        if one.dims and one.dims[0] in ("step", "trial", "event", "sample")
+        for name, variable in whole.variables.items()
+        if variable.dims and variable.dims[0] in ("step", "trial", "event", "sample")
     ]
     assert {name: np.ascontiguousarray(run[name].values).tobytes() for name in names} == thinned(whole, rows, names)
     assert run.attrs[KEEP_EVERY] == every
@@ -314,7 +314,9 @@ def test_left_out_columns_come_back_to_the_bits(case: int, tmp_path: Path, monke
     model, asked = drawn(rng)
     whole = xd.simulate(model, **asked)
     named = [
-        str(name) for name, one in whole.variables.items() if one.attrs["role"] in COLUMNS and one.dims == ("step",)
+        str(name)
+        for name, variable in whole.variables.items()
+        if variable.attrs["role"] in COLUMNS and variable.dims == ("step",)
     ]
     log: Any = rng.choice(["states", rng.sample(named, rng.randint(1, min(4, len(named))))])
     more = {"log": log, "keep_every": rng.choice([1, 1, 4, 1000]), "compress": rng.random() < 0.5}
@@ -327,14 +329,14 @@ def test_left_out_columns_come_back_to_the_bits(case: int, tmp_path: Path, monke
     rows = run["step_number"].values if "step_number" in run else np.arange(whole.sizes["step"])
     always = {
         name
-        for name, one in whole.variables.items()
-        if one.dims == ("step",) and one.attrs["role"] in ("time", "step_size", "flag")
+        for name, variable in whole.variables.items()
+        if variable.dims == ("step",) and variable.attrs["role"] in ("time", "step_size", "flag")
     }
     of_states = {name for name in named if whole[name].attrs["role"] in ("coordinate", "velocity", "state", "error")}
     wanted = (
         always | (of_states if log == "states" else set(log)) | ({"step_number"} if "step_number" in run else set())
     )
-    assert {name for name, one in run.variables.items() if one.dims == ("step",)} == wanted
+    assert {name for name, variable in run.variables.items() if variable.dims == ("step",)} == wanted
     assert "sample_time" not in run
     for name in wanted - {"step_number"}:
         assert run[name].values.tobytes() == np.ascontiguousarray(whole[name].values[rows]).tobytes(), name
@@ -451,7 +453,7 @@ def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
         coordinates=dict.fromkeys(names, "m"),
         parameters={"m": "1 kg"},
         mass=dict.fromkeys(names, "m"),
-        initial=dict.fromkeys(names, "0 m") | {f"v_{one}": "0 m s-1" for one in names},
+        initial=dict.fromkeys(names, "0 m") | {f"v_{name}": "0 m s-1" for name in names},
         forces={"none": dict.fromkeys(names, "0*newton")},
     )
     path = tmp_path / "still.nc"
@@ -471,13 +473,15 @@ def test_times_are_sampled_while_marching(case: int, monkeypatch: pytest.MonkeyP
     end = asked["until"]
     pool = [*whole["event_time"].values, *whole["time"].values, float(model.initial["t"].si), end]
     times = [rng.uniform(0.0, end) for _ in range(rng.choice([1, 10, 300]))] + rng.sample(pool, min(len(pool), 20))
-    times = [one for one in times if one <= end]
+    times = [time for time in times if time <= end]
     found = xd.simulate(model, **asked, times=times)
-    expected = xd.sample(whole, [one for one in times if one <= float(whole["time"][-1])])
-    assert {str(name): one.values.tobytes() for name, one in found.variables.items()} == {
-        str(name): one.values.tobytes() for name, one in expected.variables.items()
+    expected = xd.sample(whole, [time for time in times if time <= float(whole["time"][-1])])
+    assert {str(name): variable.values.tobytes() for name, variable in found.variables.items()} == {
+        str(name): variable.values.tobytes() for name, variable in expected.variables.items()
     }
-    assert [one.attrs for one in found.variables.values()] == [one.attrs for one in expected.variables.values()]
+    assert [variable.attrs for variable in found.variables.values()] == [
+        variable.attrs for variable in expected.variables.values()
+    ]
 
 
 def test_times_of_a_file_without_its_rows_are_refused(tmp_path: Path) -> None:

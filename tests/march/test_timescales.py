@@ -25,12 +25,12 @@ def network(rng: np.random.Generator, n: int) -> xd.Model:
     root = rng.normal(size=(n, n))
     k, c = root @ root.T * 10.0 ** rng.uniform(-1, 3), np.diag(rng.uniform(0, 1, n)) * float(rng.random() < 0.5)
     pulls = {
-        one: " ".join(
+        name: " ".join(
             f"- {float(k[i, j])!r}*k*{other} - {float(c[i, j])!r}*c*v_{other}" for j, other in enumerate(names)
         )
         .replace("- -", "+ ")
         .lstrip("+ ")
-        for i, one in enumerate(names)
+        for i, name in enumerate(names)
     }
     return xd.Model(
         name="network",
@@ -38,7 +38,8 @@ def network(rng: np.random.Generator, n: int) -> xd.Model:
         parameters={"k": "1 N m-1", "c": "1 N s m-1", "m": "1 kg"},
         mass=dict.fromkeys(names, "m"),
         forces={"joints": pulls},
-        initial={one: f"{float(rng.uniform(-1, 1))!r} m" for one in names} | {f"v_{one}": "0 m s-1" for one in names},
+        initial={name: f"{float(rng.uniform(-1, 1))!r} m" for name in names}
+        | {f"v_{name}": "0 m s-1" for name in names},
     )
 
 

@@ -82,17 +82,17 @@ def test_lost_and_kept_motions(case: int) -> None:
     until, rtol = 2 * math.pi / rate * 10.0 ** rng.uniform(-0.3, 1.5), 10.0 ** rng.uniform(-10, -7)
     part = {"x": 10.0 ** rng.uniform(-14, 0), "v_x": 10.0 ** rng.uniform(-14, 0)}
     atol = dict.fromkeys(names, f"{part['x'] * large['x']!r} m")
-    atol |= {f"v_{one}": f"{part['v_x'] * large['v_x']!r} m s-1" for one in names}
+    atol |= {f"v_{name}": f"{part['v_x'] * large['v_x']!r} m s-1" for name in names}
     method = str(rng.choice(["dop853", "dormand_prince", "radau_iia"]))
     run, said = marched(model, method=method, rtol=rtol, atol=atol, until=until)
     finest = marched(model, rtol=1e-12, until=until)[0]
     off = xd.compare(run, finest)
     lost = max(
-        float(np.abs(off[f"difference_{one}"]).max()) / float(np.abs(finest[one] - finest[one].mean()).max())
-        for one in names
+        float(np.abs(off[f"difference_{name}"]).max()) / float(np.abs(finest[name] - finest[name].mean()).max())
+        for name in names
     )
     relative = marched(model, method=method, rtol=rtol, until=until)[0]
-    own = max(float(np.abs(xd.compare(relative, finest)[f"difference_{one}"]).max()) for one in names) / large["x"]
+    own = max(float(np.abs(xd.compare(relative, finest)[f"difference_{name}"]).max()) for name in names) / large["x"]
     assert not (lost > 0.03 + 10 * own and not said), (lost, own, run.attrs[ATOL_EFFECT])
     assert not (said and lost < 1e-8), (lost, run.attrs[ATOL_EFFECT])
     assert run.attrs[ATOL_EFFECT]
@@ -141,7 +141,7 @@ def test_an_orbit_in_astronomical_units() -> None:
         until = years * 3.14e7
         run, said = marched(model, rtol=1e-9, atol=atol, until=until)
         off = xd.compare(run, marched(model, rtol=1e-12, until=until)[0])
-        lost = max(float(np.abs(off[f"difference_{one}"]).max()) for one in ("x", "y"))
+        lost = max(float(np.abs(off[f"difference_{name}"]).max()) for name in ("x", "y"))
         assert least <= lost <= most, lost
         assert said == (least > 0.0), run.attrs[ATOL_EFFECT]
         assert "times their size over the run; followed from 2 of its rows" in run.attrs[ATOL_EFFECT]

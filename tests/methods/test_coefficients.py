@@ -141,7 +141,7 @@ class Weights:
         """The largest violation of the conditions of one order by the vector of that name."""
         b = self.names[weights][: len(self.a)]
         return max(
-            float(abs(b.dot(self.stages(one)) - exact * mp.mpf(s) ** order / density(one))) for one in trees(order)
+            float(abs(b.dot(self.stages(tree)) - exact * mp.mpf(s) ** order / density(tree))) for tree in trees(order)
         )
 
 
@@ -192,7 +192,7 @@ def test_times_are_row_sums(method: Method) -> None:
 @pytest.mark.parametrize("method", EVERY, ids=lambda one: one.name)
 def test_number_of_evaluations(method: Method) -> None:
     """Assert that the update evaluates forces as often as the method says."""
-    assert sum(isinstance(one, Evaluation) for one in method.statements) == method.evaluations
+    assert sum(isinstance(statement, Evaluation) for statement in method.statements) == method.evaluations
 
 
 START = mp.mpf("0.3")
@@ -237,7 +237,7 @@ def slopes(method: Method, text: str, name: str, s: object = 1) -> list[float]:
         names["s"] = s
         run(text, names, kepler)
         exact = [0, 0, 0] if name == "e" else ellipse(START + s * h)
-        sizes.append([largest(names[one + name] - right) for one, right in zip("qvx", exact, strict=True)])
+        sizes.append([largest(names[letter + name] - right) for letter, right in zip("qvx", exact, strict=True)])
     return [float(mp.log(one / other, 2)) for one, other in zip(*sizes, strict=True)]
 
 
@@ -247,7 +247,7 @@ def test_local_error(method: Method) -> None:
     assert slopes(method, "", "1") == pytest.approx([method.order + 1] * 3, abs=0.2)
 
 
-@pytest.mark.parametrize("method", [one for one in EVERY if one.estimate], ids=lambda one: one.name)
+@pytest.mark.parametrize("method", [node for node in EVERY if node.estimate], ids=lambda one: one.name)
 def test_error_estimate(method: Method) -> None:
     """Assert that the estimate falls as h**(estimate_order + 1)."""
     assert slopes(method, method.estimate, "e") == pytest.approx([method.estimate_order + 1] * 3, abs=0.2)
@@ -267,7 +267,7 @@ def test_interpolant_meets_the_ends(method: Method, s: int, end: str) -> None:
     names = step(method, kepler, START, STEP, ellipse(START))
     names["s"] = mp.mpf(s)
     run(method.interpolant.text, names, kepler)
-    assert max(largest(names[one + "s"] - names[one + end]) for one in "qvx") < EXACT
+    assert max(largest(names[letter + "s"] - names[letter + end]) for letter in "qvx") < EXACT
 
 
 def test_estimate_of_nothing_is_zero() -> None:
@@ -275,7 +275,7 @@ def test_estimate_of_nothing_is_zero() -> None:
     rest = np.array([mp.mpf(0)], dtype=object)
     names = step(runge_kutta.DOP853, lambda *_: (rest, rest), mp.mpf(0), STEP, (rest, rest, rest))
     run(runge_kutta.DOP853.estimate, names, lambda *_: (rest, rest))
-    assert [names[one][0] for one in ("qe", "ve", "xe")] == [0, 0, 0]
+    assert [names[name][0] for name in ("qe", "ve", "xe")] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("method", SYMMETRIC, ids=lambda one: one.name)
@@ -284,7 +284,7 @@ def test_symmetric_composition_is_reversible(method: Method) -> None:
     h, start = mp.mpf("0.05"), ellipse(START)
     there = step(method, kepler, START, h, start)
     back = step(method, kepler, START + h, -h, (there["q1"], there["v1"], there["x1"]))
-    assert max(largest(back[one + "1"] - right) for one, right in zip("qvx", start, strict=True)) < 1e-25
+    assert max(largest(back[letter + "1"] - right) for letter, right in zip("qvx", start, strict=True)) < 1e-25
 
 
 def test_ruth3_is_not_reversible() -> None:

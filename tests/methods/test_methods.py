@@ -162,7 +162,9 @@ def test_error_inside_steps_is_that_at_their_ends(method: object, problem: str) 
 
 def grid_errors(run: object, exact: object) -> float:
     """The largest scaled error of any component at accepted states."""
-    return max(float(np.abs(run[name] - one).max() / np.abs(one).max()) for name, one in exact(run.time.values).items())
+    return max(
+        float(np.abs(run[name] - value).max() / np.abs(value).max()) for name, value in exact(run.time.values).items()
+    )
 
 
 def marched(problem: Problem, method: object, step: float) -> object:

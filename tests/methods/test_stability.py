@@ -92,7 +92,11 @@ def test_a_step_is_the_power_series_of_the_flow(method: Method) -> None:
 @pytest.mark.parametrize("method", xd.METHODS.values(), ids=list(xd.METHODS))
 def test_a_step_ends_with_the_forces_of_its_end(method: Method) -> None:
     """Assert what the amplification needs: a1 and r1 at the end, or no forces that would tell."""
-    last = [one for one in method.statements if isinstance(one, Evaluation) and one.acceleration == "a1"]
+    last = [
+        statement
+        for statement in method.statements
+        if isinstance(statement, Evaluation) and statement.acceleration == "a1"
+    ]
     whole = any((one.position, one.velocity, one.state) == ("q1", "v1", "x1") for one in last)
     assert method.solves or whole or {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES} <= set(method.refuses)
 
@@ -202,7 +206,7 @@ def chain(masses: int, *, fixed: bool) -> xd.Model:
         coordinates=dict.fromkeys(names, "m"),
         parameters={"m": "1 kg", "k": "1 N m-1"},
         mass=dict.fromkeys(names, "m"),
-        forces={f"spring{i}": {"potential": one} for i, one in enumerate(springs)},
+        forces={f"spring{i}": {"potential": spring} for i, spring in enumerate(springs)},
         initial=dict.fromkeys(names, "0 m") | {f"v_{name}": "0 m s-1" for name in names},
     )
 

@@ -26,7 +26,7 @@ def test_the_examples_are_one_model_and_march() -> None:
     """Assert that the examples of all sections, put together, are read, written, read again, and marched."""
     model = xd.Model.from_text(WHOLE)
     assert xd.Model.from_text(model.to_toml()).to_toml() == model.to_toml()
-    bare = {key: one for key, one in tomllib.loads(WHOLE).items() if key not in ("contacts", "frictions")}
+    bare = {key: load for key, load in tomllib.loads(WHOLE).items() if key not in ("contacts", "frictions")}
     run = xd.simulate(xd.Model(**bare), until="0.1 s")
     assert run.attrs["run_outcome"] == "completed"
     assert run["speed_of_it"].attrs["units"] == "km h-1"
@@ -56,7 +56,7 @@ def test_other_keys_are_refused_by_the_same_table(section: str) -> None:
     statement = tomllib.loads(WHOLE)
     if not any(isinstance(one, dict) for one in statement[section].values()) or section == "forces":
         return
-    entry = next(name for name, one in statement[section].items() if isinstance(one, dict))
+    entry = next(name for name, value in statement[section].items() if isinstance(value, dict))
     statement[section][entry]["no_such_key"] = 1
     with pytest.raises(xd.ModelError, match="key 'no_such_key' is not known"):
         xd.Model(**statement)

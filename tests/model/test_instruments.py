@@ -68,8 +68,8 @@ def test_an_offset_is_no_part_of_an_uncertainty() -> None:
         states={"q": {"unit": "K", "rate": "-q/(1*second)"}},
         initial={"q": "68 °F"},
     )
-    for one in ("T", "U"):
-        assert (str(model.parameters[one].quantity), model.parameters[one].uncertainty) == ("293.15 K", 0.5)
+    for name in ("T", "U"):
+        assert (str(model.parameters[name].quantity), model.parameters[name].uncertainty) == ("293.15 K", 0.5)
     assert model.initial["q"].si == 293.15
     assert (parse_scale("W/(m² °C)").unit.text, parse_unit("J/(kg·°C)").text) == ("W m-2 K-1", "J kg-1 K-1")
     with pytest.raises(

@@ -28,7 +28,7 @@ def test_toml_round_trip_loses_nothing(path: Path) -> None:
     again = xd.Model.from_text(model.to_toml())
     assert again == model
     assert again.digest == model.digest
-    assert all(again.drives[name].table.text == one.table.text for name, one in model.drives.items())
+    assert all(again.drives[name].table.text == drive.table.text for name, drive in model.drives.items())
 
 
 def test_python_statement_equals_file() -> None:

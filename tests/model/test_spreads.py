@@ -65,12 +65,12 @@ def model(**replaced: str) -> xd.Model:
 
 def test_standard_uncertainties_follow_from_bounds() -> None:
     """Assert JCGM 101:2008, 6.4: half widths over the square roots of 3, 6 and 2; correlations, discrepancies, tables."""
-    found = {name: one.uncertainty for name, one in model().uncertain.items()}
+    found = {name: value.uncertainty for name, value in model().uncertain.items()}
     assert found == pytest.approx(
         {"m": 2e-3, "k": 0.3 / sqrt(3), "c": 0.01, "p": 0.01 / sqrt(2), "q": 0.01 / sqrt(6), "x": 3e-3}
     )
     assert model().correlations == {("m", "x"): 0.5}
-    assert {name: one.standard.si for name, one in model().discrepancy.items()} == {
+    assert {name: value.standard.si for name, value in model().discrepancy.items()} == {
         "x": 1e-3,
         "stretch": 2e-3,
         "t": 1e-3,
@@ -196,9 +196,9 @@ def test_draws_are_those_that_the_model_declares() -> None:
     draws = xd.Draws(40_000, names, design="declared", seed=4)
     found = xd.sweep(model(), {"draw": draws}, until="20 ms", step="10 ms")
     values = {name: found[f"initial_{name}" if name == "x" and "initial_x" in found else name].values for name in names}
-    for name, one in model().uncertain.items():
-        assert values[name].mean() == pytest.approx(one.quantity.value, abs=5 * one.uncertainty / 200)
-        assert values[name].std() == pytest.approx(one.uncertainty, rel=0.02)
+    for name, value in model().uncertain.items():
+        assert values[name].mean() == pytest.approx(value.quantity.value, abs=5 * value.uncertainty / 200)
+        assert values[name].std() == pytest.approx(value.uncertainty, rel=0.02)
     assert np.corrcoef(values["m"], values["x"])[0, 1] == pytest.approx(0.5, abs=0.02)
     assert abs(np.corrcoef(values["m"], values["k"])[0, 1]) < 0.02
     assert np.abs(values["k"] - 4.0).max() <= 0.3

@@ -175,7 +175,7 @@ def test_uncertainty_of_an_event_is_the_sum_of_its_parts() -> None:
     """Assert each part, and that half a spacing of t is the least."""
     run = swing("m")
     bracket, residual, interpolation = (
-        run[f"event_time_uncertainty_{one}"].values for one in ("bracket", "residual", "interpolation")
+        run[f"event_time_uncertainty_{name}"].values for name in ("bracket", "residual", "interpolation")
     )
     assert bracket == pytest.approx(np.diff(run.event_time_bounds.values, axis=1)[:, 0])
     rows = run.event_row_before.values

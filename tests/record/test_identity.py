@@ -29,7 +29,7 @@ def swing() -> xr.Dataset:
 
 def call(*arguments: object) -> Result:
     """Run a command in this process."""
-    return CliRunner().invoke(main, [str(one) for one in arguments])
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(params=["marched", "opened"])
@@ -237,8 +237,8 @@ def test_arithmetic_keeps_no_digest(run: xr.Dataset) -> None:
     """Assert that no variable says it is what it no longer is, and that the file still bears the digests."""
     import netCDF4
 
-    for one in run.variables.values():
-        assert "sha256" not in one.attrs
+    for variable in run.variables.values():
+        assert "sha256" not in variable.attrs
     with xr.set_options(keep_attrs=True):
         assert set((run.theta * 2).attrs) <= {"units", "long_name", "role"}
     if run.encoding.get("source"):

@@ -68,7 +68,7 @@ def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
     sent = pickle.loads(pickle.dumps(kept))
     assert (sent, sent.attributes, sent.content_digest) == (origin.TEXT, record().attrs, kept.content_digest)
     assert sent.parts == {
-        name: Part(name, one.dims, one.shape, one.attributes, None, one.digest) for name, one in kept.parts.items()
+        name: Part(name, part.dims, part.shape, part.attributes, None, part.digest) for name, part in kept.parts.items()
     }
     assert (sent.source, sent.whole()) == (None, None)
     elsewhere = Origin.of(lambda: kept.parts, {}, place)

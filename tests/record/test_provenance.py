@@ -49,7 +49,7 @@ def test_a_record_tells_what_was_asked(asked: dict[str, Any], kept: dict[str, An
         assert same == value, name
     assert not lost & set(found)
     if "atol" in found:
-        assert {name: one.si for name, one in found["atol"].items()} == pytest.approx(
+        assert {name: value.si for name, value in found["atol"].items()} == pytest.approx(
             dict.fromkeys(("x", "v_x", "work"), 1e-8)
         )
 

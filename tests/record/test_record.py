@@ -78,8 +78,8 @@ def test_names_of_the_contract_are_there() -> None:
 def test_every_variable_says_what_it_is() -> None:
     """Assert units, long_name and role everywhere, and no coordinate variable on any dimension."""
     run = rocket()
-    for name, one in run.variables.items():
-        assert {"units", "long_name", "role"} <= set(one.attrs), name
+    for name, variable in run.variables.items():
+        assert {"units", "long_name", "role"} <= set(variable.attrs), name
     assert list(run.coords) == ["time"]
     assert not run.indexes
     assert set(REQUIRED_ATTRIBUTES) <= set(run.attrs)
@@ -187,7 +187,9 @@ def test_a_run_in_one_block_is_not_copied() -> None:
 def test_a_record_is_what_xarray_would_build(made: Callable[[], xr.Dataset]) -> None:
     """Assert that variables put together without alignment are the Dataset that xarray makes of them, in every part."""
     run = made()
-    parts = {name: xr.Variable(one.dims, one.values, one.attrs) for name, one in run.variables.items()}
+    parts = {
+        name: xr.Variable(variable.dims, variable.values, variable.attrs) for name, variable in run.variables.items()
+    }
     built = xr.Dataset(parts, attrs=run.attrs).set_coords("time")
     assert built.identical(run)
     assert (built.sizes, set(built.coords), dict(built.indexes)) == (run.sizes, set(run.coords), dict(run.indexes))

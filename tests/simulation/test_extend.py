@@ -133,7 +133,7 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     """Assert that `extend` writes another archive, and refuses to write over the one it reads."""
 
     def call(*arguments: object) -> Any:
-        return CliRunner().invoke(main, [str(one) for one in arguments])
+        return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
     first, second, whole = (tmp_path / name for name in ("first.nc", "second.nc", "whole.nc"))
     model, asked = MODELS / "pendulum.toml", ("--step", "10 ms")

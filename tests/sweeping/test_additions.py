@@ -174,8 +174,8 @@ def test_an_opened_and_a_lazy_sweep_are_put_together(dim: str, tmp_path: Path) -
     whole = xd.sweep(BALL, axes, **asked)
     xr.testing.assert_equal(both.drop_attrs().load(), whole.drop_attrs().load())
     plain = xr.concat([opened, lazy], dim=dim, data_vars="all", coords="different", compat="equals", join="outer")
-    assert {name: one.dims for name, one in plain.data_vars.items() if name.startswith("end_")} == {
-        name: one.dims for name, one in whole.data_vars.items() if name.startswith("end_")
+    assert {name: variable.dims for name, variable in plain.data_vars.items() if name.startswith("end_")} == {
+        name: variable.dims for name, variable in whole.data_vars.items() if name.startswith("end_")
     }
     run = xd.member(plain, v_y=15.0, vt=30.0, method="dop853")
     assert float(run.y[-1]) == float(whole.end_y.sel({"v_y": 15.0, "vt": 30.0, "method": "dop853"}))

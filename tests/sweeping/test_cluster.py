@@ -44,12 +44,12 @@ def here() -> xr.Dataset:
 
 def assert_same(found: xr.Dataset, expected: xr.Dataset) -> None:
     """Assert every variable that was kept, bit for bit; texts by their letters."""
-    for name, one in expected.data_vars.items():
+    for name, variable in expected.data_vars.items():
         mine = found[name].values
-        if one.dtype.kind in "UO":
-            assert mine.astype(str).tolist() == one.values.astype(str).tolist(), name
+        if variable.dtype.kind in "UO":
+            assert mine.astype(str).tolist() == variable.values.astype(str).tolist(), name
         else:
-            assert mine.tobytes() == one.values.tobytes(), name
+            assert mine.tobytes() == variable.values.tobytes(), name
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
     assert_same(found, here)
     digests = found.run_digest.values.astype(str).ravel()
     assert len(np.unique(digests)) == digests.size
-    assert [one.name for one in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
+    assert [entry.name for entry in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
 
 
 def kills(program: str, folder: Path, chance: random.Random, *, most: int) -> int:

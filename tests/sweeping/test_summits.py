@@ -182,7 +182,7 @@ def begun(
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_brackets_are_where_the_rate_changes_its_sign(sign: float) -> None:
     """Assert the step to the hump or from it, by the rate there; and that the rest is looked through, or is no place to look."""
-    values, time = [sign * one for one in (0.0, 2.0, 1.0)], [1.0, 2.0, 4.0]
+    values, time = [sign * value for value in (0.0, 2.0, 1.0)], [1.0, 2.0, 4.0]
     before, behind = (
         begun(sign, values, time, [[3 * sign, -sign, -sign]], [1]),
         begun(sign, values, time, [[3 * sign, sign, -sign]], [1]),
@@ -193,7 +193,7 @@ def test_brackets_are_where_the_rate_changes_its_sign(sign: float) -> None:
     assert (behind.values.ravel().tolist(), behind.rates.ravel().tolist()) == ([2.0, 1.0], [1.0, -1.0])
     assert before.blind.size == behind.blind.size == 0
     for rates, borders in (([-3.0, -1.0, -1.0], [1.0, 4.0]), ([3.0, 1.0, 1.0], [1.0, 4.0]), ([3.0, 0.0, -1.0], [])):
-        search = begun(sign, values, time, [[sign * one for one in rates]], [1])
+        search = begun(sign, values, time, [[sign * rate for rate in rates]], [1])
         assert (search.members.size, search.borders.ravel().tolist()) == (0, borders)
     unknown = begun(sign, values, time, None, [1])
     assert (unknown.members.size, unknown.blind.tolist(), unknown.borders.ravel().tolist()) == (0, [0], [1.0, 4.0])

@@ -102,7 +102,7 @@ def test_shares_of_variance_of_a_linear_number() -> None:
         low, high = found[f"{name}_interval"].values.T
         assert ((low <= truth) & (truth <= high) & (high - low < 0.3)).all()
     again = shares()
-    assert all(again[name].variable.equals(one) for name, one in found.variables.items())
+    assert all(again[name].variable.equals(variable) for name, variable in found.variables.items())
 
 
 def test_members_are_refined_as_alone() -> None:

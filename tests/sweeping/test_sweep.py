@@ -85,8 +85,8 @@ def test_axes_have_units_and_everything_says_what_it_is(swept: xr.Dataset) -> No
     """Assert units, names and roles of every variable, and that the Dataset is saved and verified like a run."""
     assert swept.v_y.attrs["units"] == "m s-1"
     assert swept.sizes == {"v_y": 5, "vt": 2, "method": 2, "at": 3}
-    for name, one in swept.variables.items():
-        assert {"units", "long_name", "role"} <= set(one.attrs), name
+    for name, variable in swept.variables.items():
+        assert {"units", "long_name", "role"} <= set(variable.attrs), name
     assert swept.at_time.values.tolist() == [0.5, 1.0, 9.0]
 
 
@@ -299,7 +299,7 @@ def test_a_folder_goes_on_where_it_was_stopped(
     for one in (found, again):
         assert one.end_v_y.values.tobytes() == whole.end_v_y.values.tobytes()
         assert list(map(str, one.run_digest.values)) == list(map(str, whole.run_digest.values))
-    assert [one.name for one in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
+    assert [entry.name for entry in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
 
 
 @pytest.mark.parametrize("said", ["", "[[3, 3, 3", "[[4, 4, 4]]", "7"], ids=str)
@@ -368,9 +368,9 @@ def test_whole_runs_in_files(tmp_path: Path) -> None:
         xd.member(found, vt=20.0)
     found.close()
     (path / "catalogue.nc").unlink()
-    times = {one.name: one.stat().st_mtime_ns for one in (path / "runs").iterdir()}
+    times = {entry.name: entry.stat().st_mtime_ns for entry in (path / "runs").iterdir()}
     again = xd.sweep(ball(), {"vt": "20:40:3 m s-1"}, keep=["end", "log"], method="dop853", rtol=1e-6, path=path)
-    new = {one.name: one.stat().st_mtime_ns for one in (path / "runs").iterdir()}
+    new = {entry.name: entry.stat().st_mtime_ns for entry in (path / "runs").iterdir()}
     assert sum(times[name] != new[name] for name in times) == 1  # the damaged one alone
     assert verify_sweep(path)[1] == 3
     again.close()
@@ -496,7 +496,7 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
         preprocess=lambda run: run[["time", "y", "v_y"]],
         decode_times=False,
     ) as rows:
-        each = [xd.open_run(one) for one in files]
+        each = [xd.open_run(file) for file in files]
         assert rows.y.values.tolist() == np.concatenate([one.y.values for one in each]).tolist()
         for one in each:
             one.close()
@@ -547,7 +547,7 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
             assert found[word].values[i].tolist() == alone[word][0].tolist(), word
 
 
-@pytest.mark.parametrize("name", sorted(one.stem for one in MODELS.glob("*.toml")))
+@pytest.mark.parametrize("name", sorted(entry.stem for entry in MODELS.glob("*.toml")))
 @pytest.mark.filterwarnings("ignore::xdynamics.AccuracyWarning")
 def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureRequest) -> None:
     """Assert a member's states at times, and the largest of each variable, against its run by `sample` and `diagnose`.

@@ -65,13 +65,13 @@ def test_a_fall_with_an_uncertain_speed_has_few_digits(tmp_path: Path) -> None:
     )
     assert float(sharp.event_time[-1]) == float(vague.event_time[-1])
     texts = [re.search(r"at t = ([0-9.]+) s$", run.attrs["run_outcome_text"])[1] for run in (sharp, vague)]
-    counts = [len(one.replace(".", "")) for one in texts]
+    counts = [len(text.replace(".", "")) for text in texts]
     assert 8 <= counts[0] <= 10  # a zero at the end is not written
     assert counts[1] <= 4
     assert float(texts[1]) == pytest.approx(float(vague.event_time[-1]), abs=1e-3)
     xd.save(vague, tmp_path / "run.nc")
     line = next(
-        one for one in call("show", tmp_path / "run.nc").output.splitlines() if one.startswith("event     ground")
+        line for line in call("show", tmp_path / "run.nc").output.splitlines() if line.startswith("event     ground")
     )
     assert re.search(r"at t = [0-9.]{5} s, located within", line)
     assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1

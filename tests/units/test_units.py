@@ -215,12 +215,12 @@ def test_dimensions_are_those_of_pint(text: str) -> None:
         registry()
         .parse_units(
             " * ".join(
-                f"{one.rstrip('-0123456789')}**{one[len(one.rstrip('-0123456789')) :] or 1}" for one in text.split()
+                f"{word.rstrip('-0123456789')}**{word[len(word.rstrip('-0123456789')) :] or 1}" for word in text.split()
             )
         )
         .dimensionality
     )
-    assert [float(one) for one in parse_unit(text).dimension.powers] == [
+    assert [float(power) for power in parse_unit(text).dimension.powers] == [
         float(expected.get(PINTS[base], 0)) for base in BASE
     ]
 
@@ -285,7 +285,7 @@ def test_ranges_that_are_none(text: str, said: str) -> None:
 @given(st.lists(st.integers(-6, 6), min_size=3, max_size=3), st.lists(st.floats(0.01, 100.0), min_size=3, max_size=3))
 def test_scales_of_any_dimension_are_products_of_powers(halves: list[int], sizes: list[float]) -> None:
     """Assert M**a L**b T**c, whole powers and halves, and 1 where nothing is scaled."""
-    powers = [Fraction(one, 2) for one in halves]
+    powers = [Fraction(half, 2) for half in halves]
     dimension = Dimension((*powers, *(Fraction(0),) * (len(BASE) - 3)))
     mass, length, time = sizes
     expected = mass ** float(powers[0]) * length ** float(powers[1]) * time ** float(powers[2])
@@ -317,7 +317,7 @@ def test_limits_of_scales_and_texts() -> None:
 def test_dimensions_in_words_have_a_derived_name_where_there_is_one() -> None:
     """Assert base units with powers, a name behind, and 1 of none."""
     texts = {"N": "kg m s-2 (N)", "J": "kg m2 s-2 (J)", "m s-1": "m s-1", "1": "1", "V": "kg m2 s-3 A-1 (V)"}
-    assert {one: str(parse_unit(one).dimension) for one in texts} == texts
+    assert {text: str(parse_unit(text).dimension) for text in texts} == texts
 
 
 def test_rates_in_a_time_without_a_unit_keep_theirs() -> None:

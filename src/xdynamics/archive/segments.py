@@ -84,7 +84,7 @@ class Segments:
 
     def _gather(self, names: list[Place]) -> None:
         """Take the segments up to the first that is not whole."""
-        seals = {one.variable.name: Seal.of(one.variable) for one in record.columns(self.march)}
+        seals = {column.variable.name: Seal.of(column.variable) for column in record.columns(self.march)}
         for name in names:
             try:
                 one = self._checked(name)

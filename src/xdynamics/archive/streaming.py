@@ -109,12 +109,13 @@ def _define(writer: Writer, spec: Sequence[record.Column], march: March, sizes: 
     sizes = {**sizes, **elements}
     if march.settings.compress:
         widths = {
-            one.name: prod(elements.get(dim, 1) for dim in one.dims) for one in (column.variable for column in spec)
+            variable.name: prod(elements.get(dim, 1) for dim in variable.dims)
+            for variable in (column.variable for column in spec)
         }
         writer.pack(
             {
-                one.name: (one.dims[0], np.dtype(one.dtype).itemsize * widths[one.name])
-                for one in (column.variable for column in spec)
+                variable.name: (variable.dims[0], np.dtype(variable.dtype).itemsize * widths[variable.name])
+                for variable in (column.variable for column in spec)
             }
         )
     for column in spec:

@@ -94,7 +94,9 @@ def _is_word(word: bytes) -> bool:
 
 _VALUES = np.full(256, 255, np.uint8)
 _VALUES[np.frombuffer(DIGITS, np.uint8)] = np.arange(16)
-_PAIRS = np.frombuffer(b"".join(b"%02x" % one for one in range(256)), np.uint16)  # of letters, as they stand in memory
+_PAIRS = np.frombuffer(
+    b"".join(b"%02x" % byte for byte in range(256)), np.uint16
+)  # of letters, as they stand in memory
 
 
 def _from_hexadecimal(codes: Array) -> Array | None:

@@ -179,14 +179,14 @@ def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: Batc
         if COMPRESSION in run.attrs if compress is None else compress:
             writer.pack(
                 {
-                    str(name): (str(one.dims[0]), one.dtype.itemsize * prod(one.shape[1:]))
-                    for name, one in run.variables.items()
-                    if one.dims and one.dtype.kind in "fiu"
+                    str(name): (str(variable.dims[0]), variable.dtype.itemsize * prod(variable.shape[1:]))
+                    for name, variable in run.variables.items()
+                    if variable.dims and variable.dtype.kind in "fiu"
                 }
             )
         # a variable named as a dimension that it is not along must follow it, or the library cannot write the file
         for name, variable in sorted(
-            run.variables.items(), key=lambda one: one[0] in run.dims and one[0] not in one[1].dims
+            run.variables.items(), key=lambda item: item[0] in run.dims and item[0] not in item[1].dims
         ):
             sizes = {str(dim): n for dim, n in zip(variable.dims, variable.shape, strict=True) if n}
             writer.define(str(name), tuple(map(str, variable.dims)), variable.dtype, dict(variable.attrs), sizes)

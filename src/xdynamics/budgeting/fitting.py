@@ -159,7 +159,7 @@ def _asked(model: Any, data: Any, parameters: Any, gaps: str, reading: Any, sett
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    names = tuple(one for name in named for one in _elements(model, name))
+    names = tuple(element for name in named for element in _elements(model, name))
     available = [*model.parameters, *(name for name in model.initial if name != "t")]
     if not names or len({*names}) < len(names):
         raise InputError(
@@ -205,7 +205,7 @@ def _elements(model: Model, name: Any) -> list[Any]:
 def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
     """Read bounds, in each number's own unit."""
     low, high = (np.full(len(asked.names), side) for side in (-np.inf, np.inf))
-    of_elements = {one: ends for name, ends in bounds.items() for one in _elements(asked.model, name)}
+    of_elements = {element: ends for name, ends in bounds.items() for element in _elements(asked.model, name)}
     for name, ends in of_elements.items():
         if name not in asked.names:
             raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")

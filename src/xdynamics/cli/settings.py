@@ -26,7 +26,7 @@ from xdynamics.keywords import (
 
 SEVERAL = (TOLERANCES, SCALES, TIMES)  # kinds that may be given more than once
 _METAVARS = {TIME: "TIME", STEP: "TIME", NUMBER: "NUMBER", WHOLE: "N", WORD: "WORD"}
-OF_RECORDS = tuple(name for name, one in KEYWORDS.items() if one.group == RECORD)
+OF_RECORDS = tuple(name for name, keyword in KEYWORDS.items() if keyword.group == RECORD)
 
 
 class Setting(click.Option):
@@ -134,5 +134,5 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     SCALES: pairs,
     TIMES: lambda texts, _: list(texts),
     COLUMNS: _columns,
-    PAIR: lambda text, _: [one.strip() for one in text.split(",")],
+    PAIR: lambda text, _: [word.strip() for word in text.split(",")],
 }

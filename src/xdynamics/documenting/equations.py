@@ -40,23 +40,23 @@ def of_model(model: Model) -> Iterator[Block]:
             [
                 [
                     name,
-                    one.argument,
-                    f"{len(one.table.argument)} in {one.table.name}",
-                    one.interpolation,
-                    one.outside,
-                    one.description,
+                    drive.argument,
+                    f"{len(drive.table.argument)} in {drive.table.name}",
+                    drive.interpolation,
+                    drive.outside,
+                    drive.description,
                 ]
-                for name, one in model.drives.items()
+                for name, drive in model.drives.items()
             ],
         )
-    numbers = [(name, one) for name, one in model.parameters.items()]
+    numbers = [(name, parameter) for name, parameter in model.parameters.items()]
     numbers += [
         (f"{name} at the start", model.starts.get(name, Parameter(quantity)))
         for name, quantity in model.initial.items()
     ]
     yield Table(
         ["number", "value", "standard uncertainty", "distribution", "what"],
-        [_number(name, one) for name, one in numbers],
+        [_number(name, number) for name, number in numbers],
     )
 
 

@@ -102,7 +102,7 @@ def _scales(model: Model) -> Iterator[str]:
     except InputError as error:
         yield f"scales    not known at the start: {error}"
     else:
-        periods = [f"{one:.4g}{second}" for one in spectrum["period"].values if 0.0 < one < float("inf")]
+        periods = [f"{period:.4g}{second}" for period in spectrum["period"].values if 0.0 < period < float("inf")]
         fastest = float(spectrum["fastest_time_scale"])
         scale = (
             f"fastest {fastest:.4g}{second}" if fastest < float("inf") else "none at the start: nothing turns or decays"
@@ -110,12 +110,12 @@ def _scales(model: Model) -> Iterator[str]:
         yield f"scales    {scale}{'; periods ' if periods else ''}{', '.join(periods[:4])}"
         steps = dict(zip(METHODS, spectrum["suggested_step"].values.tolist(), strict=True))
     refused: dict[str, list[str]] = {}
-    for name, one in METHODS.items():
-        if why := one.refusals(model):
+    for name, method in METHODS.items():
+        if why := method.refusals(model):
             refused.setdefault("; ".join(why), []).append(name)
             continue
         suggested = steps.get(name, float("nan"))
         step = "" if not 0.0 < suggested < float("inf") else f", a step of {suggested:.2g}{second} to begin with"
-        yield f"method    {name}: order {one.order}{', chooses steps' if one.estimate else ''}{step}"
+        yield f"method    {name}: order {method.order}{', chooses steps' if method.estimate else ''}{step}"
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"

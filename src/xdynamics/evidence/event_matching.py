@@ -36,9 +36,9 @@ def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
 
     Examples
     --------
-    >>> [one.tolist() for one in matched(np.array([1.0, 2.0, 3.0]), np.array([2.1, 3.1]))]
+    >>> [places.tolist() for places in matched(np.array([1.0, 2.0, 3.0]), np.array([2.1, 3.1]))]
     [[1, 2], [0, 1]]
-    >>> [one.tolist() for one in matched(np.array([1.0, 2.0, 2.5]), np.array([1.2, 2.4]))]
+    >>> [places.tolist() for places in matched(np.array([1.0, 2.0, 2.5]), np.array([1.2, 2.4]))]
     [[0, 1], [0, 1]]
     """
     if len(first) < len(second):

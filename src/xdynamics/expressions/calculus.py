@@ -88,7 +88,7 @@ def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
     --------
     >>> from xdynamics.expressions import parse
     >>> found = derivatives(parse("k*x**2/2 + x*y"), {"x": {"x": ONE}, "y": {"y": ONE}})
-    >>> {by: text_of(one) for by, one in found.items()}
+    >>> {by: text_of(slope) for by, slope in found.items()}
     {'x': 'k*(2*x)/2 + y', 'y': 'x'}
     """
     match node:

@@ -111,7 +111,7 @@ def _along(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
     if node.function in ("index", "size"):
         return NONE
     if node.function in ("dot", "cross"):
-        left, right = (_dimension(one, names) or NONE for one in node.arguments)
+        left, right = (_dimension(argument, names) or NONE for argument in node.arguments)
         return left * right
     return _agreed(node.arguments, names, f"'{node.function}'")
 

@@ -72,7 +72,7 @@ def array_of(values: Any) -> Any:
 def is_traced(value: Any) -> bool:
     """Whether a value is traced, or holds something that is."""
     if isinstance(value, np.ndarray):
-        return value.dtype == object and any(isinstance(one, Traced) for one in value.flat)
+        return value.dtype == object and any(isinstance(entry, Traced) for entry in value.flat)
     return isinstance(value, Traced) or (isinstance(value, list | tuple) and any(map(is_traced, value)))
 
 
@@ -205,7 +205,7 @@ def _reduced(join: Callable[[Any, Any], Any], values: Any, axis: Any, *, keepdim
     results = np.empty(rows.shape[1:], object)
     for place in np.ndindex(results.shape):
         results[place] = reduce(join, [rows[k, *place] for k in range(len(rows))]) if len(rows) else 0.0
-    shape = [1 if k in {one % values.ndim for one in axes} else n for k, n in enumerate(values.shape)]
+    shape = [1 if k in {axis % values.ndim for axis in axes} else n for k, n in enumerate(values.shape)]
     return array_of(results.reshape(shape) if keepdims else results if results.shape else results[()])
 
 

@@ -195,7 +195,7 @@ def chain(node: Node) -> tuple[Node, list[Binary]]:
     --------
     >>> from xdynamics.expressions import parse
     >>> first, links = chain(parse("a*b + c - d/e"))
-    >>> text_of(first), [(one.operator, text_of(one.right)) for one in links]
+    >>> text_of(first), [(link.operator, text_of(link.right)) for link in links]
     ('a', [('*', 'b'), ('+', 'c'), ('-', 'd/e')])
     """
     links = []

@@ -74,7 +74,7 @@ def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None
 def extremes(values: NDArray[Any], edges: Rows) -> Rows:
     """Return the rows of the least and of the greatest value of each stretch between edges; nan is neither."""
     missing = np.isnan(values)
-    low, high = (np.where(missing, one, values) if missing.any() else values for one in (np.inf, -np.inf))
+    low, high = (np.where(missing, filled, values) if missing.any() else values for filled in (np.inf, -np.inf))
     return np.array(
         [
             begin + row

@@ -122,7 +122,7 @@ def _kept(
         values = [_positive(part.own(name)) if name in LOGARITHMIC else part.own(name) for name in numeric]
         values += functions(part) if functions else ()
         rows = [row - part.before for row in map(np.asarray, others(part)) if row.size]
-        of_kinds = [np.flatnonzero(part.own(kind) == one) for one in np.unique(part.own(kind))] if kind else []
+        of_kinds = [np.flatnonzero(part.own(kind) == code) for code in np.unique(part.own(kind))] if kind else []
         for group in of_kinds or [np.arange(part.count)]:
             borders = [by_row - part.first, np.searchsorted(part.own(clock), by_time)]
             edges = np.searchsorted(group, np.clip(np.concatenate([[0, part.count], *borders]), 0, part.count))

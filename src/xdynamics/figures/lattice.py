@@ -41,7 +41,7 @@ def profiled(run: xr.Dataset, shapes: Shapes) -> Iterator[tuple[str, str, list[s
         if len(dims) != 1 or shapes.extent(dims[0]).size < FEWEST_ELEMENTS:
             continue
         elements = shapes.elements(name)
-        if all(one in run and run[one].attrs.get("role") in ("coordinate", "state") for one in elements):
+        if all(element in run and run[element].attrs.get("role") in ("coordinate", "state") for element in elements):
             yield name, dims[0], elements
 
 
@@ -55,11 +55,11 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
     from matplotlib import colormaps
 
     time = run["time"].values
-    rows = np.unique([int(np.abs(time - one).argmin()) for one in moments_of(time[0], time[-1])])
+    rows = np.unique([int(np.abs(time - moment).argmin()) for moment in moments_of(time[0], time[-1])])
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
     suffix = unit_suffix(str(run["time"].attrs["units"]))
     for row, shade in zip(rows, shades, strict=True):
-        values = [float(run[one][row]) for one in elements]
+        values = [float(run[element][row]) for element in elements]
         axes.plot(
             range(len(values)), values, ".-", color=shade, markersize=3, linewidth=1, label=f"{time[row]:.4g}{suffix}"
         )

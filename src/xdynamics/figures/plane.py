@@ -92,13 +92,13 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[Path]]:
             continue
         axis = shapes.extent(dims[-1])
         for i, j in combinations(range(axis.size), 2):
-            across, up = (f"{name}[{axis.label(one)}]" for one in (i, j))
+            across, up = (f"{name}[{axis.label(number)}]" for number in (i, j))
             view = []
             for place in shapes.places(dims[:-1]):
-                ends = [shapes.element(name, {**place, dims[-1]: one}) for one in (i, j)]
-                if any(one not in run for one in ends):
+                ends = [shapes.element(name, {**place, dims[-1]: number}) for number in (i, j)]
+                if any(end not in run for end in ends):
                     return []
-                (times, x), (_, y) = (_line(run, one) for one in ends)
+                (times, x), (_, y) = (_line(run, end) for end in ends)
                 labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
                 view.append(Path(across, up, part.unit.text, times, x, y, labels))
             largest = [max(np.ptp(path.x) for path in view), max(np.ptp(path.y) for path in view)]
@@ -129,20 +129,20 @@ def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
 def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
     every, view = view, view[:MOST_BODIES]
-    for k, one in enumerate(view):
+    for k, body in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
-        rows = np.union1d(thinned(one.x, times=one.times), thinned(one.y, times=one.times))
-        label = words(one.body) if one.body and len(view) <= MOST_NAMED else None
-        axes.plot(one.x[rows], one.y[rows], "-", color=colour, linewidth=1.1, label=label)
-        axes.plot(one.x[:1], one.y[:1], "o", color=colour, markersize=5)
+        rows = np.union1d(thinned(body.x, times=body.times), thinned(body.y, times=body.times))
+        label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
+        axes.plot(body.x[rows], body.y[rows], "-", color=colour, linewidth=1.1, label=label)
+        axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
     first = view[0]
     axes.set_aspect("equal", adjustable="box")
-    named = all(one.across == first.across and one.up == first.up for one in view)
+    named = all(body.across == first.across and body.up == first.up for body in view)
     across, up = (_short(first.across), _short(first.up)) if named else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.units})"))
-    coordinates = [str(name) for name, one in run.data_vars.items() if one.attrs.get("role") == "coordinate"]
+    coordinates = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
     axes.set_title(f"the plane (dot: start){left_out(every)}{straight(run, *coordinates)}", loc="left", fontsize=10)
 
 

@@ -89,7 +89,9 @@ class Bodies:
     @property
     def _limits(self) -> Floats:
         """What the axes hold, shape (2, 2): the whole motion, and no side much shorter than the other."""
-        ends = np.array([[getattr(body, one).min(), getattr(body, one).max()] for body in self.view for one in "xy"])
+        ends = np.array(
+            [[getattr(body, letter).min(), getattr(body, letter).max()] for body in self.view for letter in "xy"]
+        )
         ends = ends.reshape(-1, 2, 2)
         low, high = ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)
         longer = float(max(high - low)) or 1.0

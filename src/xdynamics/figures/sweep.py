@@ -158,9 +158,9 @@ def _regions(axes: Axes, outcomes: Values, across: Values, up: Values) -> None:
 
 def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     """Draw a number over one axis, a line for each word; of occurrences points, one below the other."""
-    others = [one for one in sweep[OUTCOME].dims if one != dim]
+    others = [other for other in sweep[OUTCOME].dims if other != dim]
     x = sweep[dim].values.astype(float)
-    combinations = list(product(*(range(sweep.sizes[one]) for one in others)))
+    combinations = list(product(*(range(sweep.sizes[other]) for other in others)))
     choices, times = combinations[:MOST_LINES], sweep[name].sizes.get(AT, 1)
     omitted = f", {MOST_LINES} of {len(combinations)} lines" if len(combinations) > MOST_LINES else ""
     omitted += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""

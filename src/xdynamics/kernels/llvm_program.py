@@ -245,9 +245,9 @@ class ProgramText:
         """Return lines that say what totals are: as they were, or as a pass left them."""
         lines, phis = self._lines, []
         for name, *ways in zip(names, old, new, strict=True):
-            for one, first, second in zip(_parts(name), *(map(lines.value, _parts(way)) for way in ways), strict=True):
+            for part, first, second in zip(_parts(name), *(map(lines.value, _parts(way)) for way in ways), strict=True):
                 ends = f"[ {first.text}, %{before} ], [ {second.text}, %{inside or lines.block} ]"
-                phis.append(f"{one.text} = phi {lines.kind(one.letter)} {ends}")
+                phis.append(f"{part.text} = phi {lines.kind(part.letter)} {ends}")
         return phis
 
     def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:

@@ -58,7 +58,7 @@ class LinkSums(Reductions):
         if isinstance(index, Link):
             raise UnprintedError
         if number not in self._arrays and not of_every_two(relation) and not index.gathered:
-            first, second = (one != ZERO for one in node.arguments)
+            first, second = (argument != ZERO for argument in node.arguments)
             runs = patterns(relation, (first, second), self.shapes.extent(dim).size)
             if len(runs) <= PIECES:
                 return self._sum_of_links(number, runs, index, env)
@@ -113,7 +113,7 @@ class LinkSums(Reductions):
         ]
         sums: list[tuple[int, Env]] = []  # an onto and the place of each of its elements along small dimensions
         for number in numbers:
-            others = tuple(one for one in self._dims(number) if one != dim)
+            others = tuple(other for other in self._dims(number) if other != dim)
             if not self._written_out(others):
                 raise UnprintedError
             self._arrays[number] = self._new_array(number)
@@ -169,7 +169,7 @@ class LinkSums(Reductions):
         """Write what links give, and then add it to the elements at their ends, link by link."""
         array, dims, dim = self._new_array(number), self._dims(number), end_of(node, self.shapes)
         acting = [end for end in (0, 1) if node.arguments[end] != ZERO]
-        others = tuple(one for one in dims if one != dim)
+        others = tuple(other for other in dims if other != dim)
         ends = (relation.first, relation.second)
         touched = np.unique(np.concatenate([ends[end] for end in acting]))
         lonely = np.setdiff1d(np.arange(self.shapes.extent(dim).size), touched).tolist()
@@ -216,7 +216,7 @@ class LinkSums(Reductions):
 
     def _nest_lonely(self, table: str, dim: str, array: Place, dims: tuple[str, ...]) -> None:
         """Set elements without links to 0."""
-        others = tuple(one for one in dims if one != dim)
+        others = tuple(other for other in dims if other != dim)
         size = len(self.tables[table])
         with self._scope() as level:
             index, at = f"_i{next(self._serial)}", f"_i{next(self._serial)}"
@@ -231,7 +231,7 @@ class LinkSums(Reductions):
         """Return the parts that depend on what links give."""
         found: set[int] = set()
         for number, operands in enumerate(self._parts.operands):
-            if any(one in found or _is_onto(self._parts.nodes[one]) for one in operands):
+            if any(operand in found or _is_onto(self._parts.nodes[operand]) for operand in operands):
                 found.add(number)
         return found
 

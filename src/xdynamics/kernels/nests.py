@@ -159,7 +159,7 @@ class Nests(LinkSums):
             raise SplitError(index.name, index.first + 1)
         i, j = (known_number((index.shift + k) % 3) for k in (1, 2))
         plus, minus = (
-            self.compute("multiply", self.value(a, {**env, dim: one}), self.value(b, {**env, dim: other}))
-            for one, other in ((i, j), (j, i))
+            self.compute("multiply", self.value(a, {**env, dim: of_a}), self.value(b, {**env, dim: of_b}))
+            for of_a, of_b in ((i, j), (j, i))
         )
         return self.compute("subtract", plus, minus)

@@ -163,7 +163,7 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
         return Tolerances(relative, {}, units, number(atol, "atol"))
-    atol = {one: value for name, value in atol.items() for one in model.shapes.elements(written(name))}
+    atol = {element: value for name, value in atol.items() for element in model.shapes.elements(written(name))}
     for name in atol:
         if name not in ("", *units):
             raise InputError(f"atol names {name!r}; there are {', '.join(units)}")

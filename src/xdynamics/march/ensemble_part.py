@@ -58,11 +58,11 @@ def inputs_of(
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
         elif settings.tolerances is not None:
-            plans["rtol"] = [law.scheme.inner(one) for one in values.tolist()]
-            factors = np.array([widened(law, one) for one in values.tolist()])
-            plans["floor"] = [floor_of(one) for one in plans["rtol"].tolist()]
-            for i, one in enumerate(layout.used):
-                atol = settings.tolerances.of(one)
+            plans["rtol"] = [law.scheme.inner(value) for value in values.tolist()]
+            factors = np.array([widened(law, value) for value in values.tolist()])
+            plans["floor"] = [floor_of(rtol) for rtol in plans["rtol"].tolist()]
+            for i, used in enumerate(layout.used):
+                atol = settings.tolerances.of(used)
                 if atol is not None:
-                    atols[:, i] = atol / scales.of(model.dimensions[one]) * factors
+                    atols[:, i] = atol / scales.of(model.dimensions[used]) * factors
     return plans, starts, parameters, atols

@@ -74,7 +74,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
     )  # nothing beyond the first node matters
-    given_steps = tuple(one / scales.of(TIME) for one in settings.step) if isinstance(settings.step, tuple) else ()
+    given_steps = tuple(step / scales.of(TIME) for step in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
@@ -90,7 +90,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         **_parameters(model, scales),
         tables=tables,
         places=places,
-        of_time=np.array([i for i, one in enumerate(model.drives.values()) if one.argument == "t"], np.int64),
+        of_time=np.array([i for i, drive in enumerate(model.drives.values()) if drive.argument == "t"], np.int64),
         nodes=nodes,
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,

@@ -243,13 +243,20 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
         # reactions that are not finite with finite forces: their matrix has no positive pivots
         if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
             owner = reactions(model)[reaction.normal]
-            sliding = next((one for one in reactions(model) if one.sort == TANGENT and one.owner == owner.owner), None)
+            sliding = next(
+                (
+                    reaction
+                    for reaction in reactions(model)
+                    if reaction.sort == TANGENT and reaction.owner == owner.owner
+                ),
+                None,
+            )
             if sliding is not None:
                 return Failure(OUTCOMES[REASON_CONTACT], painleve(sliding, evaluate(sliding.size, values)))
     trees = {
-        force(term, one): tree
+        force(term, name): tree
         for term, components in model.force_components.items()
-        for one, tree in components.items()
+        for name, tree in components.items()
     }
     trees |= {rate(name): state.rate for name, state in model.states.items()}
     for name, tree in trees.items():

@@ -289,10 +289,10 @@ class Settings:
         if not isfinite(self.until) or self.until <= start:
             faults.append(f"until is {self.until!r}{second}, needs a time after the start at t = {start!r}{second}")
         faults += [
-            f"nodes has {one!r}{second}, needs times between the start at t = {start!r}{second} and until ="
+            f"nodes has {node!r}{second}, needs times between the start at t = {start!r}{second} and until ="
             f" {self.until!r}{second}"
-            for one in self.nodes
-            if not start < one < self.until
+            for node in self.nodes
+            if not start < node < self.until
         ]
         faults += self.method.stepper.faults(model, self.method.name, estimates=self.scheme.estimates)
         faults += self._faults_of_scales(model)

@@ -124,12 +124,12 @@ def values_of(entry: Any, name: str, source: Source, dims: tuple[str, ...] | Non
 
 def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
     names = [value] if isinstance(value, str) else value
-    if not isinstance(names, list | tuple) or not all(isinstance(one, str) for one in names):
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
         raise InputError(f'dims is {value!r}, needs a list of dimensions, like ["body", "axis"]')
     if len(set(names)) < len(names):
         raise InputError(f"dims has one of {', '.join(names)} twice")
-    for one in names:
-        shapes.extent(one)
+    for name in names:
+        shapes.extent(name)
     return tuple(names)
 
 
@@ -161,7 +161,7 @@ def _listed(
                 got = f"{len(row)}" if isinstance(row, list | tuple) else "a number"
                 raise InputError(f"value has {got} along '{dim}', needs {length} elements")
         flat = list(joined.from_iterable(flat))
-    if any(isinstance(one, list | tuple) for one in flat):
+    if any(isinstance(entry, list | tuple) for entry in flat):
         raise InputError(f"value has more dimensions than {', '.join(dims) or 'none'}")
     numbers, unit = _in_one_unit(flat, unit)
     return numbers if isinstance(value, list | tuple) else numbers * prod(shape), unit
@@ -170,16 +170,16 @@ def _listed(
 def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, ...], Unit]:
     """Return numbers in the unit that is given, else in that of the first."""
     numbers = []
-    for one in flat:
-        if isinstance(one, bool) or not isinstance(one, str | int | float):
-            raise InputError(f"value has {one!r}, needs numbers, or numbers with a unit")
-        quantity = parse_quantity(one)
-        if not isinstance(one, str):
-            numbers.append(float(one))
+    for entry in flat:
+        if isinstance(entry, bool) or not isinstance(entry, str | int | float):
+            raise InputError(f"value has {entry!r}, needs numbers, or numbers with a unit")
+        quantity = parse_quantity(entry)
+        if not isinstance(entry, str):
+            numbers.append(float(entry))
             continue
         unit = quantity.unit if unit is None else unit
         if quantity.unit.dimension != unit.dimension:
-            raise InputError(f"has '{one}' beside values in '{unit.text}'; elements of one quantity need one unit")
+            raise InputError(f"has '{entry}' beside values in '{unit.text}'; elements of one quantity need one unit")
         same = quantity.unit.text == unit.text
         numbers.append(quantity.value if same else float(quantity.unit.factor / unit.factor) * quantity.value)
     return tuple(numbers), parse_unit("1") if unit is None else unit
@@ -207,7 +207,7 @@ def _from_table(
         raise InputError(f"a table has rows and columns, and '{name}' has the dimensions {', '.join(dims) or 'none'}")
     columns = entry.get("columns", [entry.get("column", name)])
     extents = [source.shapes.extent(dim) for dim in dims]
-    if not isinstance(columns, list | tuple) or not all(isinstance(one, str) for one in columns):
+    if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
         raise InputError(f"columns is {columns!r}, needs a list of names of columns")
     if len(columns) != (extents[1].size if len(dims) > 1 else 1):
         needed = f"{extents[1].size}, one for each of '{dims[1]}'" if len(dims) > 1 else "one"
@@ -216,10 +216,10 @@ def _from_table(
     sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
     read, units = columns_of(sheet, columns, extents[0])
     unit = units[0]
-    for one, other in zip(columns, units, strict=True):
+    for column, other in zip(columns, units, strict=True):
         if other.dimension != unit.dimension:
-            raise InputError(f"table '{file}': column '{one}' is in '{other.text}', the first in '{unit.text}'")
-    factors = [1.0 if one.text == unit.text else float(one.factor / unit.factor) for one in units]
+            raise InputError(f"table '{file}': column '{column}' is in '{other.text}', the first in '{unit.text}'")
+    factors = [1.0 if other.text == unit.text else float(other.factor / unit.factor) for other in units]
     return tuple(number * factor for row in read for number, factor in zip(row, factors, strict=True)), unit
 
 
@@ -305,9 +305,9 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
     shape, unit = shapes.shape(values.dims), values.unit
     assert unit is not None  # noqa: S101 - numbers have a unit
     body |= {"value": nested(values.numbers, shape), "unit": unit.text}
-    if spreads := [one for one in values.spreads if one is not None]:
+    if spreads := [spread for spread in values.spreads if spread is not None]:
         first = spreads[0]
-        sizes = [0.0 if one is None else one.size.value for one in values.spreads]
+        sizes = [0.0 if spread is None else spread.size.value for spread in values.spreads]
         key = "half_width" if first.bounded else "uncertainty"
         of = first.size.unit.text
         listed: Any = nested([f"{size!r} {of}" for size in sizes], shape) if len(sizes) > 1 else f"{sizes[0]!r} {of}"

@@ -206,11 +206,11 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
     shapes, dims = model.shapes, model.shapes.dims.get(name, ())
     trees = [contact.gap, contact.restitution]
     read = sorted(set[str]().union(*(free_names(model.expanded(tree)) for tree in trees)) & _elements(model))
-    masses = [model.mass[i][i] for i, one in enumerate(model.coordinates) if one in read]
+    masses = [model.mass[i][i] for i, coordinate in enumerate(model.coordinates) if coordinate in read]
     read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & _elements(model)})
-    ordered = [one for one in model.coordinates if one in read]
-    ordered += [one for one in read if one not in model.coordinates]
-    leaves = tuple(_leaf(one, dims, shapes) for one in ordered)
+    ordered = [coordinate for coordinate in model.coordinates if coordinate in read]
+    ordered += [name for name in read if name not in model.coordinates]
+    leaves = tuple(_leaf(name, dims, shapes) for name in ordered)
     relation = shapes.relations.get(dims[0]) if len(dims) == 1 else None
     paired = (
         relation is not None
@@ -225,7 +225,7 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
 
 def _elements(model: Model) -> set[str]:
     """Return the coordinates and parameters that are elements."""
-    return {one for one in (*model.coordinates, *model.parameters) if parted(one)[1]}
+    return {name for name in (*model.coordinates, *model.parameters) if parted(name)[1]}
 
 
 def _leaf(name: str, dims: tuple[str, ...], shapes: Shapes) -> Leaf:
@@ -233,12 +233,16 @@ def _leaf(name: str, dims: tuple[str, ...], shapes: Shapes) -> Leaf:
     along: list[tuple[str, str | int]] = []
     for dim, label in zip(shapes.dims[quantity], labels, strict=True):
         number = shapes.extent(dim).number(int(label) if label.isdigit() else label)
-        relations = [shapes.relations[one] for one in dims if one in shapes.relations]
+        relations = [shapes.relations[dim] for dim in dims if dim in shapes.relations]
         if dim in dims and number == 0:
             along.append((LINK, dim))
-        elif one := next((one for one in relations if one.source == dim and one.first[0] == number), None):
+        elif one := next(
+            (relation for relation in relations if relation.source == dim and relation.first[0] == number), None
+        ):
             along.append((FIRST, one.name))
-        elif one := next((one for one in relations if one.target == dim and one.second[0] == number), None):
+        elif one := next(
+            (relation for relation in relations if relation.target == dim and relation.second[0] == number), None
+        ):
             along.append((SECOND, one.name))
         else:
             along.append((FIXED, number))

@@ -83,9 +83,9 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
         ("drive", statement.drives),
         ("velocity", map(velocity, statement.coordinates)),
     ):
-        for one in sorted(free_names(tree) & set(names)):
-            raise InputError(f"gap reads the {what} '{one}', and may read coordinates, time and parameters")
-    if kinks := sorted({one.function for one in every(tree) if isinstance(one, Call)} & KINKS):
+        for name in sorted(free_names(tree) & set(names)):
+            raise InputError(f"gap reads the {what} '{name}', and may read coordinates, time and parameters")
+    if kinks := sorted({node.function for node in every(tree) if isinstance(node, Call)} & KINKS):
         raise InputError(
             f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts, where all of"
             " them hold at once"

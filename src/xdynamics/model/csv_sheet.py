@@ -80,16 +80,16 @@ class Sheet:
             If it is empty, mixes decimal commas and points, or a cell is too long.
         """
         lines = [
-            (n, one)
-            for n, one in enumerate(normal(text).split("\n"), 1)
-            if one.strip() and not one.lstrip().startswith(COMMENTS)
+            (n, line)
+            for n, line in enumerate(normal(text).split("\n"), 1)
+            if line.strip() and not line.lstrip().startswith(COMMENTS)
         ]
         if not lines:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
         number, first = lines[0]
-        separator = next((one for one in SEPARATORS if one in first), ",")
+        separator = next((separator for separator in SEPARATORS if separator in first), ",")
         header = tuple(next(csv.reader([first[:LONGEST_HEADER]], delimiter=separator)))
-        rows = tuple((n, _cells(name, n, one, separator)) for n, one in lines[1:])
+        rows = tuple((n, _cells(name, n, line, separator)) for n, line in lines[1:])
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @property
@@ -217,7 +217,7 @@ def title(cell: str) -> Title:
 
     Examples
     --------
-    >>> [(one.name, one.unit.text) for one in map(title, ["force [mN]", "Time/ms", "u(x) (mm)"])]
+    >>> [(title.name, title.unit.text) for title in map(title, ["force [mN]", "Time/ms", "u(x) (mm)"])]
     [('force', 'mN'), ('Time', 'ms'), ('u(x)', 'mm')]
     """
     for pattern in _TITLES:

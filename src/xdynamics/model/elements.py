@@ -189,27 +189,37 @@ class Elements:
             mass=self._mass(),
             definitions=trees(old.definitions),
             forces=forces,
-            drives={one: drive for name, drive in old.drives.items() for one, drive in self._drive(name, drive)},
+            drives={
+                element: drive for name, drive in old.drives.items() for element, drive in self._drive(name, drive)
+            },
             states=self._each({name: partial(self._state, part) for name, part in old.states.items()}),
-            events={one: event for name, event in old.events.items() for one, event in self._event(name, event)},
+            events={
+                element: event for name, event in old.events.items() for element, event in self._event(name, event)
+            },
             contacts={}
             if self._many
-            else {one: part for name, part in old.contacts.items() for one, part in self._contact(name, part)},
+            else {element: part for name, part in old.contacts.items() for element, part in self._contact(name, part)},
             assemblies={name: next(self._contact(name, part))[1] for name, part in old.contacts.items()}
             if self._many
             else {},
-            frictions={one: part for name, part in old.frictions.items() for one, part in self._friction(name, part)},
+            frictions={
+                element: part for name, part in old.frictions.items() for element, part in self._friction(name, part)
+            },
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
             validation={
-                one: form for name, form in old.validation.items() for one, form in self._closed_form(name, form)
+                element: form
+                for name, form in old.validation.items()
+                for element, form in self._closed_form(name, form)
             },
             correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
-            discrepancy={one: part for name, part in old.discrepancy.items() for one in self._names(written(name))},
+            discrepancy={
+                element: part for name, part in old.discrepancy.items() for element in self._names(written(name))
+            },
             pictured=replace(
                 old.pictured,
                 plane=tuple(pair for pair in old.pictured.plane for pair in self._pairs(*pair)),
-                wrap=tuple(one for name in old.pictured.wrap for one in self._names(name)),
+                wrap=tuple(element for name in old.pictured.wrap for element in self._names(name)),
             ),
             run=self._run(),
             lagrangian=self._lagrangian(),
@@ -280,7 +290,7 @@ class Elements:
                 self.shapes, {name: partial(self._at, old.mass[i][i]) for i, name in enumerate(names)}
             )
             return Diagonal(entries.names, entries)
-        places = [(i, one, place) for i, name in enumerate(names) for one, place in self._placed(name)]
+        places = [(i, element, place) for i, name in enumerate(names) for element, place in self._placed(name)]
         return tuple(
             tuple(
                 at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, _, other in places
@@ -327,14 +337,14 @@ class Elements:
             return
         table = drive.table
         extent = self.shapes.extent(drive.dims[0])
-        for i, one in enumerate(self._names(name)):
+        for i, element in enumerate(self._names(name)):
             column = Table.parse(
                 table.name, table.text, extent.label(i) if extent.labels else f"{name}_{i}", table.gaps
             )
-            yield one, replace(drive, table=column, dims=())
+            yield element, replace(drive, table=column, dims=())
 
     def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
-        for one, place in self._placed(name):
+        for element, place in self._placed(name):
             function = event.function
             if not isinstance(function, Function):
                 function = at(function, place, self.shapes)
@@ -343,7 +353,7 @@ class Elements:
                 for target, tree in event.reset.items()
                 for inner in self._beside(target, place)
             }
-            yield one, replace(event, function=function, reset=reset)
+            yield element, replace(event, function=function, reset=reset)
 
     def _beside(self, target: str, place: Place) -> Iterator[Place]:
         """Yield the places of a target that go with a place: along its further dimensions all of them."""
@@ -353,21 +363,21 @@ class Elements:
 
     def _contact(self, name: str, contact: Contact) -> Iterator[tuple[str, Contact]]:
         keys = ("gap", "restitution", "slip", "friction", "static")
-        for one, place in self._placed(name):
-            yield one, replace(contact, **self._at_keys(contact, keys, place))
+        for element, place in self._placed(name):
+            yield element, replace(contact, **self._at_keys(contact, keys, place))
 
     def _friction(self, name: str, friction: Friction) -> Iterator[tuple[str, Friction]]:
-        for one, place in self._placed(name):
-            yield one, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
+        for element, place in self._placed(name):
+            yield element, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
 
     def _closed_form(self, name: str, form: Validation) -> Iterator[tuple[str, Validation]]:
         """Yield the closed form of each element of its quantity."""
         quantity = written(form.quantity)
         for place in self.shapes.places(self.shapes.dims.get(quantity, ())):
-            one = self.shapes.element(quantity, place)
+            element = self.shapes.element(quantity, place)
             tree = at(form.expression, place, self.shapes)
-            label = name if one == quantity else DOT.join([name, *parted(one)[1]])
-            yield label, replace(form, quantity=one, expression=tree, event=written(form.event))
+            label = name if element == quantity else DOT.join([name, *parted(element)[1]])
+            yield label, replace(form, quantity=element, expression=tree, event=written(form.event))
 
     def _at_keys(self, part: Any, keys: tuple[str, ...], place: Place) -> dict[str, Any]:
         trees = {key: getattr(part, key) for key in keys}
@@ -389,7 +399,9 @@ class Elements:
         """Return the settings; tolerances of a whole are those of its elements."""
         run = dict(self.statement.run)
         if isinstance(run.get("atol"), Mapping):
-            run["atol"] = {one: value for name, value in run["atol"].items() for one in self._names(written(str(name)))}
+            run["atol"] = {
+                element: value for name, value in run["atol"].items() for element in self._names(written(str(name)))
+            }
         return run
 
     def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
@@ -403,9 +415,9 @@ class Elements:
             with ledger.entry(f"initial value of '{name}'"):
                 made = initial[name] = self._started(name, values, parameters)
                 if values.spreads or values.description:
-                    for i, (one, place) in enumerate(self._placed(name)):
+                    for i, (element, place) in enumerate(self._placed(name)):
                         if (spread := values.spread(i)) or values.description:
-                            starts[one] = Parameter(made(place), spread, values.description)
+                            starts[element] = Parameter(made(place), spread, values.description)
         ledger.raise_faults()
         order = ["t", *(word for q in old.coordinates for word in (q, velocity(q))), *old.states]
         ranked = {name: initial[name] for name in order if name in initial}
@@ -415,10 +427,10 @@ class Elements:
     def started(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
         """Return every value at the start that is an array or an expression, by element."""
         return {
-            one: made(place)
+            element: made(place)
             for name, values in self.statement.starting.items()
             for made in (self._started(name, values, parameters),)
-            for one, place in self._placed(name)
+            for element, place in self._placed(name)
         }
 
     def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
@@ -437,7 +449,7 @@ class Elements:
         for name in free_names(tree):
             if dims := self.shapes.dims.get(name, ()):
                 if name in self.statement.arrays:
-                    numbers = [parameters[one].quantity.si for one in self._names(name)]
+                    numbers = [parameters[element].quantity.si for element in self._names(name)]
                     known[name] = np.array(numbers).reshape(self.shapes.shape(dims))
             elif name in parameters:
                 known[name] = parameters[name].quantity.si
@@ -445,7 +457,7 @@ class Elements:
 
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
-        trees = [at(one.tree, place, self.shapes) for one, place in self._expressions()]
+        trees = [at(value.tree, place, self.shapes) for value, place in self._expressions()]
         return frozenset(set[str]().union(*map(free_names, trees)) - _constants().keys())
 
     def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
@@ -456,10 +468,10 @@ class Elements:
         values: dict[str, Any] = _constants() | dict(known) | dict(parameters)
         size = len(next(iter(parameters.values())))
         starts = {}
-        for name, one in self.statement.starting.items():
-            for element, place in self._placed(name) if one.tree is not None else ():
-                assert one.tree is not None  # noqa: S101 - checked above
-                tree = at(one.tree, place, self.shapes)
+        for name, value in self.statement.starting.items():
+            for element, place in self._placed(name) if value.tree is not None else ():
+                assert value.tree is not None  # noqa: S101 - checked above
+                tree = at(value.tree, place, self.shapes)
                 if free_names(tree) & parameters.keys():
                     unit = self._units()[name]
                     numbers = np.broadcast_to(evaluate_many(tree, values) / float(unit.factor), size)
@@ -511,7 +523,7 @@ def following(declared: Statement, elements: Statement, old: Statement, shapes: 
     if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
         return elements
     start = Elements(gathered(declared, old, shapes), shapes).started(elements.parameters)
-    same = {one: quantity for one, quantity in start.items() if elements.initial[one] == old.initial[one]}
+    same = {name: quantity for name, quantity in start.items() if elements.initial[name] == old.initial[name]}
     return replace(elements, initial=elements.initial | same)
 
 
@@ -539,7 +551,7 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         if values.tree is None and _is_as_read(elements.parameters, name):
             arrays[name] = values
             continue
-        parts = [elements.parameters[one] for one in shapes.elements(name)]
+        parts = [elements.parameters[element] for element in shapes.elements(name)]
         numbers = tuple(part.quantity for part in parts)
         arrays[name] = _filled(values, numbers, tuple(part.spread for part in parts))
     start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
@@ -548,9 +560,9 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
             starting[name] = values
             continue
         names = shapes.elements(name)
-        spreads = tuple(elements.starts[one].spread if one in elements.starts else None for one in names)
-        numbers = tuple(elements.initial[one] for one in names)
-        changed = values.tree is None or any(start[one] != elements.initial[one] for one in names)
+        spreads = tuple(elements.starts[name].spread if name in elements.starts else None for name in names)
+        numbers = tuple(elements.initial[name] for name in names)
+        changed = values.tree is None or any(start[name] != elements.initial[name] for name in names)
         starting[name] = _filled(values, numbers, spreads) if changed else values
     return replace(
         declared,

@@ -92,9 +92,9 @@ class Reading:
         if isinstance(skip, bool) or not isinstance(skip, int) or skip < 0:
             raise InputError(f"skip is {skip!r}, needs the number of lines before the header")
         header = next(csv.reader([header])) if isinstance(header, str) else header
-        if not isinstance(header, list | tuple) or not all(isinstance(one, str) for one in header):
+        if not isinstance(header, list | tuple) or not all(isinstance(title, str) for title in header):
             raise InputError(f'header is {header!r}, needs titles with units, ["t [s]", "x [mm]"]')
-        if not isinstance(units, Mapping) or not all(isinstance(one, str) for one in units.values()):
+        if not isinstance(units, Mapping) or not all(isinstance(unit, str) for unit in units.values()):
             raise InputError(f'units is {units!r}, needs a table of units by column, {{ t = "s", x = "mm" }}')
         for name, unit in units.items():
             _checked(f"units: column '{name}'", lambda unit=unit: parse_scale(unit))  # type: ignore[misc]
@@ -144,11 +144,11 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     1.8,0
     <BLANKLINE>
     """
-    lines = [one for one in normal(text).split("\n")[reading.skip :] if one.strip(" \t,;")]
+    lines = [line for line in normal(text).split("\n")[reading.skip :] if line.strip(" \t,;")]
     if not lines:
         raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
     grid: Grid | None = None
-    first = next((one for one in lines if not one.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
+    first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
     ready = _is_table(first) and not any(form.search(first) for form in (_RUN, _STEP))
     if ready and reading == AS_IT_IS:
         return text
@@ -174,7 +174,7 @@ def _checked(what: str, make: Callable[[], Any]) -> Any:
 
 def _cells(line: str) -> list[str]:
     """Split a line by the separator that it has; by spaces where it has none."""
-    separator = next((one for one in SEPARATORS if one in line), "")
+    separator = next((separator for separator in SEPARATORS if separator in line), "")
     try:
         cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()
     except csv.Error:
@@ -229,11 +229,11 @@ def _word(cell: str) -> str:
 
 
 def _rasp(lines: list[str], _: str) -> Grid | None:
-    entries = [one for one in lines if not one.lstrip().startswith(";")]
+    entries = [line for line in lines if not line.lstrip().startswith(";")]
     words = entries[0].split() if entries else []
     if len(words) < 7 or any(number_of(words[k]) is None for k in (1, 2, 4, 5)) or "," in entries[0]:
         return None
-    points = [one.split(";")[0].split() for one in entries[1:]]
+    points = [entry.split(";")[0].split() for entry in entries[1:]]
     if motor := next((point for point in points if len(point) >= 7), None):
         raise InputError(f"holds several motors, {words[0]} and {motor[0]}; keep the lines of one")
     if any(len(point) != 2 or None in map(number_of, point) for point in points):
@@ -248,15 +248,17 @@ def _vernier(lines: list[str], decimal: str) -> Grid | None:
     first = titles[0]
     if first is None:
         return None
-    places = [k for k, one in enumerate(titles) if one and one[1] == first[1]]
-    rows = [_cells(one) for one in lines[1:]]
+    places = [k for k, title in enumerate(titles) if title and title[1] == first[1]]
+    rows = [_cells(line) for line in lines[1:]]
     comma = decimal == "," or (not decimal and ";" in lines[0])
     taken = [
         tuple(row[k].replace(",", ".") if comma else row[k] for k in places) for row in rows if len(row) > max(places)
     ]
     kind = f"columns of '{first[1]}', as Vernier's programs export them"
     return Grid(
-        kind, tuple(one[2] for one in titles if one and one[1] == first[1]), tuple(row for row in taken if any(row))
+        kind,
+        tuple(title[2] for title in titles if title and title[1] == first[1]),
+        tuple(row for row in taken if any(row)),
     )
 
 
@@ -264,7 +266,7 @@ def _tds(lines: list[str], _: str) -> Grid | None:
     first = _cells(lines[0])
     if first[0] != "Record Length" or len(first) < 5 or None in map(number_of, first[3:5]):
         return None
-    rows = [_cells(one) for one in lines]
+    rows = [_cells(line) for line in lines]
     said = {row[0]: row[1] for row in rows if row[0]}
     header = (
         f"time [{said.get('Horizontal Units') or SECONDS.text}]",
@@ -282,7 +284,7 @@ def _rigol(lines: list[str], decimal: str) -> Grid | None:
         count = len(cells) - 3
         start, step = (number_of(cell) for cell in below[count + 1 : count + 3])
         titles = [f"{name} [{_word(unit) or 'V'}]" for name, unit in zip(cells[1 : count + 1], below[1:], strict=False)]
-        rows = [_numbers(one, decimal) for one in lines[2:]]
+        rows = [_numbers(line, decimal) for line in lines[2:]]
         return _stepped("a record of a Rigol oscilloscope", titles, [row[1 : count + 1] for row in rows], start, step)
     start, step = ((match := form.search(lines[0])) and number_of(match[1]) for form in (_START, _STEP))
     if start is None or step is None:
@@ -290,9 +292,10 @@ def _rigol(lines: list[str], decimal: str) -> Grid | None:
     names = [cell for cell in cells if not (_START.search(cell) or _STEP.search(cell))]
     timed = names[0].lower().startswith("time")
     titles = [
-        f"{match[1]} [{_word(match[2]) or 'V'}]" if (match := _CHANNEL.fullmatch(one)) else one for one in names[timed:]
+        f"{match[1]} [{_word(match[2]) or 'V'}]" if (match := _CHANNEL.fullmatch(name)) else name
+        for name in names[timed:]
     ]
-    rows = [_cells(one) for one in lines[1:]]
+    rows = [_cells(line) for line in lines[1:]]
     if timed and rows and number_of(rows[0][0]) is not None:
         return Grid(
             "a record of a Rigol oscilloscope", (TIME, *titles), tuple(tuple(row[: 1 + len(titles)]) for row in rows)
@@ -312,7 +315,7 @@ def _stepped(kind: str, titles: Sequence[str], rows: Sequence[Sequence[str]], st
 
 def _preambled(lines: list[str], decimal: str) -> Grid | None:
     """Read lines before a header, units in a line of their own, and the units of oscilloscopes' preambles."""
-    lines = [one for one in lines if not one.lstrip().startswith(COMMENTS)]
+    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     begin = _first_numbers(lines, decimal)
     if begin < 1:
         return None
@@ -332,14 +335,16 @@ def _preambled(lines: list[str], decimal: str) -> Grid | None:
     elif not above:
         return None
     kind = f"lines before its header left out: {len(above)}" if above else "names and units in two lines"
-    rows = (_numbers(one, decimal) for one in lines[begin:])
+    rows = (_numbers(line, decimal) for line in lines[begin:])
     return Grid(kind, tuple(header), tuple(tuple(row) for row in rows if row))
 
 
 def _of_channels(units: Sequence[str], said: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the titles of columns whose header is words for units, ``Second,Volt``: channels are named above it."""
     named = [match for cell in said.get("vertical units", ()) if (match := _CHANNEL.fullmatch(cell))]
-    sources = [cell for cell in (*said.get("source", ()), *said.get("time", ())) if cell] or [one[1] for one in named]
+    sources = [cell for cell in (*said.get("source", ()), *said.get("time", ())) if cell] or [
+        title[1] for title in named
+    ]
     sources = [match[1] if (match := re.search(r"\((\w+)\)", cell)) else cell for cell in sources]
     titles = [f"time [{units[0]}]"]
     for k, unit in enumerate(units[1:]):
@@ -358,13 +363,13 @@ def _of_preamble(header: Sequence[str], said: Mapping[str, Sequence[str]]) -> li
 
 def _titled(name: str, lines: list[str], reading: Reading) -> Grid:
     """Read the numbers of a file below the titles that are said."""
-    lines = [one for one in lines if not one.lstrip().startswith(COMMENTS)]
+    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     begin = _first_numbers(lines, reading.decimal)
     if begin < 0:
         raise InputError(
             f"table '{name}' has no two lines of as many numbers below each other; it begins {shown(lines[0])}"
         )
-    rows = tuple(tuple(row) for one in lines[begin:] if (row := _numbers(one, reading.decimal)))
+    rows = tuple(tuple(row) for line in lines[begin:] if (row := _numbers(line, reading.decimal)))
     if len(rows[0]) != len(reading.header):
         raise InputError(
             f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(shown, rows[0][:6]))}, and header has"
@@ -375,14 +380,14 @@ def _titled(name: str, lines: list[str], reading: Reading) -> Grid:
 
 def _split(lines: list[str], reading: Reading) -> Grid:
     """Split a file whose first line is its header."""
-    lines = [one for one in lines if not one.lstrip().startswith(COMMENTS)]
-    rows = (_numbers(one, reading.decimal) or _cells(one) for one in lines[1:])
+    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    rows = (_numbers(line, reading.decimal) or _cells(line) for line in lines[1:])
     return Grid("read as it was said", tuple(_cells(lines[0])), tuple(tuple(row) for row in rows))
 
 
 def _with_units(name: str, grid: Grid, reading: Reading) -> Grid:
     header = list(grid.header)
-    names = [name_of_title(one) for one in header]
+    names = [name_of_title(title) for title in header]
     for column, unit in reading.units.items():
         if names.count(column) != 1:
             raise InputError(
@@ -401,8 +406,8 @@ def _counted(name: str, grid: Grid, reading: Reading) -> Grid:
     """Count the times from where it is said."""
     if not reading.time_zero:
         return grid
-    names = [name_of_title(one).lower() for one in grid.header]
-    k = next((names.index(one) for one in CLOCKS if one in names), 0)
+    names = [name_of_title(title).lower() for title in grid.header]
+    k = next((names.index(clock) for clock in CLOCKS if clock in names), 0)
     scale = _checked(f"table '{name}', column {shown(grid.header[k])}", lambda: title(grid.header[k])).unit
     if reading.time_zero == FIRST:
         zero = Fraction(grid.rows[0][k]) if number_of(grid.rows[0][k]) is not None else Fraction(0)

@@ -40,7 +40,7 @@ def extent(value: Any, name: str, _: Source) -> Extent:
         if not LABEL.fullmatch(label) or label.isdigit():
             raise InputError(f"has the label {label!r}; a label is made of letters, digits and underscores, 40 at most")
     if len(set(value)) < len(value):
-        raise InputError(f"has the label '{next(one for one in value if list(value).count(one) > 1)}' twice")
+        raise InputError(f"has the label '{next(label for label in value if list(value).count(label) > 1)}' twice")
     return Extent(name, len(value), tuple(value))
 
 
@@ -123,8 +123,8 @@ class Links:
         for line, cells in sheet.lines:
             try:
                 pair = tuple(
-                    one.number(int(text) if not one.labels and text.isdigit() else text)
-                    for one, text in zip(
+                    extent.number(int(text) if not extent.labels and text.isdigit() else text)
+                    for extent, text in zip(
                         (source, target), (cells[bare.index(end)].strip() for end in ENDS), strict=True
                     )
                 )
@@ -144,9 +144,9 @@ class Links:
 def related(extents: Mapping[str, Extent], relations: Mapping[str, Links], ledger: Ledger) -> Shapes:
     """Return dimensions and relations with their links; a relation that cannot be is noted."""
     made = {}
-    for name, one in relations.items():
+    for name, relation in relations.items():
         with ledger.entry(f"relation '{name}'"):
-            made[name] = one.relation(name, extents)
+            made[name] = relation.relation(name, extents)
     return Shapes(extents, made)
 
 

@@ -363,8 +363,8 @@ def _may_switch(model: Model) -> bool:
     trees = [*whole.definitions.values(), *(state.rate for state in whole.states.values())]
     parts = [part for force in whole.forces.values() for part in (force.potential, *force.components.values())]
     trees += [part for part in parts if part is not None and not isinstance(part, Function)]
-    calls = (one for tree in trees for one in every(tree) if isinstance(one, Call | Along))
-    return bool(whole.drives) or any(one.function in SWITCHING and not _of_numbers(one) for one in calls)
+    calls = (node for tree in trees for node in every(tree) if isinstance(node, Call | Along))
+    return bool(whole.drives) or any(call.function in SWITCHING and not _of_numbers(call) for call in calls)
 
 
 def _of_numbers(node: Call | Along) -> bool:

@@ -64,7 +64,7 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     Of a model with dimensions, terms that read positions and numbers alone are left out before their elements are made.
     """
     wholes = acting(model) if model.shapes.dims else {}
-    apart = {term for term, parts in wholes.items() if all(_is_plain(model, one) for one in parts.values())}
+    apart = {term for term, parts in wholes.items() if all(_is_plain(model, part) for part in parts.values())}
     forces = [
         (f"force '{term}' of '{coordinate}'", model.reads(expression))
         for term, components in model.force_components.items()

@@ -56,7 +56,7 @@ def _end(k: int) -> Callable[[Assembly, Array], Array]:
 def _looked_up(about: About, dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[Block], Array]:
     """Take a number of the link of each impact whose contact has a dimension."""
     owners = {assembly.name: assembly for assembly in assemblies(about.model) if dim in assembly.dims}
-    watched = [(i, owners.get(one.name)) for i, one in enumerate(about.layout.watched) if one.role == LINKS]
+    watched = [(i, owners.get(block.name)) for i, block in enumerate(about.layout.watched) if block.role == LINKS]
 
     def take(block: Block) -> Array:
         events = block.log.events[: block.events]

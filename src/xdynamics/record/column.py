@@ -72,7 +72,7 @@ class Units:
             for term, components in layout.terms.items():
                 if name in components:
                     self.known[schema.force(term, name)] = force_unit
-        self.known |= {name: spell(one) for name, one in reaction_dimensions(model).items()}
+        self.known |= {name: spell(dimension) for name, dimension in reaction_dimensions(model).items()}
         self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 

@@ -127,7 +127,8 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
             names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.errors)
     entries.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
-        f"\n\n# Python function {one.name}, sha256 {one.digest}\n{one.source}" for one in march.model.python_functions
+        f"\n\n# Python function {function.name}, sha256 {function.digest}\n{function.source}"
+        for function in march.model.python_functions
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
     return entries + [(variable, texts[variable.name]) for variable in schema.TEXTS]
@@ -136,13 +137,16 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
 def _parameters(model: Model) -> list[tuple[Variable, Any]]:
     """Return the parameters with their values."""
     entries: list[tuple[Variable, Any]] = []
-    for name, one in model.parameters.items():
+    for name, parameter in model.parameters.items():
         extra: dict[str, Any] = {}
-        if one.spread is not None:
-            extra["uncertainty"] = one.uncertainty
-        long_name = one.description or f"parameter {name}"
+        if parameter.spread is not None:
+            extra["uncertainty"] = parameter.uncertainty
+        long_name = parameter.description or f"parameter {name}"
         entries.append(
-            (Variable(name, (), "f8", one.quantity.unit.text, long_name, "parameter", extra), one.quantity.value)
+            (
+                Variable(name, (), "f8", parameter.quantity.unit.text, long_name, "parameter", extra),
+                parameter.quantity.value,
+            )
         )
     return folded_constants(entries, model.shapes)
 
@@ -154,7 +158,7 @@ def factors(model: Model, scales: Scales) -> dict[str, float]:
 
 def _steps(about: About) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
-    collected = [Column(one, row_of(layout.row.place(one.name), units.time)) for one in schema.FIXED_STEPS[:2]]
+    collected = [Column(step, row_of(layout.row.place(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     collected.append(_regime(about))
 
@@ -187,9 +191,9 @@ def _steps(about: About) -> list[Column]:
         observed = layout.declared.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
         add(own._replace(role=role), description or f"{noun} {owner}", units.derived(own))
-    for k, (one, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
-        add(own, _long_name(one), units.known[one.name], _declared(model, one))
-        collected.append(Column(_state_of(one), _flag(2 + k)))
+    for k, (reaction, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
+        add(own, _long_name(reaction), units.known[reaction.name], _declared(model, reaction))
+        collected.append(Column(_state_of(reaction), _flag(2 + k)))
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, row_of(layout.row.place("error_norm"), 1.0)))

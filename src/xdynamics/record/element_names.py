@@ -74,7 +74,7 @@ def listed(names: Iterable[str]) -> str:
 def expanded(names: Iterable[str], known: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
     """Return names with the elements of a quantity, as far as they are known, in its place."""
     wholes = Names(shapes).wholes(known) if shapes.dims else {}
-    return tuple(one for name in names for one in (wholes[name].members.values() if name in wholes else (name,)))
+    return tuple(member for name in names for member in (wholes[name].members.values() if name in wholes else (name,)))
 
 
 class Names:
@@ -106,8 +106,8 @@ class Names:
         numbers = [self._number(dim, label) for dim, label in zip(dims, (*labels[:-1], last), strict=True)]
         shape = self.shapes.shape(dims)
         number = 0
-        for size, one in zip(shape, numbers, strict=True):
-            number = number * size + one
+        for size, index in zip(shape, numbers, strict=True):
+            number = number * size + index
         return Whole(stem + tail, dims, shape, f"{stem}{{}}{tail}" if tail else ""), number
 
     def _dims(self, stem: str, count: int) -> tuple[str, ...]:

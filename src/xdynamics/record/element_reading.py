@@ -36,9 +36,9 @@ class Shared:
 
     def rows(self, key: tuple[Any, ...]) -> Array:
         """Return the values of all elements in some rows."""
-        if all(isinstance(one, slice) and one == slice(None) for one in key):
+        if all(isinstance(part, slice) and part == slice(None) for part in key):
             return np.asarray(self.variable.values)
-        word = tuple(one.tobytes() if isinstance(one, np.ndarray) else str(one) for one in key)
+        word = tuple(part.tobytes() if isinstance(part, np.ndarray) else str(part) for part in key)
         values = self._read.get(word)
         if values is None:
             values = np.asarray(self.variable[key].values)

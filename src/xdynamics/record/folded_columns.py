@@ -43,11 +43,11 @@ def folded(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
     for name, column in by_name.items():
         whole = of_name.get(name)
         if whole is not None and whole.name not in collected:
-            members = {number: by_name[one] for number, one in whole.members.items()}
-            variables = {number: one.variable for number, one in members.items()}
+            members = {number: by_name[member] for number, member in whole.members.items()}
+            variables = {number: member.variable for number, member in members.items()}
             collected[whole.name] = Column(_variable(whole, variables), _take(whole, members))
         elif name == DETECTOR:
-            collected |= {one.variable.name: one for one in _detector(column, shapes)}
+            collected |= {column.variable.name: column for column in _detector(column, shapes)}
         elif whole is None:
             collected[name] = _either(collected[name], column) if name in collected else column
     return [*collected.values()]
@@ -97,7 +97,7 @@ def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) ->
         if whole is None:
             collected[name] = entry
         elif whole.name not in collected:
-            members = {number: by_name[one] for number, one in whole.members.items()}
+            members = {number: by_name[member] for number, member in whole.members.items()}
             variable = _variable(whole, {number: own for number, (own, _) in members.items()})
             values = {number: np.asarray(value) for number, (_, value) in members.items()}
             collected[whole.name] = variable, whole.stacked(values)
@@ -126,7 +126,7 @@ def _more(attributes: Mapping[str, Any]) -> dict[str, Any]:
 def _variable(whole: Whole, elements: Mapping[int, Variable]) -> Variable:
     """Return the variable of a quantity from those of its elements."""
     first = next(iter(elements.values()))
-    named = {number: (whole.members[number], one.attributes) for number, one in elements.items()}
+    named = {number: (whole.members[number], element.attributes) for number, element in elements.items()}
     attributes = attributes_of_whole(named, whole.size)
     return Variable(
         whole.name,
@@ -153,7 +153,7 @@ def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[Block], Arra
             return table.T.reshape(-1, *whole.shape)
 
         return view
-    return lambda block: whole.stacked({number: one.take(block) for number, one in members.items()})
+    return lambda block: whole.stacked({number: member.take(block) for number, member in members.items()})
 
 
 def _detector(column: Column, shapes: Shapes) -> list[Column]:
@@ -179,7 +179,7 @@ def _detector(column: Column, shapes: Shapes) -> list[Column]:
         collected.append(_looked_up(column, place_variable(dim, shapes.extent(dim)), number_of[dim]))
         if dim in shapes.relations:
             collected += _ends(
-                column, shapes, dim, number_of[dim], single=sum(one in shapes.relations for one in dims) == 1
+                column, shapes, dim, number_of[dim], single=sum(dim in shapes.relations for dim in dims) == 1
             )
     return collected
 

@@ -194,7 +194,7 @@ def of_elements(verb: Callable[Given, Result]) -> Callable[Given, Result]:
 
     @wraps(verb)
     def called(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
-        records = [one for one in (*arguments, *keywords.values()) if model_dimensions(one)]
+        records = [value for value in (*arguments, *keywords.values()) if model_dimensions(value)]
         if not records:
             return verb(*arguments, **keywords)
         result: Any = verb(

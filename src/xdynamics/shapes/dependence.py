@@ -74,8 +74,8 @@ class Dependence:
 
     def _of(self, number: int) -> Whole:
         """Return the codes of a part; parts that it is made of have theirs already."""
-        for one in range(len(self._found), number + 1):
-            self._found[one] = self._codes(one)
+        for k in range(len(self._found), number + 1):
+            self._found[k] = self._codes(k)
         return self._found[number]
 
     def _codes(self, number: int) -> Whole:
@@ -99,14 +99,14 @@ class Dependence:
         if node.name not in self._named:
             return _NONE
         place = element_numbers(node, self._shapes)
-        grid = {dim: np.array([one]) for dim, one in place.items()}
+        grid = {dim: np.array([value]) for dim, value in place.items()}
         return self._read(self._named[node.name], tuple(place), grid)
 
     def _of_choice(self, number: int, node: Call) -> Whole:
         """Return what a choice depends on; where its condition is on numbers of elements alone, on what it chooses."""
         _, yes, no = self._parts.operands[number]
         grid = self._grid(self._dims(number))
-        chosen = [self._operand(one, grid) for one in (yes, no)]
+        chosen = [self._operand(branch, grid) for branch in (yes, no)]
         holds = self._known(node.arguments[0], grid)
         if holds is None:
             return _union(chosen)
@@ -114,8 +114,8 @@ class Dependence:
 
     def _known(self, condition: Node, grid: Grid) -> NDArray[np.bool_] | None:
         """Return where a condition holds; None if it is not on numbers of elements alone."""
-        for one in every(condition):
-            if isinstance(one, Name | Element) or (isinstance(one, Along) and one.function not in ("index", "size")):
+        for node in every(condition):
+            if isinstance(node, Name | Element) or (isinstance(node, Along) and node.function not in ("index", "size")):
                 return None
         values = {f"index {dim}": numbers.astype(float) for dim, numbers in grid.items()}
         holds = np.asarray(evaluate_many(self._counted(condition), values), bool)
@@ -153,11 +153,11 @@ class Dependence:
             case "cross":
                 dim = node.dims[0]
                 turned = [grid | {dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
-                return _union([self._operand(operand, one) for operand in operands for one in turned])
+                return _union([self._operand(operand, next_two) for operand in operands for next_two in turned])
             case "onto":
                 return self._onto(number, node)
         assert node.function in REDUCTIONS  # noqa: S101 - others are above
-        dims = self._shapes.ordered(set().union(*(self._parts.dims[one] for one in operands)))
+        dims = self._shapes.ordered(set().union(*(self._parts.dims[operand] for operand in operands)))
         inner = self._grid(dims)
         joined = _union([self._operand(operand, inner) for operand in operands])
         return self._moved_to(joined, self._flat(self._dims(number), inner))
@@ -191,7 +191,7 @@ class Dependence:
     def _grid(self, dims: tuple[str, ...]) -> dict[str, Whole]:
         """Return the number along each dimension of every element, the last dimension fastest."""
         shape = self._shapes.shape(dims)
-        return {dim: one.ravel() for dim, one in zip(dims, np.indices(shape, np.int64), strict=True)}
+        return {dim: index.ravel() for dim, index in zip(dims, np.indices(shape, np.int64), strict=True)}
 
     def _flat(self, dims: tuple[str, ...], grid: Grid) -> Whole:
         """Return which element of an expression with some dimensions stands at each place of a grid."""
@@ -223,7 +223,7 @@ class Dependence:
 
 def _union(codes: list[Whole]) -> Whole:
     """Join codes; those of one part alone are as they were."""
-    some = [one for one in codes if one.size]
+    some = [code for code in codes if code.size]
     if not some:
         return _NONE
     return some[0] if len(some) == 1 else _ascending(np.concatenate(some))

@@ -120,7 +120,7 @@ class _Walk:
                 origin = self._placed(np.arange(extent.size) - node.places, (dim,))
                 return np.where((origin >= 0) & (origin < extent.size), moved, self.value(node.arguments[1]))
             case "cross":
-                a, b = (self._full(one, node.dims) for one in node.arguments)
+                a, b = (self._full(argument, node.dims) for argument in node.arguments)
                 next_, last = ([(k + step) % OF_CROSS for k in range(OF_CROSS)] for step in (1, 2))
                 return np.take(a, next_, axis) * np.take(b, last, axis) - np.take(a, last, axis) * np.take(
                     b, next_, axis
@@ -136,7 +136,7 @@ class _Walk:
 
     def _reduced(self, node: Along) -> Any:
         """Reduce a value along dimensions, the last of them fastest, one element after the other."""
-        parts = [self._full(one, node.dims) for one in node.arguments]
+        parts = [self._full(argument, node.dims) for argument in node.arguments]
         with np.errstate(all="ignore"):
             if node.function == "dot":
                 parts = [parts[0] * parts[1]]

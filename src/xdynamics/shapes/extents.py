@@ -202,8 +202,8 @@ def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:
     if place is None:
         return None
     number = 0
-    for extent, one in zip(extents, place, strict=True):
-        number = number * extent.size + one
+    for extent, index in zip(extents, place, strict=True):
+        number = number * extent.size + index
     return number
 
 

@@ -67,7 +67,7 @@ def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, No
                 given = _reduced(_given(node, position, adjoint, parts), number, operand, parts)
                 adjoints.setdefault(operand, []).append(given)
     gradients = {name: _summed(reversed(found[name])) for name in names if name in found}
-    return {name: one for name, one in gradients.items() if one != ZERO}
+    return {name: slope for name, slope in gradients.items() if slope != ZERO}
 
 
 def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
@@ -103,10 +103,10 @@ def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
                 rate = rate_of(link, (rate, derivative(link.right, rates, shapes)))
             return rate
         case Call():
-            return rate_of(tree, [derivative(one, rates, shapes) for one in tree.arguments])
+            return rate_of(tree, [derivative(argument, rates, shapes) for argument in tree.arguments])
         case Along():
-            inner = [derivative(one, rates, shapes) for one in tree.arguments]
-            return ZERO if all(one == ZERO for one in inner) else _rate_along(tree, inner, shapes)
+            inner = [derivative(argument, rates, shapes) for argument in tree.arguments]
+            return ZERO if all(rate == ZERO for rate in inner) else _rate_along(tree, inner, shapes)
     return ZERO
 
 
@@ -126,7 +126,7 @@ def _summed(terms: Iterable[Node]) -> Node:
     """Add terms in their order; what links of one relation give to elements is one term."""
     result: list[Node] = []
     for term in terms:
-        match = next((i for i, one in enumerate(result) if _joins(one, term)), None)
+        match = next((i for i, other in enumerate(result) if _joins(other, term)), None)
         if match is None:
             result.append(term)
             continue
@@ -220,7 +220,7 @@ def _over(left: Node, right: Node) -> Node:
 
 def _crossed(node: Along, factors: tuple[Node, Node], parts: Parts) -> Node:
     """Return a cross product; two vectors that are the same in every direction are parallel."""
-    varies = any(node.dims[0] in parts.of(one) for one in factors)
+    varies = any(node.dims[0] in parts.of(factor) for factor in factors)
     return replace(node, arguments=factors) if varies and ZERO not in factors else ZERO
 
 
@@ -265,7 +265,7 @@ def _element_rate(node: Element, rate: Node, shapes: Shapes) -> Node:
 def _rate_along(node: Along, inner: Sequence[Node], shapes: Shapes) -> Node:
     """Return the rate of a function along dimensions from those of its values."""
     parts, dims = Parts(shapes), node.dims
-    own = [parts.of(one) for one in inner]
+    own = [parts.of(rate) for rate in inner]
     match node.function:
         case "sum":
             return _total(inner[0], dims, own[0], shapes)
@@ -278,7 +278,7 @@ def _rate_along(node: Along, inner: Sequence[Node], shapes: Shapes) -> Node:
         case "min" | "max":
             return Along("sum", (Call("where", (_chosen(node, shapes), inner[0], ZERO)),), dims)
         case "dot":
-            product = add(*(multiply(one, other) for one, other in _pairs(node, inner)))
+            product = add(*(multiply(part, other) for part, other in _pairs(node, inner)))
             return _total(product, dims, parts.of(product), shapes)
         case "cross":
             return add(*(_crossed(node, pair, parts) for pair in _pairs(node, inner)))

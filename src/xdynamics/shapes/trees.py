@@ -52,12 +52,12 @@ def prepared(node: Node, shapes: Shapes) -> Node:
         case Compare():
             return replace(node, left=prepared(node.left, shapes), right=prepared(node.right, shapes))
         case Call():
-            values = [one for one in node.arguments if not _is_dimension(one, shapes)]
+            values = [argument for argument in node.arguments if not _is_dimension(argument, shapes)]
             if len(values) < len(node.arguments) and node.function in ("min", "max"):
                 return _least(node, values, shapes)
-            return replace(node, arguments=tuple(prepared(one, shapes) for one in node.arguments))
+            return replace(node, arguments=tuple(prepared(argument, shapes) for argument in node.arguments))
         case Along():
-            return replace(node, arguments=tuple(prepared(one, shapes) for one in node.arguments))
+            return replace(node, arguments=tuple(prepared(argument, shapes) for argument in node.arguments))
     return node
 
 
@@ -67,7 +67,9 @@ def _is_dimension(node: Node, shapes: Shapes) -> bool:
 
 
 def _least(node: Call, values: list[Node], shapes: Shapes) -> Along:
-    dims = tuple(one.name for one in node.arguments[1:] if isinstance(one, Name) and one not in values)
+    dims = tuple(
+        argument.name for argument in node.arguments[1:] if isinstance(argument, Name) and argument not in values
+    )
     if len(values) != 1 or node.arguments[0] is not values[0]:
         raise InputError(
             f"'{shown(node)}' (column {node.column}) joins values and dimensions; write {node.function}(a, dimension) to"
@@ -90,7 +92,7 @@ def expanded(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Nod
 
 def _picked(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node:
     """Return an expression in which single elements are of nothing that is defined."""
-    if not any(isinstance(one, Element) and one.name in definitions for one in every(node)):
+    if not any(isinstance(node, Element) and node.name in definitions for node in every(node)):
         return node
     match node:
         case Element():
@@ -107,10 +109,10 @@ def _picked(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node
                 tree = Binary(link.operator, tree, _picked(link.right, definitions, shapes), link.column)
             return tree
         case Compare():
-            left, right = (_picked(one, definitions, shapes) for one in (node.left, node.right))
+            left, right = (_picked(side, definitions, shapes) for side in (node.left, node.right))
             return replace(node, left=left, right=right)
         case Call() | Along():
-            return replace(node, arguments=tuple(_picked(one, definitions, shapes) for one in node.arguments))
+            return replace(node, arguments=tuple(_picked(argument, definitions, shapes) for argument in node.arguments))
     return node
 
 
@@ -147,8 +149,8 @@ def _dims(node: Node, shapes: Shapes) -> set[str]:
             first, links = chain(node)
             return _dims(first, shapes).union(*(_dims(link.right, shapes) for link in links))
         case Along():
-            return dims_along(node, [_dims(one, shapes) for one in node.arguments], shapes)
-    return set[str]().union(*(_dims(one, shapes) for one in children(node)))
+            return dims_along(node, [_dims(argument, shapes) for argument in node.arguments], shapes)
+    return set[str]().union(*(_dims(child, shapes) for child in children(node)))
 
 
 def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[str]:
@@ -247,7 +249,7 @@ def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
         case Call():
             if node.function == "where" and not free_names(condition := at(node.arguments[0], place, shapes)):
                 return at(node.arguments[1 if evaluate(condition, {}) else 2], place, shapes)
-            return replace(node, arguments=tuple(at(one, place, shapes) for one in node.arguments))
+            return replace(node, arguments=tuple(at(argument, place, shapes) for argument in node.arguments))
         case Along():
             return _at_along(node, place, shapes)
     return node
@@ -296,7 +298,9 @@ def _crossed(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
 def _given(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
     """Return the sum of what links give to the element at their ends, in the order of links."""
     relation, element = shapes.relations[node.dims[0]], place[end_of(node, shapes)]
-    ends = [(one, links.get(element, ())) for one, links in zip(node.arguments, relation.meeting, strict=True)]
+    ends = [
+        (argument, links.get(element, ())) for argument, links in zip(node.arguments, relation.meeting, strict=True)
+    ]
     terms = sorted((link, end) for end, (one, links) in enumerate(ends) if one != ZERO for link in links)
     return total([at(node.arguments[end], {**place, relation.name: link}, shapes) for link, end in terms])
 
@@ -304,7 +308,7 @@ def _given(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
 def _reduced(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
     """Return a value reduced along dimensions, the last of them fastest."""
     places = [{**place, **inner} for inner in shapes.places(node.dims)]
-    terms = [tuple(at(one, inner, shapes) for one in node.arguments) for inner in places]
+    terms = [tuple(at(argument, inner, shapes) for argument in node.arguments) for inner in places]
     match node.function:
         case "min" | "max":
             return Call(node.function, tuple(term for (term,) in terms)) if len(terms) > 1 else terms[0][0]

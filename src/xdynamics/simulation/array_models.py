@@ -141,9 +141,11 @@ def _check_numbers(
     """Call functions with numbers, and compare some of the results with what their expressions give there."""
     if not written:
         return
-    begin, end = (parse_time(one, "t_span") for one in t_span)
+    begin, end = (parse_time(end, "t_span") for end in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
-    known = {text_of(one.node): float(value) for one, value in zip(given, row, strict=True) if isinstance(one, Traced)}
+    known = {
+        text_of(entry.node): float(value) for entry, value in zip(given, row, strict=True) if isinstance(entry, Traced)
+    }
     known |= {"second": 1.0, "pi": np.pi, f"unit_{grid.name}": 1.0}
     dims = {label: (grid.dim,) if kept.ndim == 1 else (grid.other, grid.dim) for label, kept in grid.constants.items()}
     extents = {dim: Extent(dim, grid.size) for dim in (grid.dim, grid.other)}
@@ -156,12 +158,12 @@ def _check_numbers(
         values = known | {"t": t} | dict(zip(shapes.elements(grid.name), y.tolist(), strict=True))
         values |= values_of(tables.tables, t)
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
-        for i, one in enumerate(written):
+        for i, part in enumerate(written):
             wanted: list[Mapping[str, int]] = [{grid.dim: place} for place in places] if i == 0 else [{}]
-            nodes = [at(one.nodes[0], place, shapes) for place in wanted]
+            nodes = [at(part.nodes[0], place, shapes) for place in wanted]
             span = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(_some, one.function, t, y.copy(), row, places if i == 0 else [0])
-            check_numbers(called(one.function), one.words * len(nodes), nodes, call, values, least / span)
+            call = partial(_some, part.function, t, y.copy(), row, places if i == 0 else [0])
+            check_numbers(called(part.function), part.words * len(nodes), nodes, call, values, least / span)
 
 
 def _some(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:

@@ -95,15 +95,15 @@ def complete(
 def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
     """Name the first variable along steps or events that has other values in the rows that both have; empty if there is none."""
     numbers = [_numbers(run) for run in (kept, whole)]
-    mine, theirs = (np.isin(one, other) for one, other in (numbers, numbers[::-1]))
+    mine, theirs = (np.isin(own, other) for own, other in (numbers, numbers[::-1]))
     thinned = max(map(rows_apart, (kept.attrs, whole.attrs))) > 1
-    for name, one in kept.variables.items():
-        if one.dims not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
+    for name, variable in kept.variables.items():
+        if variable.dims not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
             continue
         if thinned and str(name).startswith("event_row"):  # rows of different records
             continue
         values, others = (np.asarray(run[name].values) for run in (kept, whole))
-        if one.dims == (STEPS,):
+        if variable.dims == (STEPS,):
             values, others = values[mine], others[theirs]
         if values.tobytes() != others.tobytes():
             return str(name)

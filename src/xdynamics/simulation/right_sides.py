@@ -85,7 +85,7 @@ def check_span(t_span: Any) -> None:
     InputError
         With the span to take in its place.
     """
-    begin, end = (parse_time(one, "t_span") for one in t_span)
+    begin, end = (parse_time(end, "t_span") for end in t_span)
     if end < begin:
         raise InputError(
             f"t_span goes back, from {begin:g} to {end:g} s, and until has to lie after the start; integrate -f over the"

@@ -197,20 +197,20 @@ def _check_numbers(
     tables: Substitution,
 ) -> None:
     """Call functions with numbers, at the start and at a state near it, and compare the results with their expressions."""
-    begin, end = (parse_time(one, "t_span") for one in t_span)
+    begin, end = (parse_time(end, "t_span") for end in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
     constants = {
-        text_of(one.node): float(value) for one, value in zip(given, row, strict=True) if isinstance(one, Traced)
+        text_of(entry.node): float(value) for entry, value in zip(given, row, strict=True) if isinstance(entry, Traced)
     }
     constants |= {"second": 1.0, "pi": np.pi} | dict.fromkeys(scales.values(), 1.0)
     for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
         values = constants | {"t": t} | dict(zip(words, y.tolist(), strict=True))
         values |= values_of(tables.tables, t)
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
-        for i, one in enumerate(written):
+        for i, part in enumerate(written):
             of_rates = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(one.function, t, y.copy(), *row)
-            check_numbers(called(one.function), one.words, one.nodes, call, values, least / of_rates)
+            call = partial(part.function, t, y.copy(), *row)
+            check_numbers(called(part.function), part.words, part.nodes, call, values, least / of_rates)
 
 
 def _method(method: Any) -> str:

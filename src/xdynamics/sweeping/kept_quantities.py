@@ -123,22 +123,22 @@ def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
         if whole is None:
             collected[name] = variable
         elif whole.name not in collected:
-            collected[whole.name] = _whole(whole, {i: variables[one] for i, one in whole.members.items()})
+            collected[whole.name] = _whole(whole, {i: variables[member] for i, member in whole.members.items()})
     return tuple(collected.values())
 
 
 def _whole(whole: Whole, elements: Mapping[int, Kept]) -> Kept:
     """Return a quantity with dimensions, which come last."""
     first = next(iter(elements.values()))
-    shared = attributes_of_whole({i: (one.name, one.attributes) for i, one in elements.items()}, whole.size)
+    shared = attributes_of_whole({i: (element.name, element.attributes) for i, element in elements.items()}, whole.size)
     return replace(
         first,
         name=whole.name,
         dims=(*first.dims, *whole.dims),
         sizes=(*first.sizes, *whole.shape),
         long_name=shared["long_name"],
-        take=lambda runs: whole.stacked({i: one.take(runs) for i, one in elements.items()}),
-        reads=tuple(dict.fromkeys(name for one in elements.values() for name in one.reads)),
+        take=lambda runs: whole.stacked({i: element.take(runs) for i, element in elements.items()}),
+        reads=tuple(dict.fromkeys(name for element in elements.values() for name in element.reads)),
         more=dict(first.more) | whole.more,
     )
 

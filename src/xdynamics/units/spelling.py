@@ -30,7 +30,7 @@ def coherent(unit: Unit) -> Unit:
 
     Examples
     --------
-    >>> [coherent(parse_unit(one)).text for one in ("mN s m-1", "g", "degree s-1", "km h-1", "rad", "N m")]
+    >>> [coherent(parse_unit(text)).text for text in ("mN s m-1", "g", "degree s-1", "km h-1", "rad", "N m")]
     ['N s m-1', 'kg', 'rad s-1', 'm s-1', 'rad', 'N m']
     """
     if unit.factor == 1:

@@ -57,7 +57,7 @@ def test_the_solution_of_a_p_matrix_is_found(seed: int) -> None:
     matrix = root @ root.T + 0.1 * np.eye(n) + (skew - skew.T)
     q = random.normal(size=n)
     every = solutions(matrix, q)
-    assert len({tuple(one.round(6)) for one in every}) == 1
+    assert len({tuple(node.round(6)) for node in every}) == 1
     assert solved(matrix, q) == pytest.approx(every[0], abs=1e-9)
 
 

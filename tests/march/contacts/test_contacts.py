@@ -92,7 +92,7 @@ def test_impacts_are_exact_where_numbers_are() -> None:
     times = run.event_time.values
     assert times[:-1] == pytest.approx(3 - 2.0 ** (2 - np.arange(1, len(times))), abs=1e-13)
     assert times[-1] == pytest.approx(3.0, abs=1e-13)
-    before, after = (run.v_y.values[run[f"event_row_{one}"].values[:-1]] for one in ("before", "after"))
+    before, after = (run.v_y.values[run[f"event_row_{side}"].values[:-1]] for side in ("before", "after"))
     assert after == pytest.approx(-before / 2, rel=1e-15)
     assert run.event_impulse_y.values[:-1] == pytest.approx(2 * (after - before), rel=1e-15)
     assert (run.event_offset_y.values == 0.0).all()
@@ -153,9 +153,11 @@ def shaken(amplitude: str, **balls: tuple[float, float]) -> xd.Model:
         mass=dict.fromkeys(balls, "m"),
         forces={f"weight_{one}": {one: "-m*g"} for one in balls},
         initial={
-            key: value for one, (_, v) in balls.items() for key, value in ((one, "0 m"), (f"v_{one}", f"{v!r} m s-1"))
+            key: value
+            for name, (_, v) in balls.items()
+            for key, value in ((name, "0 m"), (f"v_{name}", f"{v!r} m s-1"))
         },
-        contacts={f"on_{one}": {"gap": f"{one} - {table}", "restitution": e} for one, (e, _) in balls.items()},
+        contacts={f"on_{name}": {"gap": f"{name} - {table}", "restitution": e} for name, (e, _) in balls.items()},
     )
 
 
@@ -164,8 +166,8 @@ def test_what_a_ball_does_is_not_the_business_of_another_one(two: dict[str, tupl
     """Assert impacts, rests and take-offs of two balls: those that each of them has alone, none stepped over."""
     both = xd.simulate(shaken("1 mm", **two), method="dop853", rtol=1e-9, until=0.6)
     assert both.attrs["run_outcome"] == "completed"
-    for name, one in two.items():
-        alone = xd.simulate(shaken("1 mm", **{name: one}), method="dop853", rtol=1e-9, until=0.6)
+    for name, value in two.items():
+        alone = xd.simulate(shaken("1 mm", **{name: value}), method="dop853", rtol=1e-9, until=0.6)
         mine = both.event_detector.values == both.event_detector.attrs["flag_meanings"].split().index(f"on_{name}")
         assert [two for two in words(both) if two[0] == f"on_{name}"] == words(alone)
         assert both.event_time.values[mine] == pytest.approx(alone.event_time.values, abs=1e-10)
@@ -246,7 +248,7 @@ def test_two_walls_are_hit_at_once_in_a_corner() -> None:
 def test_the_law_tells_what_three_balls_do(law: str, e: float, speeds: tuple[float, ...]) -> None:
     """Assert speeds, impulses and energies by each law, and that the record has it with the order."""
     run = xd.simulate(cradle(law, e), method="rk4", step=0.3, until=2.0)
-    assert [float(run[f"v_{one}"][-1]) for one in ("x1", "x2", "x3")] == pytest.approx(speeds, abs=1e-10)
+    assert [float(run[f"v_{name}"][-1]) for name in ("x1", "x2", "x3")] == pytest.approx(speeds, abs=1e-10)
     assert run.event_time.values == pytest.approx([0.9] * len(words(run)))
     for i, name in enumerate(("x1", "x2", "x3")):
         assert float(run[f"event_impulse_{name}"].sum()) == pytest.approx(speeds[i] - (i == 0), abs=1e-10)
@@ -264,7 +266,7 @@ def test_a_block_rocks_as_housner_says(method: str) -> None:
     """
     run = xd.simulate(xd.Model(**BLOCK), until=12.0, **asked(method, step=0.01, rtol=1e-10))
     hits = [i for i, (_, kind) in enumerate(words(run)) if kind == "impact"][:20]
-    after, before = (run.v_theta.values[run[f"event_row_{one}"].values[hits]] for one in ("after", "before"))
+    after, before = (run.v_theta.values[run[f"event_row_{side}"].values[hits]] for side in ("after", "before"))
     assert after / before == pytest.approx(1 - 1.5 * 0.04 / 1.04, rel=1e-9)
     assert run.attrs["run_outcome"] == "completed"
     assert words(run)[-1][1] == "rest"
@@ -295,9 +297,9 @@ def test_impulses_are_what_velocities_change_by() -> None:
         run = xd.simulate(model, method="rk4", step=0.1, until=3.0)
         both = (mass + mass.T) / 2
         for rows in {*zip(run.event_row_before.values.tolist(), run.event_row_after.values.tolist(), strict=True)}:
-            change = [[float(run[f"v_{one}"][row]) for one in "xy"] for row in rows]
+            change = [[float(run[f"v_{letter}"][row]) for letter in "xy"] for row in rows]
             events = run.event_row_before.values == rows[0]
-            impulses = [float(run[f"event_impulse_{one}"].values[events].sum()) for one in "xy"]
+            impulses = [float(run[f"event_impulse_{letter}"].values[events].sum()) for letter in "xy"]
             assert both @ (np.array(change[1]) - change[0]) == pytest.approx(impulses, abs=1e-12)
             lost = sum((0.5, -0.5)[i] * np.array(one) @ both @ np.array(one) for i, one in enumerate(change))
             assert float(run.event_energy_lost.values[events].sum()) == pytest.approx(lost, abs=1e-12)
@@ -520,7 +522,7 @@ def test_a_ball_of_a_picometre_rests_too() -> None:
 
 def test_the_same_floor_twice_is_one_floor() -> None:
     """Assert that a contact that has no share in an impulse is not glued to it."""
-    model = xd.Model(**table_of(ball(1)) | {"contacts": {one: {"gap": "y", "restitution": 1} for one in ("a", "b")}})
+    model = xd.Model(**table_of(ball(1)) | {"contacts": {name: {"gap": "y", "restitution": 1} for name in ("a", "b")}})
     run = xd.simulate(model, method="dop853", rtol=1e-9, until=4.0)
     assert run.total_energy.values == pytest.approx(2 * G, rel=1e-9)
     assert np.unique(run.event_time.values.round(9)) == pytest.approx(FIRST * np.array([1, 3, 5, 7]), abs=1e-9)

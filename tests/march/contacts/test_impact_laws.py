@@ -191,8 +191,8 @@ def test_contacts_that_do_not_act_on_each_other_are_struck_each_alone() -> None:
     floor = common | {"gap": "y", "restitution": 0.8, "slip": "v_w", "friction": 0.2}
     both, first, second = corner(left=left, floor=floor), corner(left=left), corner(floor=floor)
     assert [what for what, _ in words(both)] == ["left", "floor"]
-    assert [float(both[one][-1]) for one in ("v_x", "v_u")] == [float(first[one][-1]) for one in ("v_x", "v_u")]
-    assert [float(both[one][-1]) for one in ("v_y", "v_w")] == [float(second[one][-1]) for one in ("v_y", "v_w")]
+    assert [float(both[name][-1]) for name in ("v_x", "v_u")] == [float(first[name][-1]) for name in ("v_x", "v_u")]
+    assert [float(both[name][-1]) for name in ("v_y", "v_w")] == [float(second[name][-1]) for name in ("v_y", "v_w")]
 
 
 def test_contacts_that_act_on_each_other_are_refused() -> None:
@@ -218,7 +218,7 @@ def test_a_contact_that_only_parts_is_no_obstacle(inertia: str, outcome: str) ->
             mass={"y": "m", "theta": f"{inertia}/radian**2"},
             forces={},
             initial={"y": "0.1 m", "theta": "0.1 rad", "v_y": "-1 m s-1", "v_theta": "-1 rad s-1"},
-            contacts={one: {"gap": gaps[one], "restitution": 0.5, "law": "energetic"} for one in ends},
+            contacts={end: {"gap": gaps[end], "restitution": 0.5, "law": "energetic"} for end in ends},
         )
         return xd.simulate(model, method="rk4", step=0.01, until=0.15)
 
@@ -226,7 +226,7 @@ def test_a_contact_that_only_parts_is_no_obstacle(inertia: str, outcome: str) ->
     assert both.attrs["run_outcome"] == outcome
     if outcome == "completed":
         assert words(both) == [("right", "impact"), ("left", "takeoff")]
-        assert all(float(both[one][-1]) == float(alone[one][-1]) for one in ("v_y", "v_theta"))
+        assert all(float(both[name][-1]) == float(alone[name][-1]) for name in ("v_y", "v_theta"))
 
 
 def test_a_body_of_one_coordinate_that_is_held_stays() -> None:

@@ -76,7 +76,7 @@ def pressed(rows: Floats, masses: Floats, rates: Floats, tiny: float) -> Floats:
 
 def groups(run: Any) -> list[tuple[int, int, list[int]]]:
     """Row before, row behind and the events of each group."""
-    before, after = (run[f"event_row_{one}"].values for one in ("before", "after"))
+    before, after = (run[f"event_row_{side}"].values for side in ("before", "after"))
     return [
         (int(row), int(after[before == row][0]), np.flatnonzero(before == row).tolist()) for row in np.unique(before)
     ]

@@ -468,7 +468,7 @@ def test_what_is_decided_on_a_piece(
     run = on_a_piece(
         side * near,
         side * far,
-        **(watched | {one: side * watched[one] for one in ("armed", "guard") if one in watched}),
+        **(watched | {name: side * watched[name] for name in ("armed", "guard") if name in watched}),
     )
     monkeypatch.setitem(decide.__globals__, "trespasses", plain(zero_tests.trespasses))
     hit, left, right, armed = outcome

@@ -165,7 +165,7 @@ def test_events_at_any_scale(unit: str) -> None:
         mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}},
         initial={"x": f"1 {unit}", "v_x": f"0 {unit} s-1"},
-        events={name: {"function": one} for name, one in functions.items()},
+        events={name: {"function": function} for name, function in functions.items()},
     )
     run = xd.simulate(model, method="dop853", rtol=1e-9, until=10.0)
     counts = [int((run.event_detector.values == i).sum()) for i in range(4)]
@@ -177,7 +177,7 @@ def test_events_at_any_scale(unit: str) -> None:
 def swinging(*levels: float, **asked: Any) -> xr.Dataset:
     """The oscillator cos 2t, watched at some levels."""
     statement = tomllib.loads((MODELS / "harmonic_oscillator.toml").read_text(encoding="utf-8"))
-    statement |= {"events": {f"e{i}": {"function": f"x - {one!r}*metre"} for i, one in enumerate(levels)}}
+    statement |= {"events": {f"e{i}": {"function": f"x - {level!r}*metre"} for i, level in enumerate(levels)}}
     return xd.simulate(xd.Model(**statement), **asked)
 
 
@@ -217,7 +217,7 @@ def test_a_log_has_room_for_the_most_laborious_step() -> None:
         mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
-        events={f"e{i}": {"function": one} for i, one in enumerate(functions)},
+        events={f"e{i}": {"function": function} for i, function in enumerate(functions)},
     )
     march = March(model, settings_for(model, method="rk4", step=0.1, until=0.54))
     assert max(block.trials - len(block.log.trials) for block in march.blocks(7)) <= 0

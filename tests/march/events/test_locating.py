@@ -113,7 +113,7 @@ def test_a_look_for_one_event_raises_the_bracket_of_another() -> None:
         assert len(looks) == 9
         assert run.trial[0].h == looks[-2]
         hits = {early: zero_tests.CROSSED, late: zero_tests.NONE}
-        assert [watch.hit for watch in run.watches] == [hits[one] for one in functions]
+        assert [watch.hit for watch in run.watches] == [hits[function] for function in functions]
 
 
 def test_a_value_that_is_not_known_is_looked_at_again() -> None:

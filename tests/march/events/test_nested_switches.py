@@ -105,12 +105,12 @@ def test_random_choices(case: int) -> None:
     dense = xd.sample(run, np.linspace(0, float(run.time[-1]), 4001))
     fine = {"x": dense.x.values, "v": dense.v.values, "t": dense.at_time.values}
     met = [name for name, _ in words(run)]
-    for one in switches(model):
-        name = f"side_{one.name.replace('.', '_')}"
+    for switche in switches(model):
+        name = f"side_{switche.name.replace('.', '_')}"
         decides = {}
         for which, at in (("rows", rows), ("fine", fine)):
             holds = np.zeros(at["x"].shape, bool)
-            for path in one.paths:
+            for path in switche.paths:
                 along = np.ones(at["x"].shape, bool)
                 for condition, wanted in path:
                     left, right = (
@@ -124,7 +124,7 @@ def test_random_choices(case: int) -> None:
         clear = np.abs(value) > 1e-9  # at a zero the row before an event is on the side it came from
         conditions = [
             np.abs(eval(f"({text_of(c.left)}) - ({text_of(c.right)})", {}, rows)) > 1e-9
-            for path in one.paths
+            for path in switche.paths
             for c, _ in path
         ]
         known = (
@@ -135,10 +135,10 @@ def test_random_choices(case: int) -> None:
         assert (side[known & clear] == np.where(decides["rows"], np.sign(value), 0)[known & clear]).all()
         crossed = np.diff(np.sign(function_of(run, name, fine))) != 0
         inside = decides["fine"][1:] & decides["fine"][:-1] & crossed
-        events = run.event_time.values[[k for k, each in enumerate(met) if each == one.name]]
+        events = run.event_time.values[[k for k, each in enumerate(met) if each == switche.name]]
         for k in np.flatnonzero(inside):  # a choice may have ended and begun between two samples
-            assert np.any((events >= fine["t"][k] - 1e-9) & (events <= fine["t"][k + 1] + 1e-9)), one.name
-        before = run.event_row_before.values[[k for k, each in enumerate(met) if each == one.name]]
+            assert np.any((events >= fine["t"][k] - 1e-9) & (events <= fine["t"][k + 1] + 1e-9)), switche.name
+        before = run.event_row_before.values[[k for k, each in enumerate(met) if each == switche.name]]
         assert (side[before] != 0).all()
 
 

@@ -23,7 +23,7 @@ def swing(events: dict[str, Any]) -> xd.Model:
         mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": "0 m", "v_x": "1 m s-1"},
-        events={name: {"time_tolerance": "1 ms"} | one for name, one in events.items()},
+        events={name: {"time_tolerance": "1 ms"} | event for name, event in events.items()},
     )
 
 
@@ -45,8 +45,8 @@ def test_events_are_as_near_as_is_asked(case: int) -> None:
     run = xd.simulate(model, method=method, step=float(random.uniform(0.05, 0.4)), until=7.0)
     names = [name for name, _ in words(run)]
     levels = {"one": level, "other": beside, "free": -0.95}
-    off = np.abs(run.x.values[run.event_row_before.values] - [levels[one] for one in names])
-    mine = np.array([one != "free" for one in names])
+    off = np.abs(run.x.values[run.event_row_before.values] - [levels[name] for name in names])
+    mine = np.array([name != "free" for name in names])
     assert mine.sum() >= 4
     assert (off[mine] <= asked + 1e-15).all()
     assert np.abs(run.event_residual.values) == pytest.approx(off, abs=1e-15)
@@ -161,7 +161,7 @@ def test_rules_of_contacts_stand_where_those_of_detectors_do() -> None:
     table["coordinates"]["x"], table["mass"]["x"] = {"unit": "m"}, "m"
     table["initial"] |= {"x": "0 m", "v_x": "1 m s-1"}
     about = xd.simulate(xd.Model(**table), method="rk4", step=0.1, until=0.2).event_detector.attrs
-    assert {key: one for key, one in about.items() if key.startswith(("contact", "friction"))} == {
+    assert {key: value for key, value in about.items() if key.startswith(("contact", "friction"))} == {
         "contact_gaps": "floor: y; roof: 9*metre - y",
         "contact_laws": "floor: poisson; roof: poisson",
         "contact_restitutions": "floor: 0.5; roof: 0.1",

@@ -36,7 +36,8 @@ def times(count: int) -> np.ndarray:
 def test_the_interpolant_is_part_of_the_uncertainty(method: str) -> None:
     """Assert that both find every crossing, apart by no more than the part that is recorded, which only one of them has."""
     runs = {
-        one: xd.simulate(crossing(one), method=method, rtol=1e-7, until=1.0) for one in ("reintegrate", "interpolant")
+        name: xd.simulate(crossing(name), method=method, rtol=1e-7, until=1.0)
+        for name in ("reintegrate", "interpolant")
     }
     one, other = runs["reintegrate"], runs["interpolant"]
     assert one.sizes["event"] == other.sizes["event"] == 1

@@ -152,10 +152,10 @@ def test_a_region_without_events_hides_none(case: int) -> None:
         forces={"spring": {"u": "-k*u - d*v_u"}},
         states={"q": {"unit": "m", "rate": "v_u - q/(3*second)"}},
         initial={"u": "1 m", "v_u": "0 m s-1", "q": "0 m"},
-        events={f"e{i}": {"function": one} for i, one in enumerate(functions[: random.integers(1, 7)])},
+        events={f"e{i}": {"function": function} for i, function in enumerate(functions[: random.integers(1, 7)])},
     )
     asked = DAMPED[case % len(DAMPED)] | {"until": 60.0, "force_samples": "none"}
-    boxed, plain = (marched(model, asked, boxed=one) for one in (True, False))
+    boxed, plain = (marched(model, asked, boxed=flag) for flag in (True, False))
     assert len(boxed[1].run.leaves) > 0
     for name in ("time", "u", "v_u", "q", "event_time", "event_detector", "event_time_bounds", "event_substeps"):
         assert boxed[0][name].values.tobytes() == plain[0][name].values.tobytes(), name

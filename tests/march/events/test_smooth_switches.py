@@ -70,7 +70,7 @@ def test_the_apex_is_passed_once() -> None:
 def test_how_flat_a_switch_is(force: str, flatness: int) -> None:
     """Assert the derivative that jumps, by products of a switch with its own argument."""
     model = passings(force, 1.0, 0.0, method="rk4", step=0.1, until=0.1)[0]
-    assert [one.flatness for one in smooth_switches(model)] == [flatness]
+    assert [switche.flatness for switche in smooth_switches(model)] == [flatness]
 
 
 FORCES = (

@@ -33,7 +33,7 @@ def test_a_relay_is_exact_for_every_method(method: str) -> None:
     assert words(run) == [("relay.sign", "regime_switch")] * 11
     assert run.event_time.values == pytest.approx(math.sqrt(2) * (1 + 2 * np.arange(11)), abs=5e-11)
     assert run.total_energy.values == pytest.approx(1.0, abs=1e-11)
-    before, after = (run.a_x.values[run[f"event_row_{one}"].values] for one in ("before", "after"))
+    before, after = (run.a_x.values[run[f"event_row_{side}"].values] for side in ("before", "after"))
     assert np.array_equal(before, -after)
     assert run.attrs["solver_switches"] == "located"
 
@@ -79,7 +79,7 @@ def test_rest_on_a_jump_is_told_from_a_motion_that_is_long(force: str, x: str) -
 def test_a_spring_with_a_stop_is_two_springs(force: str, names: list[str]) -> None:
     """Assert the period of an oscillator that is twice as stiff on one side, however that is written, at the method's order."""
     model = pushed(force)
-    assert [one.name for one in switches(model)] == names
+    assert [switche.name for switche in switches(model)] == names
     # k = 4 on the right of -a; 8 about -a/2 on the left of it
     inner = math.pi - math.acos(0.5)  # of the phase, from x = 1 to -a
     speed = 2 * math.sqrt(1 - 0.25)

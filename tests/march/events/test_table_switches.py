@@ -74,7 +74,7 @@ def test_the_table_of_a_relay_is_exact(tmp_path: Path) -> None:
     """Assert the switches of x'' = -sign x, given as a table that jumps."""
     run = xd.simulate(measured(tmp_path, RELAY, x="1 m", interpolation="previous"), method="rk4", step=0.3, until=20.0)
     assert run.event_time.values == pytest.approx(math.sqrt(2) * (1 + 2 * np.arange(7)), abs=2e-11)
-    before, after = (run.a_x.values[run[f"event_row_{one}"].values] for one in ("before", "after"))
+    before, after = (run.a_x.values[run[f"event_row_{side}"].values] for side in ("before", "after"))
     assert np.array_equal(before, -after)
     assert set(np.abs(before)) == {1.0}
 
@@ -258,7 +258,7 @@ def test_it_goes_on_and_is_reproduced(tmp_path: Path) -> None:
 
 def test_which_tables_are_switches(tmp_path: Path) -> None:
     """Assert names, once for a table however often it is read, and none for smooth interpolations and for time."""
-    assert [one.name for one in switches(measured(tmp_path, force="force + force*abs(x)/metre"))] == [
+    assert [switche.name for switche in switches(measured(tmp_path, force="force + force*abs(x)/metre"))] == [
         "spring.force",
         "spring.abs",
     ]

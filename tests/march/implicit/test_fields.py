@@ -99,6 +99,6 @@ def test_brusselator_of_more_cells_takes_as_many_steps() -> None:
     for cells in (50, 200):
         run = xd.simulate(Model.from_text(BRUSSELATOR.format(cells=cells)), **METHOD, rtol=1e-6, until=10.0)
         counts.append(
-            [run.sizes["step"], *(run.attrs[f"run_{one}"] for one in ("jacobian_evaluations", "factorisations"))]
+            [run.sizes["step"], *(run.attrs[f"run_{name}"] for name in ("jacobian_evaluations", "factorisations"))]
         )
     assert np.abs(np.diff(counts, axis=0)).max() <= 4

@@ -83,8 +83,8 @@ def test_coefficients_take_the_method_apart() -> None:
         assert mp.mnorm(inverse * t - mp.eye(3)) < 16 * EPS
         nodes = [(4 - s) / 10, (4 + s) / 10, mp.mpf(1)]
         weights = [(-13 - 7 * s) / 3, (-13 + 7 * s) / 3, -mp.mpf(1) / 3]
-        assert [float(one) for one in nodes] == pytest.approx(radau.NODES, rel=EPS)
-        assert [float(one) for one in weights] == pytest.approx(radau.ERROR, rel=EPS)
+        assert [float(node) for node in nodes] == pytest.approx(radau.NODES, rel=EPS)
+        assert [float(weight) for weight in weights] == pytest.approx(radau.ERROR, rel=EPS)
 
 
 @pytest.mark.parametrize(("n", "band"), [(1, 1), (2, 2), (7, 7), (9, 2)])

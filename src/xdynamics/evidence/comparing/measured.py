@@ -301,7 +301,7 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
     titles: dict[int, Title] = {}
     header = [_element(cell, known or ()) for cell in header]
     names = [name_of_title(cell) for cell in header]
-    bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(one)) else one for one in names]
+    bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(name)) else name for name in names]
     for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
         if own != bare and bares.count(bare) < 2:
             ledger.note(f"u({bare}) is the uncertainty of a column that is not there")

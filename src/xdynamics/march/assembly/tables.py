@@ -75,7 +75,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     slots, width = slots_of(model, layout.coordinates)
     tallies = np.zeros(16, np.int64)
     tallies[SLOTS] = width
-    room = min(sum(one.links for one in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n)) if every else 0
+    room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n)) if every else 0
     few = MOST_LEMKE if every else 0
     arrays: dict[str, NDArray[Any]] = {
         "assemblies": rows,
