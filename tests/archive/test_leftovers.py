@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from xdynamics.archive import temporary_files
-from xdynamics.archive.temporary_files import Part, sweep, take
+from xdynamics.archive.temporary_files import TemporaryFile, sweep, take
 
 HDF = b"\x89HDF\r\n\x1a\n"
 
@@ -25,7 +25,7 @@ def test_a_part_stands_beside_its_target(tmp_path: Path, name: str) -> None:
     """Assert an empty file of the asked mode and its lock, with names that a sweep knows, gone in the end."""
     mask = os.umask(0)
     os.umask(mask)
-    with Part.beside(tmp_path / name, 0o640) as part:
+    with TemporaryFile.beside(tmp_path / name, 0o640) as part:
         lock = f"{part.path.name}.lock"
         assert names(tmp_path) == [part.path.name, lock]
         assert len(os.fsencode(lock)) == min(255, len(os.fsencode(name)) + 20)
@@ -52,9 +52,9 @@ def test_a_name_that_is_taken_is_passed_over(tmp_path: Path, monkeypatch: pytest
             (tmp_path / ".run.nc.bbbbbbbb.part.lock").unlink()
         return take(handle, needed=needed)
 
-    with Part.beside(tmp_path / "run.nc", 0o600) as first:
+    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as first:
         monkeypatch.setattr(temporary_files, "take", swept_once)
-        with Part.beside(tmp_path / "run.nc", 0o600) as second:
+        with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as second:
             assert [one.path.name for one in (first, second)] == [".run.nc.aaaaaaaa.part", ".run.nc.cccccccc.part"]
             assert second.handle == swept[0]  # closed, and given again
     assert names(tmp_path) == []
@@ -69,7 +69,7 @@ def test_an_interrupt_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyP
         raise KeyboardInterrupt
 
     monkeypatch.setattr(temporary_files, "take", interrupt)
-    with pytest.raises(KeyboardInterrupt), Part.beside(tmp_path / "run.nc", 0o600):
+    with pytest.raises(KeyboardInterrupt), TemporaryFile.beside(tmp_path / "run.nc", 0o600):
         pass
     assert names(tmp_path) == []
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -95,7 +95,7 @@ def test_where_there_are_no_locks(
         sweep(tmp_path)
         assert names(tmp_path) == [".run.nc.abcd1234.part"]
     if error is OSError:
-        with Part.beside(tmp_path / "run.nc", 0o600) as part:
+        with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
             assert part.path.exists()
 
 
@@ -131,7 +131,7 @@ def test_what_is_swept_away(tmp_path: Path) -> None:
 
 def test_what_a_living_process_writes_stays(tmp_path: Path) -> None:
     """Assert that a lock keeps its part too, old files beside which there is none are asked themselves, and nothing stays open."""
-    with Part.beside(tmp_path / "run.nc", 0o600), (tmp_path / ".old.nc.abcd1234.part").open("wb") as old:
+    with TemporaryFile.beside(tmp_path / "run.nc", 0o600), (tmp_path / ".old.nc.abcd1234.part").open("wb") as old:
         fcntl.flock(old, fcntl.LOCK_EX)
         before = names(tmp_path)
         free = os.open(os.devnull, os.O_RDONLY)

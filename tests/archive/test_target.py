@@ -22,7 +22,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from xdynamics.archive.target import check_no_table, taking_name
-from xdynamics.archive.temporary_files import Part, sweep
+from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.cli import main
 
 
@@ -277,7 +277,7 @@ def test_the_command_says_where_it_is(tmp_path: Path) -> None:
 
 def test_parts_of_living_processes_stay(tmp_path: Path) -> None:
     """Assert that a temporary file is left alone while it is locked, and removed when nobody locks it any more."""
-    with Part.beside(tmp_path / "run.nc", 0o600) as part:
+    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
         sweep(tmp_path)
         assert len(names(tmp_path)) == 2
         os.close(part.handle)
@@ -288,7 +288,7 @@ def test_parts_of_living_processes_stay(tmp_path: Path) -> None:
 
 def test_what_could_not_be_written_takes_no_room(tmp_path: Path) -> None:
     """Assert that a temporary file that is given up is empty for who still has it open, as HDF5 may until the end."""
-    with Part.beside(tmp_path / "run.nc", 0o600) as part:
+    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
         held = part.path.open("wb")
         held.write(b"as much as the disk had room for")
         held.flush()

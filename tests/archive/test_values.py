@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.archive.netcdf_library import opened
 from xdynamics.archive.shared_handles import Lent
-from xdynamics.archive.values import Store, Values
+from xdynamics.archive.values import StoredValues, VariableStore
 
 TABLE = np.arange(12, dtype="i2").reshape(4, 3)
 
@@ -34,7 +34,7 @@ def path(tmp_path: Path) -> Path:
 def test_values_are_those_that_are_stored(path: Path) -> None:
     """Assert that no scale is applied, nothing is masked, and letters stay apart."""
     one = Lent(path)
-    store = Store(one, mode="r")
+    store = VariableStore(one, mode="r")
     found = store.open_store_variable("scaled", store.ds.variables["scaled"])
     assert (found.dims, found.shape, found.dtype, found.attrs["units"]) == (("n", "m"), (4, 3), np.dtype("i2"), "m")
     assert "chunksizes" in found.encoding
@@ -50,9 +50,9 @@ def test_values_are_those_that_are_stored(path: Path) -> None:
 def test_only_what_is_asked_for_is_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that rows and columns are chosen by the library, and points of the little that it read."""
     keys = []
-    read = Values._read
-    monkeypatch.setattr(Values, "_read", lambda one, key: keys.append(key) or read(one, key))
-    store = Store(Lent(path), mode="r")
+    read = StoredValues._read
+    monkeypatch.setattr(StoredValues, "_read", lambda one, key: keys.append(key) or read(one, key))
+    store = VariableStore(Lent(path), mode="r")
     array = xr.DataArray(store.open_store_variable("scaled", store.ds.variables["scaled"]))
     assert keys == []
     assert array[1:3, 0].values.tolist() == TABLE[1:3, 0].tolist()

@@ -29,7 +29,7 @@ from xdynamics.kernels.program import (
     Place,
     Program,
     Reduction,
-    Store,
+    StoreTo,
 )
 from xdynamics.kernels.python_text import python_of
 
@@ -53,7 +53,7 @@ def gravity(n: int, *, by_body: bool = False) -> Program:
     body = [Ordinal("ni", "i"), *(Load(f"{a}i", vector("y", k, "i")) for k, a in enumerate(AXES))]
     terms, totals = tuple(f"f{a}" for a in AXES), tuple(f"a{a}" for a in AXES)
     body.append(Reduction("j", n, tuple(inner), terms, totals, where="other"))
-    body += [Store(vector("z", k, "i"), f"a{a}") for k, a in enumerate(AXES)]
+    body += [StoreTo(vector("z", k, "i"), f"a{a}") for k, a in enumerate(AXES)]
     return Program("gravity", "Accelerations by gravity.", (Loop("i", n, tuple(body)),))
 
 
@@ -85,10 +85,10 @@ def enclosed(program: Program) -> Program:
                     ends = [f"{line.target}_{end}" for end in ("low", "high")]
                     found += [Load(end, doubled(line.place, k)) for k, end in enumerate(ends)]
                     found.append(Compute(line.target, "between", tuple(ends), INTERVAL))
-                case Store():
+                case StoreTo():
                     for k, end in enumerate(("low", "high")):
                         found.append(Compute(f"{line.value}_{end}", end, (line.value,), INTERVAL))
-                        found.append(Store(doubled(line.place, k), f"{line.value}_{end}"))
+                        found.append(StoreTo(doubled(line.place, k), f"{line.value}_{end}"))
                 case Compute() if exact.issuperset(line.arguments):
                     exact.add(line.target)
                     found.append(line)

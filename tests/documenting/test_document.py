@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.documenting.blocks import Table, drawn
+from xdynamics.documenting.blocks import TextTable, drawn
 from xdynamics.documenting.equations import of_model
 
 
@@ -111,7 +111,7 @@ def test_every_model_is_written_in_formulas(path: Path) -> None:
     assert formulas
     for latex in {re.sub(r"\d+|(?<=\\mathrm{)[^{}]*", "", latex): latex for latex in formulas}.values():
         parser.parse(f"${latex}$")
-    rows = [row[0] for one in of_model(model) if isinstance(one, Table) for row in one.rows]
+    rows = [row[0] for one in of_model(model) if isinstance(one, TextTable) for row in one.rows]
     assert {*model.parameters, *(f"{name} at the start" for name in model.initial)} <= {*rows}
 
 

@@ -17,7 +17,7 @@ import xdynamics as xd
 from xdynamics.dynamics import growth
 from xdynamics.dynamics.exponents import Exponents, exponents_of
 from xdynamics.dynamics.path import BLOCKS
-from xdynamics.dynamics.path import Path as Along
+from xdynamics.dynamics.path import RunPath as Along
 from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
 from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov, with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
@@ -321,7 +321,7 @@ def test_differences_along_vectors_are_the_derivatives(monkeypatch: pytest.Monke
         z[3:] = matrix @ y[:3] ** 2
 
     monkeypatch.setattr(growth, "strode_by", force)
-    law = growth.Law(0, 0, 0, 0, y, z, *([None] * 6), sizes, None, 1, 1e-4)  # type: ignore[arg-type]
+    law = growth.GrowthLaw(0, 0, 0, 0, y, z, *([None] * 6), sizes, None, 1, 1e-4)  # type: ignore[arg-type]
     state = np.array([[1.0, -2.0, 3.0], [0.5, 0.25, -1.0], [1.0, 1.0, 2.0]])
     slopes = np.full((3, 3), 7.0)
     plain(growth.differences_at)(law, state, slopes)
@@ -347,7 +347,7 @@ def test_events_act_in_units_of_each_variable() -> None:
     """Assert the matrix of an event on vectors whose places are over the variables' sizes; the state stays."""
     tangent, sizes = _tangent(3, 2, 1.0), np.array([2.0, 0.5, 10.0])
     matrix, before = np.arange(9.0).reshape(3, 3) - 4.0, tangent.state.copy()
-    law = growth.Law(*([None] * 12), sizes, None, 1, 0.0)  # type: ignore[arg-type]
+    law = growth.GrowthLaw(*([None] * 12), sizes, None, 1, 0.0)  # type: ignore[arg-type]
     plain(growth.cross)(law, matrix, tangent)
     assert tangent.state[1:] == pytest.approx((before[1:] * sizes) @ matrix.T / sizes)
     assert tangent.state[0].tolist() == before[0].tolist()

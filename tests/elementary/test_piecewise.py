@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.piecewise import begun, find_piece, slope_at, value_at
 from xdynamics.elementary.text import declarations
 from xdynamics.kernels import machine
@@ -43,11 +43,11 @@ def test_machine_code_finds_the_same_piece_in_every_lane(lanes: int) -> None:
     """Assert that lanes, each at a number of its own, find what Python does."""
     import ctypes
 
-    lines = Lines(lanes)
+    lines = FunctionLines(lanes)
     kind, whole = lines.kind("n"), lines.kind("w")
     x = lines.line("n", f"load {kind}, ptr %x, align 8")
     found = find_piece(lambda _, piece: lines.read("n", "%table", piece), lines.constant(6), x)
-    assert isinstance(found, Written)
+    assert isinstance(found, LaneValue)
     body = "\n  ".join([*lines.lines, f"store {whole} {found.text}, ptr %z, align 8", "ret void"])
     text = f"{declarations(lanes)}\ndefine void @found(ptr %table, ptr %x, ptr %z) {{\nentry:\n  {body}\n}}\n"
     code = machine.Code(machine.built(text), ["found"])

@@ -15,7 +15,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.ledger import validate
-from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, Row, lines_of
+from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, LedgerRow, lines_of
 from xdynamics.expressions import parse
 from xdynamics.model.parts import Validation
 from xdynamics.record.flag_words import words_of
@@ -314,7 +314,7 @@ def test_bounds_are_given_derived_or_of_two_runs() -> None:
 )
 def test_a_row_has_passed_at_its_bound(more: dict[str, Any], verdict: int) -> None:
     """Assert the verdict of a row: what has no bound and a note is refused, what is no number has failed."""
-    assert Row("a", "rk4", 0, "", "", "", "", **more).verdict == verdict
+    assert LedgerRow("a", "rk4", 0, "", "", "", "", **more).verdict == verdict
 
 
 def test_methods_refuse_what_they_do_not_claim() -> None:

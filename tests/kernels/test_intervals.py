@@ -14,7 +14,7 @@ from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.interval_program import OPERANDS, VARIABLES
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.program import INTERVAL, TABLE, WORDS, Compute, Load, Place, Program, Store
+from xdynamics.kernels.program import INTERVAL, TABLE, WORDS, Compute, Load, Place, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 
 COUNT = 9  # numbers that the longest operation takes
@@ -31,7 +31,7 @@ def every_operation() -> Program:
         body.append(Compute(f"f{number}", name, given, INTERVAL))
         for k, bound in enumerate(("low", "high")):
             body.append(Compute(f"{bound}{number}", bound, (f"f{number}",), INTERVAL))
-            body.append(Store(Place("z", 2 * number + k), f"{bound}{number}"))
+            body.append(StoreTo(Place("z", 2 * number + k), f"{bound}{number}"))
     return Program("everything", "Every operation on intervals.", tuple(body))
 
 

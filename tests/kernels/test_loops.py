@@ -10,7 +10,6 @@ from cases.array_programs import compiled, enclosed, gravity, in_python, plain_g
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.program import (
     AT,
-    Call,
     Compute,
     Gather,
     Instruction,
@@ -20,8 +19,9 @@ from xdynamics.kernels.program import (
     Ordinal,
     Place,
     Program,
+    ProgramCall,
     Reduction,
-    Store,
+    StoreTo,
     When,
     While,
     element,
@@ -117,7 +117,7 @@ def test_a_body_that_is_left_out_keeps_the_sign_of_zero() -> None:
     """Assert that a pass that adds nothing does not make -0.0 into 0.0."""
     never = (Ordinal("n", "i"), Compute("later", "more", ("n", 99.0)))
     total = Reduction("i", 12, never, ("n",), ("total",), start=-0.0, where="later")
-    for call in map(compiled_or_printed(program(total, Store(Place("z"), "total"))), (False, True)):
+    for call in map(compiled_or_printed(program(total, StoreTo(Place("z"), "total"))), (False, True)):
         z = np.ones(1)
         call(z=z)
         assert z.tobytes() == np.array([-0.0]).tobytes()
@@ -138,8 +138,8 @@ def test_reductions_are_ascending(operation: str, start: float, count: int) -> N
     for x in y[:count].tolist():
         total = {"add": total + x, "least": min(total, x), "greatest": max(total, x)}[operation]
     for call in (
-        in_python(program(joined, Store(Place("z"), "all"))),
-        compiled(program(joined, Store(Place("z"), "all"))),
+        in_python(program(joined, StoreTo(Place("z"), "all"))),
+        compiled(program(joined, StoreTo(Place("z"), "all"))),
     ):
         z = np.zeros(1)
         call(y=y, z=z)
@@ -160,7 +160,7 @@ def lattice(rows: int, columns: int) -> Program:
         Compute("_e", "subtract", ("_c", "_d")),
         Compute("f", "add", ("_e", "corner")),
     ]
-    inner = Loop("column", columns - 2, (*own, Store(at(0, 0, "z"), "f")))
+    inner = Loop("column", columns - 2, (*own, StoreTo(at(0, 0, "z"), "f")))
     return program(Loop("row", rows - 2, (inner,)))
 
 
@@ -194,7 +194,7 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
         Load("ub", Place("y", 0, (("b", 1),))),
         Compute("d", "subtract", ("ub", "ua")),
         Compute("f", "sin", ("d",)),
-        Store(Place("pull", 0, (("k", 1),)), "f"),
+        StoreTo(Place("pull", 0, (("k", 1),)), "f"),
     )
     gathered = (
         Gather("k", Place("link", 0, (("i", most), ("m", 1)))),
@@ -211,7 +211,7 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
         Gather("c", Place("count", 0, (("i", 1),))),
         Ordinal("many", "c"),
         Reduction("m", most, gathered, ("own",), ("total",), where="there"),
-        Store(Place("z", 0, (("i", 1),)), "total"),
+        StoreTo(Place("z", 0, (("i", 1),)), "total"),
     )
     return program(Loop("k", len(links), pulls), Loop("i", n, of_body), local={"pull": len(links)}, tables=tables)
 
@@ -247,18 +247,18 @@ def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
         Compute("some", "more", ("n", 0.0)),
         Compute("m", "subtract", ("n", 1.0)),
         Compute("left", "choose", ("some", "m", "n")),
-        Store(Place("w"), "left"),
+        StoreTo(Place("w"), "left"),
         Load("k", Place("y")),
         Compute("more", "add", ("k", 1.0)),
-        Store(Place("z"), "more"),
+        StoreTo(Place("z"), "more"),
     )
-    more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), Store(Place("w", 1), "m"))
+    more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), StoreTo(Place("w", 1), "m"))
     called = Program("less", "Less.", less), Program("more", "More.", more)
     own = program(
-        Call("more", "at", "y", "z"),
-        While(Place("w"), Call("less", "at", "e", "e")),
-        When(Place("w"), Call("more", "at", "y", "z")),
-        When(Place("w", 2), Call("more", "at", "y", "z")),
+        ProgramCall("more", "at", "y", "z"),
+        While(Place("w"), ProgramCall("less", "at", "e", "e")),
+        When(Place("w"), ProgramCall("more", "at", "y", "z")),
+        When(Place("w", 2), ProgramCall("more", "at", "y", "z")),
     )
     w, e = np.array([[3.0, 1.0, 2.0, 0.0], [0.0] * 4, [0.0, 0.0, 0.0, 1.0]])[:, -runs:].copy(), np.zeros(runs)
     repeated = w[0].max()
@@ -271,8 +271,8 @@ def test_what_has_one_argument_is_computed_together() -> None:
     """Assert that a sine and a cosine are one call with the bits of two, and a sine alone is a call of its own."""
     from xdynamics.elementary import FUNCTIONS
 
-    sine = (Load("x", element("y")), Compute("s", "sin", ("x",)), Store(element("z"), "s"))
-    both = Compute("c", "cos", ("x",)), Store(element("z", 20), "c")
+    sine = (Load("x", element("y")), Compute("s", "sin", ("x",)), StoreTo(element("z"), "s"))
+    both = Compute("c", "cos", ("x",)), StoreTo(element("z", 20), "c")
     apart, together = program(Loop("i", 20, sine)), program(Loop("i", 20, (*sine, *both)))
     for abreast in (1, 8):
         assert "@elementary_sin_cos" not in llvm_of([apart], abreast=abreast)
@@ -286,7 +286,7 @@ def test_what_has_one_argument_is_computed_together() -> None:
 @pytest.mark.parametrize("count", [3, 20])
 def test_a_program_answers_for_its_numbers(runs: int, count: int) -> None:
     """Assert that `unsound` is 0 if the numbers are finite, nan in lanes where one is not; those beside do not count."""
-    copied = Loop("i", count + 2, (Load("x", element("y")), Store(element("z"), "x")))
+    copied = Loop("i", count + 2, (Load("x", element("y")), StoreTo(element("z"), "x")))
     y, at = np.ones((count + 2, runs)), np.ones((len(AT), runs))
     y[0], y[count + 1], y[count, 0] = np.inf, np.nan, np.nan
     for answered, sound in ((count - 1, True), (count, False)):
@@ -314,7 +314,7 @@ def test_gathered_indices_have_strides(abreast: int) -> None:
         Load("x", Place("y", 2, (("k", 3),))),
         Load("m", Place("p", 0, (("k", 1),))),
         Compute("mx", "multiply", ("x", "m")),
-        Store(element("z"), "mx"),
+        StoreTo(element("z"), "mx"),
     )
     y, p, z = np.arange(57.0), np.linspace(1.0, 2.0, 19), np.zeros(19)
     made = program(Loop("i", 19, body), tables={"order": order})
@@ -336,8 +336,8 @@ def test_lanes_look_up_tables_as_python_does(runs: int) -> None:
         Compute("kept", "piece_of", (1,)),
         Compute("a", "value_at", ("x", "k", 1)),
         Compute("b", "slope_at", ("x", "kept", 1)),
-        Store(Place("z"), "a"),
-        Store(Place("z", 1), "b"),
+        StoreTo(Place("z"), "a"),
+        StoreTo(Place("z", 1), "b"),
     )
     z, plain = np.zeros((2, runs)), np.zeros((2, runs))
     compiled(made, runs=runs)(y=x, z=z, tables=tables, pieces=np.repeat(places[:, None], runs, axis=1))
@@ -353,22 +353,25 @@ I, J = ("i", 1), ("j", 1)
 @pytest.mark.parametrize(
     ("body", "independent"),
     [
-        ((Load("x", Place("y", 0, (I,))), Store(Place("z", 3, (I,)), "x")), True),
-        ((Load("x", Place("y", 0, (I,))), Store(Place("y", 0, (I,)), "x")), True),  # each its own
-        ((Load("x", Place("y", 1, (I,))), Store(Place("y", 0, (I,)), "x")), False),  # what the next pass writes
-        ((Load("x", Place("y", 0, (I,))), Store(Place("z", 3), "x")), False),  # one element for all
-        ((Load("x", Place("z", 3)), Store(Place("z", 0, (I,)), "x")), False),
-        ((Loop("j", 4, (Store(Place("z", 0, (("i", 4), J)), 0.0),)),), True),
-        ((Loop("j", 4, (Store(Place("z", 0, (I, ("j", 9))), 0.0),)),), True),
-        ((Loop("j", 4, (Store(Place("z", 0, (I, ("j", 8))), 0.0),)),), False),  # 9 passes reach the next row
-        ((Loop("j", 4, (Store(Place("z", 0, (("i", 3), J)), 0.0),)),), False),
-        ((Gather("k", Place("t", 0, (I,))), Store(Place("z", 0, (("k", 1),)), 0.0)), False),
-        ((Gather("k", Place("t", 0, (I,))), Store(Place("z", 0, (("k", 1), ("i", 99))), 0.0)), False),
-        ((Store(Place("z", 0, (I,)), 0.0), Store(Place("z", 9, (I,)), 0.0)), True),
-        ((Store(Place("z", 0, (I,)), 0.0), Store(Place("z", 8, (I,)), 0.0)), False),
-        ((Store(Place("z", 2, (("i", 3),)), 0.0), Store(Place("z", 1, (("i", 3),)), 0.0)), True),
-        ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 99, (I,)), 0.0)), False),
-        ((Store(Place("z", 0, (("i", 3),)), 0.0), Store(Place("z", 3, (("i", 3),)), 0.0)), False),  # where the next is
+        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("z", 3, (I,)), "x")), True),
+        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("y", 0, (I,)), "x")), True),  # each its own
+        ((Load("x", Place("y", 1, (I,))), StoreTo(Place("y", 0, (I,)), "x")), False),  # what the next pass writes
+        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("z", 3), "x")), False),  # one element for all
+        ((Load("x", Place("z", 3)), StoreTo(Place("z", 0, (I,)), "x")), False),
+        ((Loop("j", 4, (StoreTo(Place("z", 0, (("i", 4), J)), 0.0),)),), True),
+        ((Loop("j", 4, (StoreTo(Place("z", 0, (I, ("j", 9))), 0.0),)),), True),
+        ((Loop("j", 4, (StoreTo(Place("z", 0, (I, ("j", 8))), 0.0),)),), False),  # 9 passes reach the next row
+        ((Loop("j", 4, (StoreTo(Place("z", 0, (("i", 3), J)), 0.0),)),), False),
+        ((Gather("k", Place("t", 0, (I,))), StoreTo(Place("z", 0, (("k", 1),)), 0.0)), False),
+        ((Gather("k", Place("t", 0, (I,))), StoreTo(Place("z", 0, (("k", 1), ("i", 99))), 0.0)), False),
+        ((StoreTo(Place("z", 0, (I,)), 0.0), StoreTo(Place("z", 9, (I,)), 0.0)), True),
+        ((StoreTo(Place("z", 0, (I,)), 0.0), StoreTo(Place("z", 8, (I,)), 0.0)), False),
+        ((StoreTo(Place("z", 2, (("i", 3),)), 0.0), StoreTo(Place("z", 1, (("i", 3),)), 0.0)), True),
+        ((StoreTo(Place("z", 0, (("i", 3),)), 0.0), StoreTo(Place("z", 99, (I,)), 0.0)), False),
+        (
+            (StoreTo(Place("z", 0, (("i", 3),)), 0.0), StoreTo(Place("z", 3, (("i", 3),)), 0.0)),
+            False,
+        ),  # where the next is
     ],
 )
 def test_passes_are_independent_where_none_meets_another(body: tuple[Line, ...], *, independent: bool) -> None:

@@ -19,7 +19,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.law_cache import key_of
 from xdynamics.kernels.llvm_program import UNROLLED
-from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, Store
+from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import COMPENSATED, updates
@@ -246,7 +246,7 @@ def test_python_keeps_the_grouping(text: str, printed: str) -> None:
 
 def test_stores_and_loads_are_printed_in_order() -> None:
     """Assert that a store stands behind what it needs."""
-    body = (Load("a", Place("y", 1)), Compute("b", "add", ("a", 1.0)), Store(Place("z", 2), "b"))
+    body = (Load("a", Place("y", 1)), Compute("b", "add", ("a", 1.0)), StoreTo(Place("z", 2), "b"))
     assert python_of(Program("one", "About.", body)).splitlines()[2:] == [
         "    a = _y[1]",
         "    b = a + 1.0",

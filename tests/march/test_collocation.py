@@ -13,7 +13,7 @@ from cases.plain import plain
 from xdynamics.kernels import elimination, law_of, linear
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.operations import PYTHON
-from xdynamics.kernels.program import Call, Compute, Load, Operand, Place, Program, Store, When, While
+from xdynamics.kernels.program import Compute, Load, Operand, Place, Program, ProgramCall, StoreTo, When, While
 from xdynamics.kernels.python_text import python_of
 from xdynamics.march import Runs, march_many
 from xdynamics.march.configuration import settings_for
@@ -180,12 +180,12 @@ def test_elimination_has_the_bits_of_the_single_march(n: int) -> None:
 
 def test_calls_where_a_number_asks_for_them() -> None:
     """Assert that a call is made where a number is not zero, and another one until it is."""
-    less = (Load("_n", Place("w")), Compute("_less", "subtract", ("_n", 1.0)), Store(Place("w"), "_less"))
-    more = (Load("_n", Place("w", 1)), Compute("_more", "add", ("_n", 5.0)), Store(Place("w", 1), "_more"))
+    less = (Load("_n", Place("w")), Compute("_less", "subtract", ("_n", 1.0)), StoreTo(Place("w"), "_less"))
+    more = (Load("_n", Place("w", 1)), Compute("_more", "add", ("_n", 5.0)), StoreTo(Place("w", 1), "_more"))
     body = (
-        While(Place("w"), Call("less", "at", "y", "z")),
-        When(Place("w"), Call("more", "at", "y", "z")),
-        When(Place("w", 2), Call("more", "at", "y", "z")),
+        While(Place("w"), ProgramCall("less", "at", "y", "z")),
+        When(Place("w"), ProgramCall("more", "at", "y", "z")),
+        When(Place("w", 2), ProgramCall("more", "at", "y", "z")),
     )
     scope: dict[str, Any] = {}
     for program in (Program("less", "", less), Program("more", "", more), Program("own", "", body)):

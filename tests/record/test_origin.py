@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from xdynamics.archive import origin
-from xdynamics.archive.origin import Origin, Part, digest_of, marched, read
+from xdynamics.archive.origin import Origin, OriginalVariable, digest_of, marched, read
 from xdynamics.archive.seals import content_digest
 
 
@@ -48,7 +48,7 @@ def test_what_was_marched_is_remembered_as_it_is() -> None:
 def test_parts_are_made_when_they_are_asked_for_and_once() -> None:
     """Assert that a run which nobody saves costs nothing."""
     made: list[str] = []
-    part = Part("x", (), (), {}, known="1" * 64)
+    part = OriginalVariable("x", (), (), {}, known="1" * 64)
     kept = Origin.of(lambda: made.append("made") or {"x": part}, {}, None)
     assert made == []
     assert (kept.parts["x"], kept.parts["x"].digest, made) == (part, "1" * 64, ["made"])
@@ -68,7 +68,8 @@ def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
     sent = pickle.loads(pickle.dumps(kept))
     assert (sent, sent.attributes, sent.content_digest) == (origin.TEXT, record().attrs, kept.content_digest)
     assert sent.parts == {
-        name: Part(name, part.dims, part.shape, part.attributes, None, part.digest) for name, part in kept.parts.items()
+        name: OriginalVariable(name, part.dims, part.shape, part.attributes, None, part.digest)
+        for name, part in kept.parts.items()
     }
     assert (sent.source, sent.whole()) == (None, None)
     elsewhere = Origin.of(lambda: kept.parts, {}, place)
@@ -87,6 +88,6 @@ def test_what_was_read_is_known_by_the_digests_of_its_file(source: Any) -> None:
     run["x"].attrs |= {"sha256": "1" * 64, "coordinates": "time"}
     kept: Origin = read(run, source).attrs["origin"]
     assert "sha256" not in run.x.attrs
-    assert kept.parts["x"] == Part("x", ("step",), (3,), {"units": "m"}, None, "1" * 64)
+    assert kept.parts["x"] == OriginalVariable("x", ("step",), (3,), {"units": "m"}, None, "1" * 64)
     assert kept.parts["text"].known == ""
     assert kept.whole() == (source and "the run again")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.origin import OUTSIDE, Origin, Part, digest_of
+from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, digest_of
 from xdynamics.archive.seals import content_digest, letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
@@ -134,7 +134,7 @@ def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> 
             yield f"attribute '{name}'{whose} is {_short(after[name])}, in the run {_short(before[name])}"
 
 
-def _values(part: Part, now: xr.Variable, origin: Origin) -> Iterator[str]:
+def _values(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
     if part.variable is not None and now.data is part.variable.data:
         if isinstance(now.data, np.ndarray) and now.data.flags.writeable:  # read-only since it was marched

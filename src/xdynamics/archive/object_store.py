@@ -23,7 +23,7 @@ from xdynamics.archive.lease import leased
 from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call, pieces_of, worded
 from xdynamics.archive.place import ObjectName
 from xdynamics.archive.store import FOLDER, Held, LockedError, NewFile, TakenError
-from xdynamics.archive.temporary_files import Part, sweep
+from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.faults import ArchiveError, InputError
 
 if TYPE_CHECKING:
@@ -261,11 +261,11 @@ def _telling(place: ObjectName, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def _temporary(place: ObjectName) -> Iterator[Part]:
+def _temporary(place: ObjectName) -> Iterator[TemporaryFile]:
     """Make a temporary file on this machine."""
     folder = Path(tempfile.gettempdir())
     try:
-        with Part.beside(folder / (place.name or place.bucket), 0o600) as part:
+        with TemporaryFile.beside(folder / (place.name or place.bucket), 0o600) as part:
             yield part
     except OSError as error:
         raise ArchiveError(

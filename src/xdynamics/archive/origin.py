@@ -32,7 +32,7 @@ Unchanged = Callable[["xr.Variable"], bool]
 
 
 @dataclass(frozen=True)
-class Part:
+class OriginalVariable:
     """One variable as it was: its digest, or its values, from which the digest is computed on demand.
 
     An array is kept, not copied: it is made read-only, so that what a Dataset shows is what was marched.
@@ -55,11 +55,11 @@ class Part:
         return self.known or digest_of(self.name, self.variable)
 
     @property
-    def sent(self) -> Part:
+    def sent(self) -> OriginalVariable:
         """The same for another process: a digest in the place of values; what is lazy stays so, and nothing is marched."""
         if self.known or self.variable is None or isinstance(self.variable.data, np.ndarray):
-            return Part(self.name, self.dims, self.shape, self.attributes, known=self.digest)
-        return Part(self.name, self.dims, self.shape, self.attributes, self.variable)
+            return OriginalVariable(self.name, self.dims, self.shape, self.attributes, known=self.digest)
+        return OriginalVariable(self.name, self.dims, self.shape, self.attributes, self.variable)
 
 
 class Origin(str):
@@ -67,17 +67,19 @@ class Origin(str):
 
     attributes: dict[str, Any]
     source: Source | None
-    _parts: Callable[[], dict[str, Part]]
+    _parts: Callable[[], dict[str, OriginalVariable]]
 
     @classmethod
-    def of(cls, parts: Callable[[], dict[str, Part]], attributes: Mapping[Any, Any], source: Source | None) -> Origin:
+    def of(
+        cls, parts: Callable[[], dict[str, OriginalVariable]], attributes: Mapping[Any, Any], source: Source | None
+    ) -> Origin:
         """Make an origin of a record's parts, computed on demand, its attributes, and the source of its values."""
         origin = cls(TEXT)
         origin._parts, origin.attributes, origin.source = parts, dict(attributes), source
         return origin
 
     @cached_property
-    def parts(self) -> dict[str, Part]:
+    def parts(self) -> dict[str, OriginalVariable]:
         """Every variable by name."""
         return self._parts()
 
@@ -106,7 +108,7 @@ class Origin(str):
         return _restored, ({name: part.sent for name, part in self.parts.items()}, self.attributes, self.source)
 
 
-def _restored(parts: dict[str, Part], attributes: dict[str, Any], source: Source | None) -> Origin:
+def _restored(parts: dict[str, OriginalVariable], attributes: dict[str, Any], source: Source | None) -> Origin:
     return Origin.of(lambda: parts, attributes, source)
 
 
@@ -132,11 +134,11 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
 
 def _of_arrays(
     arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]], unchanged: Mapping[str, Unchanged]
-) -> dict[str, Part]:
+) -> dict[str, OriginalVariable]:
     import xarray as xr
 
     return {
-        name: Part(
+        name: OriginalVariable(
             name,
             dims,
             data.shape,
@@ -153,7 +155,7 @@ def read(run: xr.Dataset, source: Source) -> xr.Dataset:
     parts = {}
     for name, variable in run.variables.items():
         digest = str(variable.attrs.pop(DIGEST, ""))
-        parts[str(name)] = Part(
+        parts[str(name)] = OriginalVariable(
             str(name),
             tuple(map(str, variable.dims)),
             variable.shape,

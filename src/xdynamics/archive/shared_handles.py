@@ -136,12 +136,12 @@ def lent(path: Path, identity: Identity | None = None, held: Held | None = None)
     """
     import xarray as xr
 
-    from xdynamics.archive.values import Store
+    from xdynamics.archive.values import VariableStore
 
     archive = _settled(path) if identity is None else Lent(path, identity, held)
     if faults := oversize(path, archive.acquire()):
         raise ArchiveError(f"'{archive.place}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
-    store = Store(archive, mode="r")  # type: ignore[no-untyped-call]
+    store = VariableStore(archive, mode="r")  # type: ignore[no-untyped-call]
     run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
     run.encoding["source"] = str(held.place if held else path)
     run.set_close(_Closing(archive))

@@ -17,7 +17,7 @@ from xdynamics.archive.segments import Segments
 from xdynamics.archive.stores import check_target
 from xdynamics.archive.writer import Writer
 from xdynamics.archive.writing import new_file
-from xdynamics.march import Block, March
+from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
 
@@ -131,7 +131,7 @@ def _rows(march: March) -> int:
     )
 
 
-def _sizes(block: Block) -> dict[str, int]:
+def _sizes(block: LogBlock) -> dict[str, int]:
     """Return the sizes of a run that one block holds."""
     sizes = {STEPS: block.rows, TRIALS: block.trials, EVENTS: block.events, SAMPLES: block.samples}
     return {dim: size for dim, size in sizes.items() if size}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from xdynamics.archive.shared_handles import is_lent
 from xdynamics.archive.source import check_name
 from xdynamics.archive.store import NewFile
-from xdynamics.archive.temporary_files import Part, sweep
+from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import asked, decoded, kind_of, read_bounded, synced
 
@@ -137,7 +137,7 @@ class Batch:
 
 
 def _begun(parts: ExitStack, target: Path) -> NewFile[Path]:
-    part = parts.enter_context(Part.beside(target, _NEW if not target.exists() else _PRIVATE))
+    part = parts.enter_context(TemporaryFile.beside(target, _NEW if not target.exists() else _PRIVATE))
     return NewFile(part.path, target)
 
 

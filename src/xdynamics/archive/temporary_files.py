@@ -25,7 +25,7 @@ _BEGINS = (b"\x89HDF\r\n\x1a\n", b"\0" * 8, b"")  # of what HDF5 was writing whe
 
 
 @dataclass(frozen=True)
-class Part:
+class TemporaryFile:
     """A temporary file, empty to begin with, and the descriptor that holds the lock beside it."""
 
     path: Path
@@ -33,7 +33,7 @@ class Part:
 
     @classmethod
     @contextmanager
-    def beside(cls, target: Path, mode: int) -> Iterator[Part]:
+    def beside(cls, target: Path, mode: int) -> Iterator[TemporaryFile]:
         """Make a temporary file in the folder of another, and remove it in the end if it has not been renamed.
 
         Parameters

@@ -26,7 +26,7 @@ AT_ONCE = 1 << 16  # texts that are turned into bytes
 
 
 @dataclass(frozen=True)
-class Numbers:
+class EncodedTexts:
     """Texts as a file keeps them.
 
     Attributes
@@ -48,7 +48,7 @@ def bytes_of(name: str) -> str:
     return f"{name}_bytes"
 
 
-def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
+def numbers_of(name: str, role: Any, letters: Array) -> EncodedTexts | None:
     """Return texts as numbers; None if they stay letters: neither words nor digests, or a single text.
 
     Parameters
@@ -63,7 +63,7 @@ def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
         return None
     if role == "digest":
         values = _from_hexadecimal(np.ascontiguousarray(letters).view(np.uint8))
-        return None if values is None else Numbers(values, bytes_of(name), {TEXT_FORM: HEXADECIMAL})
+        return None if values is None else EncodedTexts(values, bytes_of(name), {TEXT_FORM: HEXADECIMAL})
     width = letters.shape[-1]
     texts = np.ascontiguousarray(letters).view(f"S{width}")[..., 0]
     words = _words(texts.ravel())
@@ -72,7 +72,7 @@ def numbers_of(name: str, role: Any, letters: Array) -> Numbers | None:
     values = np.full(texts.shape, NO_WORD, np.int8)
     for number, word in enumerate(words):
         values[texts == word] = number
-    return Numbers(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(meaning.decode() for meaning in words)))})
+    return EncodedTexts(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(meaning.decode() for meaning in words)))})
 
 
 def _words(texts: Array) -> list[bytes] | None:

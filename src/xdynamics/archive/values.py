@@ -17,7 +17,7 @@ from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import DIGEST
 
 
-class Store(NetCDF4DataStore):
+class VariableStore(NetCDF4DataStore):
     """xarray's own reading of variables and how they are stored; their values are read here."""
 
     __slots__ = ()
@@ -25,7 +25,7 @@ class Store(NetCDF4DataStore):
     def open_store_variable(self, name: str, var: Any) -> Variable:
         """Return a variable without reading its values."""
         variable = super().open_store_variable(name, var)
-        values = Values(self._manager, name, variable.shape, variable.dtype)
+        values = StoredValues(self._manager, name, variable.shape, variable.dtype)
         form = form_of(variable.attrs, variable.dtype, variable.dims, variable.shape)
         if form is None:
             return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)
@@ -34,7 +34,7 @@ class Store(NetCDF4DataStore):
         return Variable(variable.dims[: len(texts.shape)], texts, attributes)
 
 
-class Values(BackendArray):
+class StoredValues(BackendArray):
     """The values of one variable."""
 
     def __init__(self, lent: Any, name: str, shape: tuple[int, ...], dtype: Any) -> None:
@@ -73,7 +73,7 @@ class Values(BackendArray):
 class Texts(BackendArray):
     """The texts of one variable that are numbers in the file."""
 
-    def __init__(self, numbers: Values, form: Form) -> None:
+    def __init__(self, numbers: StoredValues, form: Form) -> None:
         self.numbers, self.form, self.dtype = numbers, form, np.dtype(f"U{form.width}")
         self.shape: tuple[int, ...] = numbers.shape[: len(numbers.shape) - form.further]
 

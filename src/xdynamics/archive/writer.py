@@ -13,7 +13,7 @@ from xdynamics.archive.bounds import packed
 from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.place import Place
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
-from xdynamics.archive.text_encoding import Numbers, numbers_of
+from xdynamics.archive.text_encoding import EncodedTexts, numbers_of
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.kinds import is_evidence
 from xdynamics.record.variable_attributes import own_attributes
@@ -181,7 +181,7 @@ class Writer:
         variable[...] = letters
         variable.setncattr("_Encoding", "utf-8")
 
-    def _write_numbers(self, name: str, numbers: Numbers) -> None:
+    def _write_numbers(self, name: str, numbers: EncodedTexts) -> None:
         dims, values = self._seals[name].dims, numbers.values
         if numbers.dim:
             self._file.createDimension(numbers.dim, values.shape[-1])

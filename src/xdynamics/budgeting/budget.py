@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting import numerical
 from xdynamics.budgeting.budget_dataset import Budgeted, budget_dataset
-from xdynamics.budgeting.budget_request import COVERAGE, Request, budget_request
+from xdynamics.budgeting.budget_request import COVERAGE, BudgetRequest, budget_request
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
 from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
@@ -172,7 +172,7 @@ def error_budget(
     return _budget(request, until_uncertainty)
 
 
-def _budget(request: Request, until_uncertainty: str | None) -> xr.Dataset:
+def _budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset:
     """March and put together what a budget is made of, here."""
     tasks = _tasks(request, _marched_here)
     budgeted = Budgeted.of(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
@@ -187,7 +187,7 @@ def _budget(request: Request, until_uncertainty: str | None) -> xr.Dataset:
     return budget_dataset(replace(request, draws=draws), budgeted, monte_carlo)
 
 
-def budget_stage(request: Request) -> Stage:
+def budget_stage(request: BudgetRequest) -> Stage:
     """Return a budget before it is computed: a task for each level, each source and each block of draws.
 
     Raises
@@ -210,7 +210,7 @@ def budget_stage(request: Request) -> Stage:
     return Stage(template, task, known)
 
 
-def _tasks(request: Request, gathered: Gatherer) -> dict[Any, Any]:
+def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
     """Return the tasks of what a budget is put together from: the run, the number in it and in levels, all terms."""
     measurand = request.measurand
     needs = {need for source in request.sources for need in source.needs}
@@ -241,7 +241,7 @@ def _values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
     return np.asarray(numbers().values, float)
 
 
-def _of_parts(request: Request, names: list[Any], *results: Any) -> xr.Dataset:
+def _of_parts(request: BudgetRequest, names: list[Any], *results: Any) -> xr.Dataset:
     """Put a budget together, in a task."""
     parts = dict(zip(names, results, strict=True))
     numbers, budgeted = parts.pop(DRAWS, None), Budgeted.of(parts)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.budgeting.budget_request import Request
+from xdynamics.budgeting.budget_request import BudgetRequest
 from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, terms_as
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, draws_needed, judged
@@ -54,7 +54,7 @@ class Budgeted:
         return cls(parts[RUN], parts[NUMBER], parts.get(COMPARED), terms)
 
 
-def budget_dataset(request: Request, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
+def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
     """Put a budget together."""
     model, target, run, value = request.measurand.model, request.target, budgeted.run, budgeted.number.value
     unit, compared = target.units(run), budgeted.compared
@@ -91,7 +91,7 @@ def budget_dataset(request: Request, budgeted: Budgeted, monte_carlo: Drawn | No
     return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes, shapes=model.shapes)
 
 
-def _choice(request: Request, terms: list[Term]) -> str:
+def _choice(request: BudgetRequest, terms: list[Term]) -> str:
     """Describe which terms the result is of, where some are left out."""
     if not request.left_out:
         return ""
@@ -100,7 +100,7 @@ def _choice(request: Request, terms: list[Term]) -> str:
     return f", {' and '.join(names)} alone" if few else f", without {' and '.join(names)}"
 
 
-def _attributes(request: Request, run: xr.Dataset) -> dict[str, Any]:
+def _attributes(request: BudgetRequest, run: xr.Dataset) -> dict[str, Any]:
     """Return what a budget was asked for."""
     target = request.target
     return (
@@ -123,7 +123,9 @@ def _attributes(request: Request, run: xr.Dataset) -> dict[str, Any]:
     )
 
 
-def _judged(request: Request, value: float, physical_rss: float, monte_carlo: Drawn) -> tuple[int, dict[str, Any]]:
+def _judged(
+    request: BudgetRequest, value: float, physical_rss: float, monte_carlo: Drawn
+) -> tuple[int, dict[str, Any]]:
     """Judge the linear budget by the draws; return the verdict, and by how much both are apart."""
     verdict, distance = judged(value, physical_rss, monte_carlo, request.coverage, request.digits)
     needed = nan

@@ -24,7 +24,7 @@ LEAST_DRAWS = 100
 
 
 @dataclass(frozen=True)
-class Request:
+class BudgetRequest:
     """What a budget is asked for.
 
     Attributes
@@ -123,7 +123,7 @@ def budget_request(
     only: Any = None,
     without: Any = None,
     **settings: Any,
-) -> Request:
+) -> BudgetRequest:
     """Read and check the arguments of `error_budget`.
 
     Raises
@@ -138,7 +138,9 @@ def budget_request(
     target = Target.of(model, quantity, at, event, occurrence, side)
     marched = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
     declared = tuple(map(_declared, (terms,) if isinstance(terms, Declared) else terms or ()))
-    whole = Request(Measurand(model, target, marched, seed), declared, draws, coverage, digits, inadequate_fit is True)
+    whole = BudgetRequest(
+        Measurand(model, target, marched, seed), declared, draws, coverage, digits, inadequate_fit is True
+    )
     names = whole.names
     left_out = names_left_out(names, only, without)
     return replace(whole, left_out=tuple(name for name in names if name in left_out)) if left_out else whole

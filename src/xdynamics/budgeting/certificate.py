@@ -12,7 +12,7 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.archive.place import GIVEN, Given
 from xdynamics.budgeting.budget import budget_stage, error_budget
-from xdynamics.budgeting.budget_request import Request, budget_request
+from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
@@ -105,7 +105,7 @@ def certify(
     return _dataset(model, budget, validate([str(budget.attrs["solver_method"])]))
 
 
-def _stage(request: Request) -> Stage:
+def _stage(request: BudgetRequest) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
     ledger = own_ledger([str(budget.template.attrs["solver_method"])])

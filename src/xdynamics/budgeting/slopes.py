@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
-from xdynamics.dynamics.saltation import Met, Place
-from xdynamics.dynamics.variational import LARGEST, Along, Equations, NotVariedError, gauss, touches
+from xdynamics.dynamics.saltation import FlowStates, Met
+from xdynamics.dynamics.variational import LARGEST, Equations, NotVariedError, Variations, gauss, touches
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods import METHODS
@@ -47,7 +47,7 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
         raise NotVariedError("an extreme is where the run has it")
     if read := sorted(model.read_at_start.intersection(inputs)):
         raise NotVariedError(f"values at the start follow '{read[0]}'")
-    along = Along(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
+    along = Variations(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
     change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
@@ -119,15 +119,15 @@ def _at_event(met: Met, target: Target) -> Floats:
     return _of_quantity(met.meeting(time) if target.side == "before" else met.behind(time), target)
 
 
-def _end(along: Along, last: int, at: float, change: Floats) -> Place:
+def _end(along: Variations, last: int, at: float, change: Floats) -> FlowStates:
     """Return the state at a time and its changes."""
     row = np.array([last])
     place = Met(along, row, row, (), change[None]).meeting(np.zeros((1, change.shape[1])))
     state = along.states(np.array([at]), np.array([last]))
-    return Place(place.model, state, place.changes)
+    return FlowStates(place.model, state, place.changes)
 
 
-def _of_quantity(place: Place, target: Target) -> Floats:
+def _of_quantity(place: FlowStates, target: Target) -> Floats:
     """Return the change of a coordinate, velocity, state, energy or observable."""
     if target.quantity in place.changes:
         return np.asarray(place.changes[target.quantity][0])

@@ -49,7 +49,7 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Rows of texts under a header."""
 
     header: Sequence[str]
@@ -70,7 +70,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureBlock:
     """A figure as PNG, with a caption."""
 
     content: bytes
@@ -89,7 +89,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Code:
+class CodeBlock:
     """Text to be typed, or read by a program."""
 
     text: str
@@ -103,11 +103,11 @@ class Code:
         return "\n".join(f"    {line}" for line in self.text.splitlines())
 
 
-Block = Words | Formula | Table | Picture | Code
+Block = Words | Formula | TextTable | PictureBlock | CodeBlock
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A heading and the blocks under it."""
 
     title: str
@@ -129,7 +129,7 @@ pre { background: #f4f4f2; padding: 0.8em; white-space: pre-wrap; overflow-wrap:
 """
 
 
-def html(title: str, lead: str, sections: Sequence[Section]) -> str:
+def html(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return a document as one self-contained HTML file."""
     body = "\n".join(
         f"<h2>{escape(section.title)}</h2>\n" + "\n".join(block.html() for block in section.blocks)
@@ -144,7 +144,7 @@ def html(title: str, lead: str, sections: Sequence[Section]) -> str:
 """
 
 
-def markdown(title: str, lead: str, sections: Sequence[Section]) -> str:
+def markdown(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return a document as one Markdown file with pictures embedded."""
     body = "\n\n".join(
         f"## {section.title}\n\n" + "\n\n".join(block.markdown() for block in section.blocks) for section in sections

@@ -12,7 +12,7 @@ from xdynamics.archive.stores import check_target, store_of, taking_name
 from xdynamics.budgeting.budget_summary import doubt_of, known_to, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
 from xdynamics.documenting import blocks
-from xdynamics.documenting.blocks import Code, Picture, Section, Table, Words
+from xdynamics.documenting.blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting.equations import of_model
 from xdynamics.evidence.evidence_dataset import stated
@@ -69,7 +69,7 @@ def document(folder: Given, path: Given) -> Place:
         model = Model.from_text(str(certificate["model_toml"].values))
         sections = [
             _result(certificate),
-            Section("The model", list(of_model(model))),
+            PageSection("The model", list(of_model(model))),
             _method(run),
             _convergence(certificate),
             _budget(certificate, _picture(bundle / CERTIFICATE)),
@@ -92,7 +92,7 @@ def _picture(archived: Place) -> bytes:
     return store_of(picture).content(picture, MOST_BYTES)
 
 
-def _result(certificate: xr.Dataset) -> Section:
+def _result(certificate: xr.Dataset) -> PageSection:
     """The gates that the number has to pass."""
     verdicts = [GATES[code] for code in certificate["gate_verdict"].values.tolist()]
     rows = [
@@ -108,10 +108,12 @@ def _result(certificate: xr.Dataset) -> Section:
             f"{statement if failed else 'It fails none.'} Of {unchecked} it is not known whether it passes: more draws"
             " tell."
         )
-    return Section("What it has to pass", [Words(statement), Table(["gate", "verdict", "what was looked at"], rows)])
+    return PageSection(
+        "What it has to pass", [Words(statement), TextTable(["gate", "verdict", "what was looked at"], rows)]
+    )
 
 
-def _method(run: xr.Dataset) -> Section:
+def _method(run: xr.Dataset) -> PageSection:
     attributes = run.attrs
     control = (
         f"step {float(attributes['solver_step']):g}{unit_suffix(time_unit(run))}"
@@ -126,19 +128,19 @@ def _method(run: xr.Dataset) -> Section:
         f"{attributes['run_accepted_steps']} accepted steps, {attributes['run_rejected_trials']} rejected trials,"
         f" {attributes['run_force_evaluations']} force evaluations"
     )
-    return Section(
+    return PageSection(
         "The method",
         [
             Words(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
             Words(f"{attributes['solver_update_order']}."),
-            Code("\n".join(str(attributes["solver_update_equations"]).split("; "))),
+            CodeBlock("\n".join(str(attributes["solver_update_equations"]).split("; "))),
             Words(f"After {attributes['solver_reference']}."),
             Words(f"Outcome: {attributes['run_outcome_text']}."),
         ],
     )
 
 
-def _convergence(certificate: xr.Dataset) -> Section:
+def _convergence(certificate: xr.Dataset) -> PageSection:
     varied = "step_size" if "step_size" in certificate else "rtol"
     units = str(certificate["value"].attrs["units"])
     values, orders = certificate["level_value"].values, certificate["observed_order"].values
@@ -157,12 +159,12 @@ def _convergence(certificate: xr.Dataset) -> Section:
         f"to the next level ({units})",
         "observed order",
     ]
-    return Section(
-        "Convergence", [Words(f"The first row is the run's own. Together they are {verdict}."), Table(header, rows)]
+    return PageSection(
+        "Convergence", [Words(f"The first row is the run's own. Together they are {verdict}."), TextTable(header, rows)]
     )
 
 
-def _budget(certificate: xr.Dataset, picture: bytes) -> Section:
+def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
     units, kinds = str(certificate["value"].attrs["units"]), words_of(certificate["term_kind"])
     order = np.argsort(-np.abs(certificate["share"].values), kind="stable").tolist()
     rows = [
@@ -204,17 +206,17 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> Section:
         standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
         totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)} {units}"])
         totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
-    return Section(
+    return PageSection(
         "The budget",
         [
-            Table(header, rows),
-            Table(["total", ""], totals),
-            Picture(picture, "Terms of the budget, and intervals where they were drawn"),
+            TextTable(header, rows),
+            TextTable(["total", ""], totals),
+            PictureBlock(picture, "Terms of the budget, and intervals where they were drawn"),
         ],
     )
 
 
-def _run(run: xr.Dataset, picture: bytes) -> Section:
+def _run(run: xr.Dataset, picture: bytes) -> PageSection:
     rows = []
     unit_suffix = f" ({time_unit(run).text})".replace(" (1)", "")
     if run.sizes.get("event", 0):
@@ -226,14 +228,14 @@ def _run(run: xr.Dataset, picture: bytes) -> Section:
         ]
     further = [Words(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
     events = (
-        [Table(["event", "kind", f"time{unit_suffix}", f"located within{unit_suffix}"], rows[:MOST_EVENTS])]
+        [TextTable(["event", "kind", f"time{unit_suffix}", f"located within{unit_suffix}"], rows[:MOST_EVENTS])]
         if rows
         else []
     )
-    return Section("The run", [Picture(picture, str(run.attrs["title"])), *events, *further])
+    return PageSection("The run", [PictureBlock(picture, str(run.attrs["title"])), *events, *further])
 
 
-def _ledger(ledger: xr.Dataset) -> Section:
+def _ledger(ledger: xr.Dataset) -> PageSection:
     verdicts, units = words_of(ledger["verdict"]), ledger["case_units"].values
     # ledgers of older versions have none
     over_scale = ledger.get(SCALED_RESIDUAL, ledger["residual"] * np.nan).values
@@ -262,25 +264,25 @@ def _ledger(ledger: xr.Dataset) -> Section:
         f"The method beside closed forms: {verdicts.count('passed')} passed, {verdicts.count('failed')} failed,"
         f" {verdicts.count('refused')} refused."
     )
-    return Section(
+    return PageSection(
         "The method's ledger",
-        [Words(summary), Table(["case", "verdict", "residual", "scaled", "bound", "closed form"], rows)],
+        [Words(summary), TextTable(["case", "verdict", "residual", "scaled", "bound", "closed form"], rows)],
     )
 
 
-def _again(certificate: xr.Dataset, bundle: Place) -> Section:
+def _again(certificate: xr.Dataset, bundle: Place) -> PageSection:
     version, name = certificate.attrs.get("xdynamics_version", ""), real(bundle).name
     command = f"pip install xdynamics=={version} && xdynamics recheck {name}"
     digests = [
         ["model", str(certificate.attrs["model_digest"])],
         *([f"run, level {k + 1}", str(digest)] for k, digest in enumerate(certificate["run_digest"].values)),
     ]
-    return Section(
+    return PageSection(
         "Made again",
         [
             Words("Every number of it, compared one by one, from the bundle alone:"),
-            Code(command),
-            Table(["sha256 of the content", ""], digests),
+            CodeBlock(command),
+            TextTable(["sha256 of the content", ""], digests),
         ],
     )
 

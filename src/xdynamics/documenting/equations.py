@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xdynamics.documenting.blocks import Block, Formula, Table, Words
+from xdynamics.documenting.blocks import Block, Formula, TextTable, Words
 from xdynamics.expressions import Name, latex
 from xdynamics.model import Model
 from xdynamics.model.parts import Function, Parameter
@@ -35,7 +35,7 @@ def of_model(model: Model) -> Iterator[Block]:
     for name, observable in model.observables.items():
         yield Formula(f"{latex(Name(name))} = {latex(observable)}", "observable")
     if model.drives:
-        yield Table(
+        yield TextTable(
             ["drive", "of", "points", "between them", "beyond", "what"],
             [
                 [
@@ -54,7 +54,7 @@ def of_model(model: Model) -> Iterator[Block]:
         (f"{name} at the start", model.starts.get(name, Parameter(quantity)))
         for name, quantity in model.initial.items()
     ]
-    yield Table(
+    yield TextTable(
         ["number", "value", "standard uncertainty", "distribution", "what"],
         [_number(name, number) for name, number in numbers],
     )

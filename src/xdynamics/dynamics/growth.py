@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from xdynamics.dynamics.growth_arrays import Floats, Grown, Law, Rows, Scheme, Tangent, Whole
+from xdynamics.dynamics.growth_arrays import Floats, Grown, GrowthLaw, GrowthScheme, Rows, Tangent, Whole
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
@@ -28,7 +28,7 @@ DONE, STIFF, LOST = range(3)  # outcome of a block: complete, too many pieces, n
 
 
 @shared
-def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
+def differences_at(law: GrowthLaw, state: Floats, slopes: Floats) -> None:
     """Use central differences along each vector in place of products with derivatives."""
     n, first = state.shape[1], law.coordinates
     for c in range(1, state.shape[0]):
@@ -43,7 +43,7 @@ def differences_at(law: Law, state: Floats, slopes: Floats) -> None:
 
 
 @compiled
-def finish(scheme: Scheme, tangent: Tangent, h: float) -> float:
+def finish(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
     """Combine the slopes of a piece into its end; return the estimated error of the vectors."""
     state, slopes, end = tangent.state, tangent.slopes, tangent.end
     b, of_fifth, of_third = scheme.b, scheme.fifth, scheme.third
@@ -93,7 +93,7 @@ def multiply(e: Floats, weights: Floats, entries: Whole, first: int, stage: Floa
 
 
 @compiled
-def advance(law: Law, scheme: Scheme, tangent: Tangent, t: float, h: float) -> float:
+def advance(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, t: float, h: float) -> float:
     """Make one piece, to `tangent.end`; return the estimated error of the vectors."""
     # fields are named once: numba counts references, with an atomic operation, wherever an array is named
     state, stage, slopes, a, times = tangent.state, tangent.stage, tangent.slopes, scheme.a, scheme.c
@@ -199,7 +199,7 @@ def note(tangent: Tangent, grown: Grown, block: int) -> None:
 
 
 @shared
-def cross(law: Law, matrix: Floats, tangent: Tangent) -> None:
+def cross(law: GrowthLaw, matrix: Floats, tangent: Tangent) -> None:
     """Multiply every vector by the matrix of an event."""
     state, end = tangent.state, tangent.end
     rows, n = state.shape
@@ -215,7 +215,7 @@ def cross(law: Law, matrix: Floats, tangent: Tangent) -> None:
 
 
 @compiled
-def carry(law: Law, scheme: Scheme, tangent: Tangent, grown: Grown, block: int, t: float, t1: float) -> int:
+def carry(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, grown: Grown, block: int, t: float, t1: float) -> int:
     """Carry a state and its vectors to a time, in as many pieces as the tolerance requires."""
     while t < t1:
         remaining = t1 - t
@@ -242,7 +242,7 @@ def carry(law: Law, scheme: Scheme, tangent: Tangent, grown: Grown, block: int, 
     return DONE
 
 
-def grow(law: Law, scheme: Scheme, rows: Rows, tangent: Tangent, grown: Grown) -> int:
+def grow(law: GrowthLaw, scheme: GrowthScheme, rows: Rows, tangent: Tangent, grown: Grown) -> int:
     """Carry tangent vectors from the first of some rows to the last; return the outcome."""
     first_side = law.p.shape[0] - rows.sides.shape[1]
     for k in range(rows.times.shape[0] - 1):
@@ -284,8 +284,10 @@ GROWTH = EnginePart(
         (
             grow,
             types.int64(
-                _kind_of(Law, *[types.int64] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, types.int64, types.float64),
-                _kind_of(Scheme, _BLOCK, *[_ROW] * 4, types.float64, types.int64),
+                _kind_of(
+                    GrowthLaw, *[types.int64] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, types.int64, types.float64
+                ),
+                _kind_of(GrowthScheme, _BLOCK, *[_ROW] * 4, types.float64, types.int64),
                 _kind_of(Rows, _ROW, _BLOCK, _ROW, _BLOCK, _LISTS, _WHOLE, _CUBE, _WHOLE, _WHOLE),
                 _kind_of(Tangent, *[_BLOCK] * 3, _CUBE, *[_BLOCK] * 3, _ROW, _WHOLE, _WHOLE),
                 _kind_of(Grown, _BLOCK, _LISTS, _ROW),

@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 
-class Law(NamedTuple):
+class GrowthLaw(NamedTuple):
     """The compiled forces and their derivatives, and the arrays that they read and write.
 
     Attributes
@@ -82,7 +82,7 @@ class Rows(NamedTuple):
     blocks: Whole
 
 
-class Scheme(NamedTuple):
+class GrowthScheme(NamedTuple):
     """The formula: stages, weights of the end, their times, and weights of its error estimates.
 
     The tolerance is that of one piece, relative to the vectors; `most_pieces` limits their number.

@@ -11,10 +11,10 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.growth_arrays import Law, Rows
+from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
-from xdynamics.dynamics.variational import Along, Equations, NotVariedError, touches
+from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, touches
 from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
@@ -52,7 +52,7 @@ _KEYS = count(-1000, -1)
 
 
 @dataclass(frozen=True)
-class Path:
+class RunPath:
     """A run and the functions that its model's forces call.
 
     Attributes
@@ -220,7 +220,7 @@ class Path:
         numbers, matrices = np.full(steps, -1, np.int64), [np.zeros((0, n, n))]
         if not self.run.sizes.get("event", 0):
             return numbers, matrices[0]
-        along, first = Along(self.run, Equations(self.model, ()), 0), 0
+        along, first = Variations(self.run, Equations(self.model, ()), 0), 0
         for names, before, after in self._instants():
             unit = np.broadcast_to(np.eye(n), (len(before), n, n))
             matrices.append(Met(along, before, after, names, unit).left())
@@ -245,7 +245,7 @@ class Path:
 
     # ------------------------------------------------------------------------------------------------------- the law
 
-    def law(self) -> tuple[Law, list[Any]]:
+    def law(self) -> tuple[GrowthLaw, list[Any]]:
         """Return the law, and the objects that must stay alive as long as it is called."""
         layout, model = self._layout, self._layout.model
         by_differences = bool(model.python_forces)
@@ -272,7 +272,7 @@ class Path:
             table[TABLE.index(name)] = array.ctypes.data, array.shape[0], array.shape[-1]
         entry, code = _entry(program, layout, arrays)
         y, z, at = arrays["y"], arrays["z"], arrays["at"]
-        law = Law(
+        law = GrowthLaw(
             entry,
             table.ctypes.data,
             y.ctypes.data,

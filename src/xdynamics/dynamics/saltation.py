@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.variational import Along, NotVariedError, varying
+from xdynamics.dynamics.variational import NotVariedError, Variations, varying
 from xdynamics.elementary.arrays import dot, product, solved
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.model import Model
@@ -36,7 +36,7 @@ ACTING = ("switch", "reset")
 
 
 @dataclass(frozen=True)
-class Place:
+class FlowStates:
     """States, and how they change.
 
     Attributes
@@ -100,7 +100,7 @@ class Met:
 
     Attributes
     ----------
-    along : Along
+    along : Variations
     before, after : ndarray of int, shape (k,)
         Rows.
     names : tuple of str
@@ -109,7 +109,7 @@ class Met:
         Of the variables, before.
     """
 
-    along: Along
+    along: Variations
     before: NDArray[np.int64]
     after: NDArray[np.int64]
     names: tuple[str, ...]
@@ -130,16 +130,16 @@ class Met:
         """
         tree = self._function(name)
         fixed = self._rows(self.change) | {"t": np.zeros_like(self.change[:, 0])}
-        speed = Place(self.model, self._state, self._rates).change(tree)
+        speed = FlowStates(self.model, self._state, self._rates).change(tree)
         if not speed.all():
             raise NotVariedError(f"'{name}' has no slope where it is met")
-        change: Floats = -Place(self.model, self._state, fixed).change(tree) / speed
+        change: Floats = -FlowStates(self.model, self._state, fixed).change(tree) / speed
         return change
 
-    def meeting(self, time: Floats) -> Place:
+    def meeting(self, time: Floats) -> FlowStates:
         """Return the states before the event, with their changes at the time at which it is met."""
         moved = self.change + self._along_motion(self._rates, time)
-        return Place(self.model, self._state, self._rows(moved) | {"t": time})
+        return FlowStates(self.model, self._state, self._rows(moved) | {"t": time})
 
     def left(self) -> Floats:
         """Return the changes after the events, at the times of the run's own events.
@@ -158,11 +158,11 @@ class Met:
             changes[acting] = replace(self, before=before, after=after, change=change).left()
         return changes
 
-    def behind(self, time: Floats) -> Place:
+    def behind(self, time: Floats) -> FlowStates:
         """Return the states after the event, with their changes at the time at which it is met."""
         state, rates = self.along.row(self.after), self.along.rates(self.after)
         moved = self.left() + self._along_motion(rates, time)
-        return Place(self.model, state, self._rows(moved) | {"t": time})
+        return FlowStates(self.model, state, self._rows(moved) | {"t": time})
 
     def _left(self) -> Floats:
         time = self._time
@@ -219,7 +219,7 @@ class Met:
     def _acts(self, name: str) -> bool:
         return name not in self.model.events or self.model.events[name].action in ACTING
 
-    def _mapped(self, place: Place) -> dict[str, Floats]:
+    def _mapped(self, place: FlowStates) -> dict[str, Floats]:
         """Return the changes of the variables that the events set."""
         struck = [name for name in self.names if name in self.model.contacts]
         resets = [name for name in self.names if name in self.model.events and self.model.events[name].reset]
@@ -230,7 +230,7 @@ class Met:
             return {name: place.change(self.model.expanded(tree)) for name, tree in reset.items()}
         return self._struck(place, struck[0]) if struck else {}
 
-    def _struck(self, place: Place, name: str) -> dict[str, Floats]:
+    def _struck(self, place: FlowStates, name: str) -> dict[str, Floats]:
         """Return the changes of velocities after an impact without friction: v+ = v - (1 + e) W rate/D, W = M^-1 n."""
         if self.model.contacts[name].slip is not None:
             raise NotVariedError(f"'{name}' has friction")
@@ -250,7 +250,7 @@ class Met:
         moved = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
         return {each: place.changes[each] + moved[:, i] for i, each in enumerate(names)}
 
-    def _normal(self, place: Place, reaction: Reaction) -> tuple[Floats, Floats]:
+    def _normal(self, place: FlowStates, reaction: Reaction) -> tuple[Floats, Floats]:
         """Return the gradient of a gap, and its change."""
         k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
         normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
@@ -259,7 +259,7 @@ class Met:
                 normal[:, i], normals[:, i] = place.value(reaction.row[name]), place.change(reaction.row[name])
         return normal, normals
 
-    def _mass(self, place: Place) -> tuple[Floats, Floats]:
+    def _mass(self, place: FlowStates) -> tuple[Floats, Floats]:
         """Return the mass matrix, and its change."""
         k, n, m = len(self.change), len(self.model.coordinates), self.change.shape[2]
         mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics import growth
 from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES
-from xdynamics.dynamics.growth_arrays import Grown, Rows, Scheme, Tangent
-from xdynamics.dynamics.path import Path
+from xdynamics.dynamics.growth_arrays import Grown, GrowthScheme, Rows, Tangent
+from xdynamics.dynamics.path import RunPath
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
 from xdynamics.methods.tableau import differences
@@ -81,7 +81,7 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
     NotVariedError
         If the variational equations do not describe something in the run, or they are too stiff.
     """
-    path = Path(run, functions)
+    path = RunPath(run, functions)
     path.check()
     n = path.size
     m = count_of(n, vectors)
@@ -148,7 +148,7 @@ def _tangent(n: int, m: int, pace: float) -> Tangent:
 
 
 @lru_cache
-def _scheme(most_pieces: int) -> Scheme:
+def _scheme(most_pieces: int) -> GrowthScheme:
     """Return the coefficients of dop853."""
     a = np.zeros((STAGES, STAGES))
     for i, row in enumerate(DOP853_TABLEAU.a[:STAGES]):
@@ -157,7 +157,7 @@ def _scheme(most_pieces: int) -> Scheme:
     b, c, fifth, third_order = (
         _numbers(weights[:STAGES]) for weights in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
     )
-    return Scheme(a, b, c, fifth, third_order, TOLERANCE, most_pieces)
+    return GrowthScheme(a, b, c, fifth, third_order, TOLERANCE, most_pieces)
 
 
 def _numbers(texts: tuple[str, ...]) -> Floats:

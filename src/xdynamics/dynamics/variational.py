@@ -137,7 +137,7 @@ def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, st
 
 
 @dataclass(frozen=True)
-class Along:
+class Variations:
     """The changes of one run along its steps.
 
     Attributes

@@ -18,7 +18,7 @@ _COMPARED = {
 }  # fmt: skip
 
 
-class Lines:
+class FunctionLines:
     """The lines of one function, whose values have one number per lane.
 
     Parameters
@@ -38,7 +38,7 @@ class Lines:
         scalar = {"n": "double", "w": "i64", "t": "i1", "p": "ptr"}[letter]
         return scalar if self.lanes == 1 else f"<{self.lanes} x {scalar}>"
 
-    def constant(self, value: float | int) -> Written:
+    def constant(self, value: float | int) -> LaneValue:
         """Write a constant as an operand: a truth, a whole number in digits, any other with all its bits."""
         if isinstance(value, bool):
             return self._repeated("t", "i1", str(value).lower())
@@ -46,18 +46,18 @@ class Lines:
             return self._repeated("w", "i64", str(value))
         return self._repeated("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
 
-    def value(self, value: Written | float | int) -> Written:
+    def value(self, value: LaneValue | float | int) -> LaneValue:
         """Return a value, which may be a constant, as an operand."""
-        return value if isinstance(value, Written) else self.constant(value)
+        return value if isinstance(value, LaneValue) else self.constant(value)
 
-    def _repeated(self, letter: str, scalar: str, text: str) -> Written:
-        return Written(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
+    def _repeated(self, letter: str, scalar: str, text: str) -> LaneValue:
+        return LaneValue(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
 
-    def line(self, letter: str, text: str) -> Written:
+    def line(self, letter: str, text: str) -> LaneValue:
         """Write a line and return its value."""
         self._count += 1
         self.lines.append(f"%v.{self._count} = {text}")  # no array's name has a dot
-        return Written(self, letter, f"%v.{self._count}")
+        return LaneValue(self, letter, f"%v.{self._count}")
 
     def label(self) -> str:
         """Return a name for a block."""
@@ -69,15 +69,15 @@ class Lines:
         self.lines.append(f"{label}:")
         self.block = label
 
-    def broadcast(self, letter: str, scalar: str) -> Written:
+    def broadcast(self, letter: str, scalar: str) -> LaneValue:
         """Return one number, whole number or truth in every lane."""
         if self.lanes == 1:
-            return Written(self, letter, scalar)
+            return LaneValue(self, letter, scalar)
         one, kind = {"n": "double", "w": "i64", "t": "i1"}[letter], self.kind(letter)
         first = self.line(letter, f"insertelement {kind} poison, {one} {scalar}, i64 0").text
         return self.line(letter, f"shufflevector {kind} {first}, {kind} poison, <{self.lanes} x i32> zeroinitializer")
 
-    def read(self, letter: str, origin: str, index: Written) -> Written:
+    def read(self, letter: str, origin: str, index: LaneValue) -> LaneValue:
         """Return an element of an array that all lanes share, in each lane that of its index."""
         scalar, kind = {"n": "double", "w": "i64"}[letter], self.kind(letter)
         place = self.line("p", f"getelementptr {scalar}, ptr {origin}, {self.kind('w')} {index.text}").text
@@ -89,11 +89,15 @@ class Lines:
             f"({self.kind('p')} {place}, i32 8, {self.kind('t')} {self.constant(value=True).text}, {kind} poison)",
         )
 
-    def by_lane(self, function: Callable[..., Written], given: Sequence[Written]) -> Written:
+    def by_lane(self, function: Callable[..., LaneValue], given: Sequence[LaneValue]) -> LaneValue:
         """Return a function of single numbers, computed for one lane after the other."""
         if self.lanes == 1:
             return function(*given)
-        lanes, kinds, vector = self.lanes, [self.kind(number.letter) for number in given], Written(self, "n", "poison")
+        lanes, kinds, vector = (
+            self.lanes,
+            [self.kind(number.letter) for number in given],
+            LaneValue(self, "n", "poison"),
+        )
         for lane in range(lanes):
             self.lanes = 1
             scalars = [
@@ -105,14 +109,14 @@ class Lines:
             vector = self.line("n", f"insertelement {self.kind('n')} {vector.text}, double {value}, i64 {lane}")
         return vector
 
-    def some(self, truth: Written) -> str:
+    def some(self, truth: LaneValue) -> str:
         """Return whether a truth holds in some lane."""
         if self.lanes == 1:
             return truth.text
         bits = self.line("w", f"bitcast {self.kind('t')} {truth.text} to i{self.lanes}").text
         return self.line("t", f"icmp ne i{self.lanes} {bits}, 0").text
 
-    def call(self, name: str, given: list[Written]) -> Written:
+    def call(self, name: str, given: list[LaneValue]) -> LaneValue:
         """Call a function of numbers."""
         arguments = ", ".join(f"{self.kind('n')} {argument.text}" for argument in given)
         return self.line("n", f"call {self.kind('n')} @{name}({arguments})")
@@ -123,134 +127,134 @@ class Lines:
         return scalar if self.lanes == 1 else f"v{self.lanes}{scalar}"
 
 
-class Written:
+class LaneValue:
     """A value of the text: a number, a whole number or a truth, in every lane."""
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __init__(self, lines: Lines, letter: str, text: str) -> None:
+    def __init__(self, lines: FunctionLines, letter: str, text: str) -> None:
         self._lines = lines
         self.letter = letter
         self.text = text
 
-    def alike(self, value: Any) -> Written:
+    def alike(self, value: Any) -> LaneValue:
         """Return a value, which may be a constant, as a written one of the same kind."""
-        if isinstance(value, Written):
+        if isinstance(value, LaneValue):
             return value
         return self._lines.constant(float(value) if self.letter == "n" else value)
 
-    def _binary(self, sign: str, left: Any, right: Any) -> Written:
+    def _binary(self, sign: str, left: Any, right: Any) -> LaneValue:
         first, second = self.alike(left), self.alike(right)
         instruction = _INSTRUCTIONS[sign][self.letter != "n"]
         return self._lines.line(
             self.letter, f"{instruction} {self._lines.kind(self.letter)} {first.text}, {second.text}"
         )
 
-    def _compared(self, sign: str, other: Any) -> Written:
+    def _compared(self, sign: str, other: Any) -> LaneValue:
         instruction = _COMPARED[sign][self.letter != "n"]
         return self._lines.line(
             "t", f"{instruction} {self._lines.kind(self.letter)} {self.text}, {self.alike(other).text}"
         )
 
-    def __add__(self, other: Any) -> Written:
+    def __add__(self, other: Any) -> LaneValue:
         return self._binary("+", self, other)
 
-    def __radd__(self, other: Any) -> Written:
+    def __radd__(self, other: Any) -> LaneValue:
         return self._binary("+", other, self)
 
-    def __sub__(self, other: Any) -> Written:
+    def __sub__(self, other: Any) -> LaneValue:
         return self._binary("-", self, other)
 
-    def __rsub__(self, other: Any) -> Written:
+    def __rsub__(self, other: Any) -> LaneValue:
         return self._binary("-", other, self)
 
-    def __mul__(self, other: Any) -> Written:
+    def __mul__(self, other: Any) -> LaneValue:
         return self._binary("*", self, other)
 
-    def __rmul__(self, other: Any) -> Written:
+    def __rmul__(self, other: Any) -> LaneValue:
         return self._binary("*", other, self)
 
-    def __truediv__(self, other: Any) -> Written:
+    def __truediv__(self, other: Any) -> LaneValue:
         return self._binary("/", self, other)
 
-    def __rtruediv__(self, other: Any) -> Written:
+    def __rtruediv__(self, other: Any) -> LaneValue:
         return self._binary("/", other, self)
 
-    def __and__(self, other: Any) -> Written:
+    def __and__(self, other: Any) -> LaneValue:
         return self._binary("&", self, other)
 
-    def __rand__(self, other: Any) -> Written:
+    def __rand__(self, other: Any) -> LaneValue:
         return self._binary("&", other, self)
 
-    def __or__(self, other: Any) -> Written:
+    def __or__(self, other: Any) -> LaneValue:
         return self._binary("|", self, other)
 
-    def __ror__(self, other: Any) -> Written:
+    def __ror__(self, other: Any) -> LaneValue:
         return self._binary("|", other, self)
 
-    def __xor__(self, other: Any) -> Written:
+    def __xor__(self, other: Any) -> LaneValue:
         return self._binary("^", self, other)
 
-    def __lshift__(self, other: Any) -> Written:
+    def __lshift__(self, other: Any) -> LaneValue:
         return self._binary("<<", self, other)
 
-    def __rshift__(self, other: Any) -> Written:
+    def __rshift__(self, other: Any) -> LaneValue:
         return self._binary(">>", self, other)
 
-    def __neg__(self) -> Written:
+    def __neg__(self) -> LaneValue:
         return self._lines.line("n", f"fneg {self._lines.kind('n')} {self.text}")
 
-    def __lt__(self, other: Any) -> Written:
+    def __lt__(self, other: Any) -> LaneValue:
         return self._compared("<", other)
 
-    def __le__(self, other: Any) -> Written:
+    def __le__(self, other: Any) -> LaneValue:
         return self._compared("<=", other)
 
-    def __gt__(self, other: Any) -> Written:
+    def __gt__(self, other: Any) -> LaneValue:
         return self._compared(">", other)
 
-    def __ge__(self, other: Any) -> Written:
+    def __ge__(self, other: Any) -> LaneValue:
         return self._compared(">=", other)
 
-    def __eq__(self, other: Any) -> Written:  # type: ignore[override]
+    def __eq__(self, other: Any) -> LaneValue:  # type: ignore[override]
         return self._compared("==", other)
 
-    def __ne__(self, other: Any) -> Written:  # type: ignore[override]
+    def __ne__(self, other: Any) -> LaneValue:  # type: ignore[override]
         return self._compared("!=", other)
 
-    def bits(self) -> Written:
+    def bits(self) -> LaneValue:
         """Return the bits of a number."""
         return self._lines.line("w", f"bitcast {self._lines.kind('n')} {self.text} to {self._lines.kind('w')}")
 
-    def number(self) -> Written:
+    def number(self) -> LaneValue:
         """Return the number that has these bits."""
         return self._lines.line("n", f"bitcast {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
 
-    def converted(self) -> Written:
+    def converted(self) -> LaneValue:
         """Return a whole number as a number."""
         return self._lines.line("n", f"sitofp {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
 
-    def sqrt(self) -> Written:
+    def sqrt(self) -> LaneValue:
         """Return the square root."""
         return self._lines.call(f"llvm.sqrt.{self._lines.suffix()}", [self])
 
-    def floor(self) -> Written:
+    def floor(self) -> LaneValue:
         """Return the greatest whole number that is at most this one."""
         return self._lines.call(f"llvm.floor.{self._lines.suffix()}", [self])
 
-    def absolute(self) -> Written:
+    def absolute(self) -> LaneValue:
         """Return the absolute value."""
         return self._lines.call(f"llvm.fabs.{self._lines.suffix()}", [self])
 
-    def signed(self, like: Written) -> Written:
+    def signed(self, like: LaneValue) -> LaneValue:
         """Return the absolute value with another number's sign."""
         return self._lines.call(f"llvm.copysign.{self._lines.suffix()}", [self, like])
 
-    def choose(self, yes: Any, no: Any) -> Written:
+    def choose(self, yes: Any, no: Any) -> LaneValue:
         """Return one of two values."""
-        if not isinstance(yes, Written) and not isinstance(no, Written):
+        if not isinstance(yes, LaneValue) and not isinstance(no, LaneValue):
             yes = self._lines.constant(yes)
-        like = yes if isinstance(yes, Written) else no
+        like = yes if isinstance(yes, LaneValue) else no
         first, second = like.alike(yes), like.alike(no)
         kind = self._lines.kind(like.letter)
         return self._lines.line(
@@ -258,7 +262,7 @@ class Written:
             f"select {self._lines.kind('t')} {self.text}, {kind} {first.text}, {kind} {second.text}, !unpredictable !0",
         )
 
-    def entry(self, table: str) -> Written:
+    def entry(self, table: str) -> LaneValue:
         """Return an entry of a table, which may differ between lanes."""
         self._lines.tables.add(table)
         return self._lines.read("w" if isinstance(TABLES[table][0], int) else "n", f"@table_{table}", self)
@@ -293,14 +297,14 @@ class Written:
         return tuple(joined) if isinstance(usual, tuple) else joined[0]
 
     def repeated(
-        self, truth: Callable[..., Written], step: Callable[..., tuple[Written, ...]], state: tuple[Written, ...]
-    ) -> tuple[Written, ...]:
+        self, truth: Callable[..., LaneValue], step: Callable[..., tuple[LaneValue, ...]], state: tuple[LaneValue, ...]
+    ) -> tuple[LaneValue, ...]:
         """Repeat a step of a state, of which this is the first number, while a truth holds in some lane."""
         lines, previous_block = self._lines, self._lines.block
         test, body, end = lines.label(), lines.label(), lines.label()
         lines.lines.append(f"br label %{test}")
         lines.begin(test)
-        now = tuple(Written(lines, part.letter, f"%{test}.{k}") for k, part in enumerate(state))
+        now = tuple(LaneValue(lines, part.letter, f"%{test}.{k}") for k, part in enumerate(state))
         place, holds = len(lines.lines), truth(*now)
         lines.lines.append(f"br i1 {lines.some(holds)}, label %{body}, label %{end}")
         lines.begin(body)

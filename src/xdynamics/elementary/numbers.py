@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.elementary.llvm_numbers import Written
+from xdynamics.elementary.llvm_numbers import LaneValue
 from xdynamics.elementary.tables import TABLES
 
 Number = Any  # a float, an array of floats, or a written one
@@ -77,7 +77,7 @@ def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) 
     """Return the usual result where a truth holds, and elsewhere the unusual one, computed only if it is needed."""
     if isinstance(truth, bool | np.bool_):
         return usual() if truth else unusual()
-    if isinstance(truth, Written):
+    if isinstance(truth, LaneValue):
         return truth.usually(usual(), unusual)
     if truth.all():
         return usual()
@@ -94,7 +94,7 @@ def repeated(truth: Callable[..., Truth], step: Callable[..., tuple[Any, ...]], 
 
     Of a written state every number is written; of arrays, a further step is to keep what has ended.
     """
-    if isinstance(state[0], Written):
+    if isinstance(state[0], LaneValue):
         return state[0].repeated(truth, step, state)
     while np.any(truth(*state)):
         state = step(*state)
@@ -110,7 +110,7 @@ def sqrt(x: Number) -> Number:
 
 def floor(x: Number) -> Number:
     """Return the greatest whole number that is at most x."""
-    if isinstance(x, Written):
+    if isinstance(x, LaneValue):
         return x.floor()
     return np.floor(x) if isinstance(x, np.ndarray) else float(np.floor(x))
 
@@ -143,7 +143,7 @@ def quotient(x: Number, y: Number) -> Number:
 
 def absolute(x: Number) -> Number:
     """Return |x|."""
-    return x.absolute() if isinstance(x, Written) else abs(x)
+    return x.absolute() if isinstance(x, LaneValue) else abs(x)
 
 
 def signed(x: Number, like: Number) -> Number:

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
 from xdynamics.elementary.intervals import Intervals
-from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import Number
 from xdynamics.elementary.rounding_margins import LEAST
 from xdynamics.elementary.sets import SETS
@@ -24,15 +24,15 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
     `@elementary_sin.8` is that of eight numbers in a text of another number of lanes.
     """
     own, _, wide = name.partition(".")
-    lines = Lines(int(wide or lanes))
+    lines = FunctionLines(int(wide or lanes))
     function = TOGETHER.get(own) or SETS[math_functions][own]
-    arguments = [Written(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
+    arguments = [LaneValue(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
     result, kind, returned = function(*arguments), lines.kind("n"), lines.kind("n")
     if isinstance(result, tuple):
         returned, aggregate = struct_of(own, lines.lanes), "poison"
         for i, item in enumerate(result):
             aggregate = lines.line("n", f"insertvalue {returned} {aggregate}, {kind} {item.text}, {i}").text
-        result = Written(lines, "n", aggregate)
+        result = LaneValue(lines, "n", aggregate)
     signature = ", ".join(f"{kind} {item.text}" for item in arguments)
     body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
     text = (
@@ -47,7 +47,7 @@ def called_in(text: str) -> Counter[str]:
     return Counter(re.findall(r"call .*@elementary_(\w+(?:\.\d+)?)\(", text))
 
 
-def written_intervals(lines: Lines, margin: Number = LEAST, *, rough: bool) -> Intervals:
+def written_intervals(lines: FunctionLines, margin: Number = LEAST, *, rough: bool) -> Intervals:
     """Return the operations on intervals for bounds that are written as lines, which call the elementary functions."""
     functions = {name: lambda x, name=name: lines.call(f"elementary_{name}", [x]) for name in FUNCTIONS}
     return Intervals(functions, margin, rough)
@@ -56,7 +56,7 @@ def written_intervals(lines: Lines, margin: Number = LEAST, *, rough: bool) -> I
 def struct_of(name: str, lanes: int) -> str:
     """Return the LLVM type of the results of functions that are computed together."""
     count = sum(pair == name for pair, _ in PAIRS.values())
-    return f"{{ {', '.join([Lines(lanes).kind('n')] * count)} }}"
+    return f"{{ {', '.join([FunctionLines(lanes).kind('n')] * count)} }}"
 
 
 def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAME) -> str:
@@ -84,7 +84,7 @@ def declarations(*lanes: int) -> str:
 
 
 def _declared(lanes: int) -> str:
-    lines = Lines(lanes)
+    lines = FunctionLines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
     printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs", "floor")]
     printed.append(f"declare {number} @llvm.copysign.{suffix}({number}, {number})")
@@ -102,7 +102,7 @@ def _declared(lanes: int) -> str:
 
 def _table(name: str) -> str:
     table = TABLES[name]
-    lines = Lines(1)
+    lines = FunctionLines(1)
     kind = lines.kind("w" if isinstance(table[0], int) else "n")
     entries = ", ".join(f"{kind} {lines.constant(value).text}" for value in table)
     return f"@table_{name} = internal constant [{len(table)} x {kind}] [{entries}]"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.memory import most_megabytes
-from xdynamics.evidence.stored_columns import Part, StoredColumns
+from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.record.columns import state_name
@@ -117,7 +117,7 @@ class Unread(Chunks):
         super().__init__(run, model)
         self.listed = listed
 
-    def parts(self, *names: str) -> Iterator[Part]:  # noqa: ARG002 - as of rows that can be read
+    def parts(self, *names: str) -> Iterator[RowRange]:  # noqa: ARG002 - as of rows that can be read
         """Yield none."""
         yield from ()
 

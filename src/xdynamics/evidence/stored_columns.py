@@ -17,7 +17,7 @@ Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Part:
+class RowRange:
     """Consecutive rows of some columns, with the row before them and the row after them, where there are such.
 
     Attributes
@@ -68,7 +68,7 @@ class StoredColumns:
         self._kept, self._room, self._lasting = kept, room, lasting
         self._columns: dict[str, _Column] = {}
 
-    def parts(self, *names: str) -> Iterator[Part]:
+    def parts(self, *names: str) -> Iterator[RowRange]:
         """Yield all rows of some columns in order, as they are stored."""
         columns = [self._column(name) for name in names]
         borders = np.unique(np.concatenate([column.borders for column in columns]))
@@ -76,7 +76,7 @@ class StoredColumns:
             low, high = max(begin - 1, 0), min(end + 1, self.size)
             self._read(columns, low, high)
             values = {name: column.stretch(low, high) for name, column in zip(names, columns, strict=True)}
-            yield Part(begin, end - begin, begin - low, values)
+            yield RowRange(begin, end - begin, begin - low, values)
             for name, column in zip(names, columns, strict=True):
                 self._forget(name, column, end - 1)
         for name, column in zip(names, columns, strict=True):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.stages import computed
-from xdynamics.evidence.stored_columns import Part, StoredColumns
+from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes
 from xdynamics.figures.lattice import moments_of
 from xdynamics.figures.lines import strobes
@@ -95,8 +95,8 @@ def _kept(
     dim: str,
     names: list[str],
     most: int,
-    others: Callable[[Part], Iterator[Any]],
-    functions: Callable[[Part], Iterator[Any]] | None = None,
+    others: Callable[[RowRange], Iterator[Any]],
+    functions: Callable[[RowRange], Iterator[Any]] | None = None,
 ) -> xr.Dataset:
     """Read columns along a dimension chunk by chunk; keep extremes of each stretch of them, and other rows.
 
@@ -203,7 +203,7 @@ class _Shown:
         """The largest changes of the total energy by what causes them, where they are known."""
         return None if self.energy is None else self.energy.largest
 
-    def rows_of(self, part: Part) -> Iterator[Any]:
+    def rows_of(self, part: RowRange) -> Iterator[Any]:
         """Yield rows of a part, by their places in its columns."""
         time, numbers = part.columns["time"], part.numbers
         middle = np.array([0, (self.size - 1) // 2, self.size // 2, self.size - 1])  # the median of the times, too
@@ -226,7 +226,7 @@ class _Shown:
             self.changes += changed.size
             yield from (changed, changed - 1)
 
-    def _columns_of(self, part: Part) -> xr.Dataset:
+    def _columns_of(self, part: RowRange) -> xr.Dataset:
         """Return a part with the row before it as a record in memory."""
         import xarray as xr
 
@@ -238,7 +238,7 @@ class _Shown:
         }
         return xr.Dataset(columns, attrs=self.run.attrs)
 
-    def functions(self, part: Part) -> Iterator[Any]:
+    def functions(self, part: RowRange) -> Iterator[Any]:
         """Yield where the model's plane has its bodies."""
         if self.model is None or not {*self.model.coordinates} <= {*part.columns}:
             return

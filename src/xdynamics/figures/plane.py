@@ -37,7 +37,7 @@ THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
 @dataclass(frozen=True)
-class Path:
+class BodyPath:
     """Where one body is.
 
     Attributes
@@ -61,7 +61,7 @@ class Path:
     body: str = ""
 
 
-def views(run: xr.Dataset) -> list[list[Path]]:
+def views(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the paths in each view of the plane: all bodies together, or two coordinates per view."""
     model = _model(run)
     if model is not None and model.pictured.plane:
@@ -79,11 +79,11 @@ def views(run: xr.Dataset) -> list[list[Path]]:
             for across, up in combinations(names, 2):
                 (times, x), (_, y) = _line(run, across), _line(run, up)
                 if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
-                    pairs.append([Path(across, up, units, times, x, y)])
+                    pairs.append([BodyPath(across, up, units, times, x, y)])
     return pairs
 
 
-def _of_bodies(run: xr.Dataset, model: Model) -> list[list[Path]]:
+def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
     """Return the views of positions whose last dimension has two or three elements: all bodies together."""
     shapes, pairs = model.shapes, []
     for name, part in model.shaped.coordinates.items():
@@ -100,7 +100,7 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[Path]]:
                     return []
                 (times, x), (_, y) = (_line(run, end) for end in ends)
                 labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
-                view.append(Path(across, up, part.unit.text, times, x, y, labels))
+                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels))
             largest = [max(np.ptp(path.x) for path in view), max(np.ptp(path.y) for path in view)]
             if min(largest) > THIN * max(largest):
                 pairs.append(view)
@@ -126,7 +126,7 @@ def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
     return np.concatenate(links)
 
 
-def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
+def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
     every, view = view, view[:MOST_BODIES]
     for k, body in enumerate(view):
@@ -146,12 +146,12 @@ def draw(run: xr.Dataset, view: list[Path], beside: Beside, axes: Axes) -> None:
     axes.set_title(f"the plane (dot: start){left_out(every)}{straight(run, *coordinates)}", loc="left", fontsize=10)
 
 
-def left_out(view: list[Path]) -> str:
+def left_out(view: list[BodyPath]) -> str:
     """Note how many bodies of a view are not drawn, if there are any."""
     return f", {MOST_BODIES} of {len(view)} bodies" if len(view) > MOST_BODIES else ""
 
 
-def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
+def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
     """Draw where other runs have the same coordinates."""
     for k, (label, columns) in enumerate(beside):
         for body in view:
@@ -165,7 +165,7 @@ def _overlay(view: list[Path], beside: Beside, axes: Axes) -> None:
                 axes.plot(x, *here, color=COLOURS[(k + 1) % len(COLOURS)], linewidth=1.2, alpha=0.8, label=words(label))
 
 
-def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
+def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     """Mark where bodies are at the first events of each name."""
     if not run.sizes.get("event", 0) or "event_time" not in run:
         _legend(view, axes)
@@ -189,7 +189,7 @@ def _mark(run: xr.Dataset, view: list[Path], axes: Axes) -> None:
     _legend(view, axes)
 
 
-def _legend(view: list[Path], axes: Axes) -> None:
+def _legend(view: list[BodyPath], axes: Axes) -> None:
     """Name what is drawn; where there are several bodies, beside the axes."""
     if not axes.get_legend_handles_labels()[0]:
         return
@@ -209,7 +209,7 @@ def _model(run: xr.Dataset) -> Model | None:
     return model_of(run, None) if "model_toml" in run else None
 
 
-def _named(run: xr.Dataset, model: Model) -> list[Path]:
+def _named(run: xr.Dataset, model: Model) -> list[BodyPath]:
     """Evaluate the pairs that a model names along the run."""
     states: dict[str, Any] = {}
     times = run["time"].values
@@ -220,7 +220,7 @@ def _named(run: xr.Dataset, model: Model) -> list[Path]:
     bodies = []
     for pair, (x, y) in zip(model.pictured.plane, positions(model, times, states), strict=True):
         unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
-        bodies.append(Path(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
+        bodies.append(BodyPath(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
     return bodies
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.marks import COLOURS, typeset, words
-from xdynamics.figures.plane import MOST_BODIES, Path, drawn_links, left_out, views
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, drawn_links, left_out, views
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,14 +60,14 @@ class Bodies:
 
     Attributes
     ----------
-    view : list of Path
+    view : list of BodyPath
     links : ndarray of int, shape (m, 2)
         Which bodies have a line between them.
     trail : float, optional
         How far back trails go; a tenth of the run.
     """
 
-    view: list[Path]
+    view: list[BodyPath]
     links: NDArray[np.int_]
     trail: float | None = None
     _dots: Any = None
@@ -127,7 +127,7 @@ class Bodies:
         return [self._trails, self._lines, self._dots]
 
 
-def _trail(body: Path, begin: float, end: float) -> Floats:
+def _trail(body: BodyPath, begin: float, end: float) -> Floats:
     """Return where a body was from one time to another, shape (n, 2): all points of its path, or some of very many."""
     first, last = (int(row) for row in np.searchsorted(body.times, (begin, end)))
     every = max(1, (last - first) // MOST_TRAILED)

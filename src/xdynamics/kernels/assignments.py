@@ -21,7 +21,7 @@ from xdynamics.expressions import (
     exponent_of,
     shown,
 )
-from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, Store
+from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
 
 OPERATIONS = {
     "+": "add",
@@ -132,7 +132,7 @@ class Assignments:
 
     def store(self, place: Place, value: Operand) -> None:
         """Write to a place."""
-        self.lines.append(Store(place, value))
+        self.lines.append(StoreTo(place, value))
 
     def _joined(self, node: Binary, left: Operand) -> Operand:
         """Write a binary node whose left operand is already written."""

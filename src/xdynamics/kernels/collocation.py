@@ -11,7 +11,6 @@ from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.program import (
     AT,
     REGIME,
-    Call,
     Compute,
     H,
     Instruction,
@@ -20,11 +19,12 @@ from xdynamics.kernels.program import (
     Operand,
     Place,
     Program,
-    Store,
+    ProgramCall,
+    StoreTo,
     T,
     element,
 )
-from xdynamics.kernels.radau_memory import Memory
+from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.kernels.radau_systems import factorisation, solve_complex, solve_real
 from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
@@ -76,19 +76,19 @@ verdict = where(size - size == 0, where(so_far == 0, close, so_far), 2)
 """
 
 
-class Collocation:
+class CollocationStep:
     """The parts of a Radau IIA step in lanes.
 
     Parameters
     ----------
-    memory : Memory
+    memory : RadauMemory
     atol : int
         Where in `w` a lane's absolute tolerances begin.
     follows : bool
         Whether some tolerances follow their variables.
     """
 
-    def __init__(self, memory: Memory, atol: int, *, follows: bool) -> None:
+    def __init__(self, memory: RadauMemory, atol: int, *, follows: bool) -> None:
         self._memory, self._atol, self._follows = memory, atol, follows
         self._layout, self._used, self._n = memory.layout, memory.used, memory.n
         self._body: list[Instruction] = []
@@ -124,7 +124,7 @@ class Collocation:
             Load("_y", element("y")),
             Load("_stage", element("w", self._memory.place("stages", 2 * self._used).offset)),
             Compute("_sum", "add", ("_y", "_stage")),
-            Store(element("z"), "_sum"),
+            StoreTo(element("z"), "_sum"),
         )
         return (Loop("i", self._used, body),)
 
@@ -150,7 +150,7 @@ class Collocation:
         f.store(Place(f"at_{name}", T), time)
         f.store(Place(f"at_{name}", REGIME), f.load(Place("at", REGIME)))
         self._flushed(f)
-        self._body.append(Call("forces", f"at_{name}", name, name))
+        self._body.append(ProgramCall("forces", f"at_{name}", name, name))
         return [values[self._n + i] if i < self._n else f.load(Place(name, self._slope(i))) for i in range(self._used)]
 
     def _finished(self, name: str, about: str, f: Formulas, **local: int) -> Program:
@@ -162,8 +162,8 @@ class Collocation:
         """Evaluate the derivatives at the state in lanes that lack them: `radau.freshen`."""
         f, record, entries = self._memory.formulas("_"), self._layout.record.size, len(self._layout.couplings)
         self._body = [
-            Loop("i", record, (Load("_state", element("y")), Store(element("state"), "_state"))),
-            Call("linearised", "at", "state", "state", "found"),
+            Loop("i", record, (Load("_state", element("y")), StoreTo(element("state"), "_state"))),
+            ProgramCall("linearised", "at", "state", "state", "found"),
         ]
         for k in range(entries):
             place = self._memory.place("slopes", k)

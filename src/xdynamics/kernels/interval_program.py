@@ -88,7 +88,7 @@ class Enclosing:
 @lru_cache(maxsize=64)
 def enclosing(layout: Layout) -> Enclosing:
     """Print the event functions of a model, and their derivatives along the motion, as rows."""
-    return _Printer(layout).printed()
+    return _IntervalPrinter(layout).printed()
 
 
 def can_be_watched(layout: Layout) -> bool:
@@ -141,7 +141,7 @@ def bounds(
     return lines, ends
 
 
-class _Printer:
+class _IntervalPrinter:
     """Gives every value of the assignments a place, and every assignment a row."""
 
     def __init__(self, layout: Layout) -> None:

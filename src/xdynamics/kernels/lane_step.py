@@ -11,27 +11,27 @@ from collections import namedtuple
 from itertools import pairwise
 
 from xdynamics.kernels import collocation, interval_program, model_programs, radau_lines, step_control
-from xdynamics.kernels.collocation import Collocation
+from xdynamics.kernels.collocation import CollocationStep
 from xdynamics.kernels.formulas import Formulas, parted
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
     AT,
     UNSOUND,
-    Call,
     Instruction,
     Load,
     Loop,
     Operand,
     Place,
     Program,
+    ProgramCall,
     Reduction,
-    Store,
+    StoreTo,
     When,
     While,
     element,
     soundness,
 )
-from xdynamics.kernels.radau_memory import Memory, width
+from xdynamics.kernels.radau_memory import RadauMemory, width
 from xdynamics.kernels.radau_systems import FACTORISE
 from xdynamics.methods.steppers import SIMPLIFIED
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
@@ -156,14 +156,16 @@ def stride(
 
     `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty.
     """
-    write, solves = _Writing(layout, followers), is_solved(layout)
+    write, solves = _LaneWriting(layout, followers), is_solved(layout)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
     write.lines(_READY)
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
     inner = write.solve() if solves else write.propose(programs)
     if layout.derived or layout.smooth:
         write.store("at", {"t": "reach"})
-        write.body.append(Call(DERIVED, "at", "z", "samples"))  # steps in lanes keep no samples, so there is room
+        write.body.append(
+            ProgramCall(DERIVED, "at", "z", "samples")
+        )  # steps in lanes keep no samples, so there is room
     write.load("finite_row", Place("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
@@ -181,7 +183,7 @@ def stride(
     return (*inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
 
 
-class _Writing:
+class _LaneWriting:
     """Writes lines of text, whose names are those of a lane or of earlier lines."""
 
     def __init__(self, layout: Layout, followers: tuple[bool, ...]) -> None:
@@ -201,7 +203,7 @@ class _Writing:
     def keep(self, text: str) -> None:
         """Write lines whose values go to the lane; each line sees what the lane had before."""
         write = self._next()
-        stores = [Store(self._places[target], write.of(expression)) for target, expression in parted(text)]
+        stores = [StoreTo(self._places[target], write.of(expression)) for target, expression in parted(text)]
         self.body += [*write.lines, *stores]
 
     def _component(self, text: str, places: dict[str, Place], **given: Operand) -> Formulas:
@@ -242,33 +244,33 @@ class _Writing:
     def store(self, array: str, values: dict[str, str]) -> None:
         """Write numbers to an array laid out as `at`."""
         write = self._next()
-        stores = [Store(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
+        stores = [StoreTo(Place(array, AT.index(name)), write.named(value)) for name, value in values.items()]
         self.body += [*write.lines, *stores]
 
     def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
         """Make the step by the lines of the method."""
-        self.body.append(Call("propose", "at", "y", "z"))
+        self.body.append(ProgramCall("propose", "at", "y", "z"))
         self.load("finite_step", Place("at", UNSOUND))
         return programs
 
     def solve(self) -> tuple[Program, ...]:
         """Make the step by iterations in all lanes until each has ended; return the programs called for it."""
         layout, follows = self._layout, any(self._followers)
-        memory = Memory(layout, self._places, of_collocation(layout))
-        inner = Collocation(memory, len(LANE), follows=follows)
+        memory = RadauMemory(layout, self._places, of_collocation(layout))
+        inner = CollocationStep(memory, len(LANE), follows=follows)
         self._places = places = memory.places
         self.body += inner.begin(self.known)
-        self.body.append(When(places["missing"], Call(collocation.LINEARISE, "at", "y", "z")))
-        self.body.append(When(places["unfactored"], Call(FACTORISE, "at", "y", "z")))
-        self.body.append(While(places["open"], Call(collocation.CORRECT, "at", "y", "z")))
+        self.body.append(When(places["missing"], ProgramCall(collocation.LINEARISE, "at", "y", "z")))
+        self.body.append(When(places["unfactored"], ProgramCall(FACTORISE, "at", "y", "z")))
+        self.body.append(While(places["open"], ProgramCall(collocation.CORRECT, "at", "y", "z")))
         self.body += inner.ended()
         self.store("at", {"t": "reach"})
-        self.body += [Call("forces", "at", "z", "z"), *inner.estimated()]
+        self.body += [ProgramCall("forces", "at", "z", "z"), *inner.estimated()]
         self.known["judged_first"] = self.error_norm()
         self.lines("solved = ready*(1 - vain)")
         self.known["ready"] = self.known["solved"]
         self.keep(_AGAIN)
-        self.body.append(When(places["again"], Call(collocation.ESTIMATE, "at", "y", "z")))
+        self.body.append(When(places["again"], ProgramCall(collocation.ESTIMATE, "at", "y", "z")))
         self.body.append(soundness("z", 0, layout.state.size, "finite_step"))
         self.known["finite_step"] = "finite_step"
         return (model_programs.linearised(layout), *inner.programs)
@@ -348,7 +350,7 @@ class _Writing:
                 self.load(f"{name}_smooth{i}", place)
                 self.known[name] = f"{name}_smooth{i}"
             self.lines(_PASSED)
-            self.body += [Store(place, self.known[f"new_{name}"]) for name, place in places.items()]
+            self.body += [StoreTo(place, self.known[f"new_{name}"]) for name, place in places.items()]
 
     def move(self, *, adaptive: bool) -> None:
         """Replace the old state by the new one in lanes that move."""
@@ -364,7 +366,7 @@ class _Writing:
             if detector.role == GAP:
                 write = self._next()
                 value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
-                self.body += [*write.lines, Store(Place("w", first + i), value)]
+                self.body += [*write.lines, StoreTo(Place("w", first + i), value)]
         self._moved(self._layout.record.size, "new", element("z"), element("y"))
 
     def _moved(self, count: int, value: str, new: Place, old: Place) -> None:

@@ -23,7 +23,7 @@ from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.newton_matrix import Equations
+from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
@@ -123,7 +123,7 @@ class Law:
         return hashlib.sha256(self.source.encode()).hexdigest()
 
     @property
-    def equations(self) -> tuple[Equations, ...]:
+    def equations(self) -> tuple[NewtonSystem, ...]:
         """What the step solves by Newton's method."""
         return self.printed.equations
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from xdynamics.kernels import cache, machine
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.newton_matrix import Equations
+from xdynamics.kernels.newton_matrix import NewtonSystem
 
 _ROOMS = (
     "kernels",
@@ -45,7 +45,7 @@ class Printed:
     source: str
     names: tuple[str, ...]
     memory: int
-    equations: tuple[Equations, ...]
+    equations: tuple[NewtonSystem, ...]
 
 
 def key_of(layout: Layout, *, sampled: bool) -> str:
@@ -82,9 +82,9 @@ def _name(key: str) -> str:
     return f"form-{key}.o"
 
 
-def _equations(fields: list[Any]) -> Equations:
+def _equations(fields: list[Any]) -> NewtonSystem:
     evaluations, residuals, unknowns, entries = fields
-    return Equations(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)))
+    return NewtonSystem(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)))
 
 
 @lru_cache(maxsize=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.kernels.program import ARRAYS, Place, Program
 
 
@@ -37,21 +37,21 @@ class Places:
     Parameters
     ----------
     program : Program
-    lines : Lines
+    lines : FunctionLines
         Where addresses are written.
     runs : int
         Numbers of an element: one for each run.
     """
 
-    def __init__(self, program: Program, lines: Lines, runs: int) -> None:
+    def __init__(self, program: Program, lines: FunctionLines, runs: int) -> None:
         self._program, self._lines, self._runs = program, lines, runs
         self.indices: dict[str, Index] = {}
 
-    def load(self, place: Place) -> Written:
+    def load(self, place: Place) -> LaneValue:
         """Read a number in every lane."""
         return self._read("n", place)
 
-    def store(self, place: Place, value: Written) -> None:
+    def store(self, place: Place, value: LaneValue) -> None:
         """Write a number of every lane."""
         lines, kind, steps = self._lines, self._lines.kind("n"), self._steps(place)
         if steps is not None:
@@ -67,13 +67,13 @@ class Places:
         found = self._read("w", place)
         self.indices[index] = Index(found.text, each=self._differs(place))
 
-    def ordinal(self, index: str) -> Written:
+    def ordinal(self, index: str) -> LaneValue:
         """Return an index as a number in every lane."""
         lines, of = self._lines, self.indices[index]
         if isinstance(of.value, int):
             return lines.constant(float(of.value))
-        whole = Written(lines, "w", of.value) if of.each else lines.broadcast("w", of.value)
-        return (whole + Written(lines, "w", self._lanes_times(of.step)) if of.step else whole).converted()
+        whole = LaneValue(lines, "w", of.value) if of.each else lines.broadcast("w", of.value)
+        return (whole + LaneValue(lines, "w", self._lanes_times(of.step)) if of.step else whole).converted()
 
     def pointer(self, place: Place) -> str:
         """Return the address of an element of a given array, a view, a local array or a table: of the first lane's."""
@@ -104,11 +104,11 @@ class Places:
         far = self._line(f"mul i64 {number}, %_apart")
         return self._line(f"getelementptr {self._lines.kind('n')}, ptr %_z, i64 {far}")
 
-    def _read(self, letter: str, place: Place) -> Written:
+    def _read(self, letter: str, place: Place) -> LaneValue:
         lines, scalar = self._lines, {"n": "double", "w": "i64"}[letter]
         origin, steps = self.pointer(place), self._steps(place)
         if steps is not None:
-            return lines.read(letter, origin, Written(lines, "w", steps))
+            return lines.read(letter, origin, LaneValue(lines, "w", steps))
         if self._differs(place) or (letter == "n" and self._runs == lines.lanes):
             return lines.line(letter, f"load {lines.kind(letter)}, ptr {origin}, align 8")
         found = lines.line(letter, f"load {scalar}, ptr {origin}, align 8")
@@ -122,8 +122,8 @@ class Places:
         """Return how far the lanes' elements are from the first place; None if they are one, or next to one another."""
         lines = self._lines
         own = sum(self.indices[name].step * stride for name, stride in place.strides)
-        steps = Written(lines, "w", self._lanes_times(own)) if own else None
-        scattered = [(Written(lines, "w", str(index.value)), stride) for index, stride in self._gathered(place)]
+        steps = LaneValue(lines, "w", self._lanes_times(own)) if own else None
+        scattered = [(LaneValue(lines, "w", str(index.value)), stride) for index, stride in self._gathered(place)]
         if not scattered and own in (0, 1):
             return None
         for value, stride in scattered:

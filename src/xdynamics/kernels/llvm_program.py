@@ -13,7 +13,7 @@ from functools import partial
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
 from xdynamics.elementary.intervals import Interval
-from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
 from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece
 from xdynamics.elementary.text import struct_of, written_intervals
@@ -24,7 +24,6 @@ from xdynamics.kernels.program import (
     AT,
     FLOAT,
     INTERVAL,
-    Call,
     Compute,
     Gather,
     Instruction,
@@ -34,8 +33,9 @@ from xdynamics.kernels.program import (
     Ordinal,
     Place,
     Program,
+    ProgramCall,
     Reduction,
-    Store,
+    StoreTo,
     When,
     While,
     nested,
@@ -50,7 +50,7 @@ UNSOUND = "unsound"
 LOOKED_UP = ("piece_of", "find_piece", *POLYNOMIALS)  # in tables: the piece of a drive of time, of an argument, …
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
 
-Value = Written | Interval
+Value = LaneValue | Interval
 
 
 def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
@@ -77,7 +77,7 @@ class ProgramText:
 
     def __init__(self, program: Program, runs: int, abreast: int = 1) -> None:
         self._program, self._runs, self._abreast = program, runs, abreast
-        self._lines = Lines(runs)
+        self._lines = FunctionLines(runs)
         self._intervals = written_intervals(self._lines, rough=True)
         self._places = Places(program, self._lines, runs)
         self._values: dict[str, Value] = {}
@@ -104,14 +104,14 @@ class ProgramText:
 
     def _answer(self, first: int, count: int) -> None:
         """Set `unsound`."""
-        self._print((soundness("z", first, count, "_sum"), Store(Place("at", AT.index(UNSOUND)), "_sum")))
+        self._print((soundness("z", first, count, "_sum"), StoreTo(Place("at", AT.index(UNSOUND)), "_sum")))
 
     def _print(self, body: Iterable[Instruction]) -> None:
         for line in body:
             match line:
                 case Load():
                     self._values[line.target] = self._places.load(line.place)
-                case Store():
+                case StoreTo():
                     self._places.store(line.place, self._number(line.value))
                 case Gather():
                     self._places.gather(line.index, line.place)
@@ -123,14 +123,14 @@ class ProgramText:
                     self._loop(line)
                 case Reduction():
                     self._reduce(line)
-                case Call():
+                case ProgramCall():
                     self._call(line)
                 case When() | While():
                     self._if_any(line)
 
     # -------------------------------------------------------------------------------------------------------- blocks
 
-    def _call(self, line: Call) -> None:
+    def _call(self, line: ProgramCall) -> None:
         passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
         arrays = [self._places.pointer(Place(passed.get(array, array))) for array in ARRAYS]
         self._put(f"call void @{line.program}.inner({', '.join(f'ptr {array}' for array in arrays)}, i64 1)")
@@ -173,7 +173,7 @@ class ProgramText:
 
     def _into_row(self, line: Loop) -> bool:
         """Whether a loop writes to a row of the log, whose elements are apart."""
-        written = {inner.place.array for inner in nested(line.body) if isinstance(inner, Store)}
+        written = {inner.place.array for inner in nested(line.body) if isinstance(inner, StoreTo)}
         return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in written)
 
     @contextmanager
@@ -235,7 +235,9 @@ class ProgramText:
         """Name what totals are where two ways through the text meet."""
         parts = [[self._lines.value(part) for part in _parts(total)] for total in totals]
         return [
-            _like(total, [Written(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(own)])
+            _like(
+                total, [LaneValue(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(own)]
+            )
             for i, (total, own) in enumerate(zip(totals, parts, strict=True))
         ]
 
@@ -289,7 +291,7 @@ class ProgramText:
                 ]
             return joined
 
-    def _side(self, line: Reduction, index: Index) -> Written:
+    def _side(self, line: Reduction, index: Index) -> LaneValue:
         """Return in which lanes a pass is before, or after, the number of the index that bounds it."""
         indices = self._places.indices
         indices[line.index] = index
@@ -315,7 +317,7 @@ class ProgramText:
         # a function that was passed in
         return self._lines.by_lane(lambda *scalars: self._lines.call(f"_{name}", list(scalars)), numbers)
 
-    def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> Written:
+    def _looked_up(self, name: str, arguments: tuple[Operand, ...]) -> LaneValue:
         """Find a piece of a table, or evaluate one; each lane may be in a different piece."""
         lines, drive = self._lines, arguments[-1]
         assert isinstance(drive, int)  # noqa: S101 - which table is known when the program is written
@@ -325,7 +327,7 @@ class ProgramText:
         first, count = (lines.line("w", f"load i64, ptr {place}, align 8").text for place in places[:2])
         origin = lines.line("p", f"getelementptr double, ptr %_tables, i64 {first}").text
 
-        def read(row: int, piece: Written) -> Written:
+        def read(row: int, piece: LaneValue) -> LaneValue:
             far = lines.line("w", f"mul i64 {count}, {row}").text
             begin = lines.line("p", f"getelementptr double, ptr {origin}, i64 {far}").text
             return lines.read("n", begin, piece)
@@ -334,10 +336,10 @@ class ProgramText:
         if name in POLYNOMIALS:  # no gathers: lanes that are in one piece read the same numbers
             return lines.by_lane(partial(POLYNOMIALS[name], read), given)
         found = find_piece(read, lines.broadcast("w", count), *given)
-        assert isinstance(found, Written)  # noqa: S101 - of written numbers
+        assert isinstance(found, LaneValue)  # noqa: S101 - of written numbers
         return found
 
-    def _one_of(self, pair: str, place: int, argument: str) -> Written:
+    def _one_of(self, pair: str, place: int, argument: str) -> LaneValue:
         """Compute functions of one argument together, and return one of them."""
         lines = self._lines
         kind = struct_of(pair, lines.lanes)
@@ -359,18 +361,18 @@ class ProgramText:
             self._values[operand] = _like(value, repeated)
         return self._values[operand]
 
-    def _number(self, operand: Operand) -> Written:
+    def _number(self, operand: Operand) -> LaneValue:
         value = self._operand(operand)
-        assert isinstance(value, Written)  # noqa: S101 - an interval is no operand of operations on numbers
+        assert isinstance(value, LaneValue)  # noqa: S101 - an interval is no operand of operations on numbers
         return value
 
     def _put(self, text: str) -> None:
         self._lines.lines.append(text)
 
 
-def _parts(value: Value) -> Sequence[Written]:
+def _parts(value: Value) -> Sequence[LaneValue]:
     return value if isinstance(value, Interval) else (value,)
 
 
-def _like(value: Value, parts: Sequence[Written]) -> Value:
+def _like(value: Value, parts: Sequence[LaneValue]) -> Value:
     return Interval(*parts) if isinstance(value, Interval) else parts[0]

@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable
 from xdynamics.elementary import NAME
 from xdynamics.elementary.text import called_in, declarations, definition, definitions
 from xdynamics.kernels.llvm_program import ProgramText
-from xdynamics.kernels.program import ARRAYS, TABLE, WORDS, Call, Program, When, While, size
+from xdynamics.kernels.program import ARRAYS, TABLE, WORDS, Program, ProgramCall, When, While, size
 
 INLINED = 1500  # instructions up to which a program is inlined
 _SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
@@ -71,7 +71,7 @@ def _size_of(name: str, lanes: int, math_functions: str) -> int:
 
 def _calls(program: Program, name: str) -> int:
     lines = (line.call if isinstance(line, When | While) else line for line in program.body)
-    return sum(isinstance(line, Call) and line.program == name for line in lines)
+    return sum(isinstance(line, ProgramCall) and line.program == name for line in lines)
 
 
 def _table(program: str, name: str, numbers: tuple[int, ...]) -> str:

@@ -13,7 +13,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
-from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, Store, element
+from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, StoreTo, element
 from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import followed, function_rate, python_values
@@ -210,7 +210,7 @@ def row(layout: Layout, memory: int) -> Program:
     step = lines.load(Place("at", AT.index("h")))
     lines.store(Place("z", 0), lines.named("t"))
     lines.store(Place("z", 1), step)
-    kept = Load("_kept", element("y")), Store(element("z", first), "_kept")
+    kept = Load("_kept", element("y")), StoreTo(element("z", first), "_kept")
     copied = Loop("i", layout.state.size, kept)
     first += layout.state.size
     _derived(nests, layout, first)
@@ -223,7 +223,7 @@ def row(layout: Layout, memory: int) -> Program:
         error = (
             Load("_error", element("e")),
             Compute("_made", "choose", (reached, "_error", 0.0)),
-            Store(element("z", first + 1), "_made"),
+            StoreTo(element("z", first + 1), "_made"),
         )
         body.append(Loop("i", layout.used.size, error))
         first += layout.errors.size

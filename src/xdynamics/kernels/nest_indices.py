@@ -17,7 +17,7 @@ class SplitError(Exception):
         self.index, self.at = index, at
 
 
-class Index(NamedTuple):
+class LoopIndex(NamedTuple):
     """The number of an element: that of a loop's index and a shift, or a known one.
 
     Attributes
@@ -45,8 +45,8 @@ class Index(NamedTuple):
 class Link(NamedTuple):
     """A link of a relation of every two, by its ends."""
 
-    first: Index
-    second: Index
+    first: LoopIndex
+    second: LoopIndex
 
     @property
     def level(self) -> int:
@@ -54,9 +54,9 @@ class Link(NamedTuple):
         return max(self.first.level, self.second.level)
 
 
-Env = Mapping[str, Index | Link]
+Env = Mapping[str, LoopIndex | Link]
 
 
-def known_number(number: int) -> Index:
+def known_number(number: int) -> LoopIndex:
     """Return the index of a known element."""
-    return Index("", number, number, number + 1)
+    return LoopIndex("", number, number, number + 1)

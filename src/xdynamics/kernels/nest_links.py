@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics.expressions import Along, Negative, Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.kernels.link_patterns import PIECES, Pattern, of_every_two, patterns, stretches
-from xdynamics.kernels.nest_indices import Env, Index, Link, SplitError, UnprintedError, known_number
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
 from xdynamics.kernels.nest_reductions import Reductions
 from xdynamics.kernels.program import Gather, Loop, Operand, Place, Reduction
 from xdynamics.shapes import Relation
@@ -22,7 +22,7 @@ LARGEST_TABLE = 200_000
 class LinkSums(Reductions):
     """Writes values at the ends of links, and what links give to the elements there."""
 
-    def _end(self, relation: Relation, function: str, link: Index | Link) -> Index:
+    def _end(self, relation: Relation, function: str, link: LoopIndex | Link) -> LoopIndex:
         """Return the element at an end of a link."""
         if isinstance(link, Link):
             return link.first if function == "first" else link.second
@@ -43,7 +43,7 @@ class LinkSums(Reductions):
             place = Place(self._table(table, numbers.tolist()), link.shift, ((link.name, 1),))
             self._scopes[link.level].lines.append(Gather(str(memo[key]), place))
         dim = relation.source if function == "first" else relation.target
-        return Index(str(memo[key]), 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
+        return LoopIndex(str(memo[key]), 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
 
     def _table(self, name: str, numbers: list[int]) -> str:
         if len(numbers) > LARGEST_TABLE:
@@ -69,7 +69,7 @@ class LinkSums(Reductions):
                 self._stage_links(number, node, relation)
         return self._load_staged(number, env)
 
-    def _sum_of_links(self, number: int, runs: Mapping[int, Pattern], index: Index, env: Env) -> Operand:
+    def _sum_of_links(self, number: int, runs: Mapping[int, Pattern], index: LoopIndex, env: Env) -> Operand:
         """Write what an element's links give, whose numbers follow from the element's."""
         later = [start for start in runs if start > index.first]
         if later and later[0] < index.last:
@@ -81,13 +81,13 @@ class LinkSums(Reductions):
         for end, far in links:
             if index.name:
                 first, last = (stride * n + far for n in (index.first, index.last - 1))
-                link = Index(index.name, index.shift, first, last + 1, index.level)
+                link = LoopIndex(index.name, index.shift, first, last + 1, index.level)
             else:
                 link = known_number(index.shift * stride + far)
             terms.append(self._of_link(self._parts.operands[number][end], node.dims[0], link, (stride, far), env))
         return self._chained("add", terms) if terms else 0.0
 
-    def _of_link(self, number: int, dim: str, link: Index, by: tuple[int, int], env: Env) -> Operand:
+    def _of_link(self, number: int, dim: str, link: LoopIndex, by: tuple[int, int], env: Env) -> Operand:
         """Read what a link gives, after that was computed for all links."""
         if isinstance(self._parts.nodes[number], Negative):
             return self.compute("negative", self._of_link(self._parts.operands[number][0], dim, link, by, env))
@@ -122,7 +122,7 @@ class LinkSums(Reductions):
 
         def write(env: Env) -> None:
             i = env[dim]
-            assert isinstance(i, Index)  # noqa: S101 - elements, no links
+            assert isinstance(i, LoopIndex)  # noqa: S101 - elements, no links
             if not i.name or (i.first, i.last) != (0, size):
                 raise UnprintedError
             totals: list[Operand] = [-0.0] * len(sums)
@@ -137,7 +137,7 @@ class LinkSums(Reductions):
             self._nest((dim,), write, whole=True)
 
     def _over_others(
-        self, relation: Relation, end: int, i: Index, sums: Sequence[tuple[int, Env]], totals: list[Operand]
+        self, relation: Relation, end: int, i: LoopIndex, sums: Sequence[tuple[int, Env]], totals: list[Operand]
     ) -> list[Operand]:
         """Write the sums over all elements before one, to whose links it is second, or over all after it."""
         size = i.last
@@ -145,7 +145,7 @@ class LinkSums(Reductions):
         if not acting:
             return totals
         with self._scope() as level:
-            j = Index(f"_i{next(self._serial)}", 0, 0, size, level)
+            j = LoopIndex(f"_i{next(self._serial)}", 0, 0, size, level)
             link = Link(j, i) if end else Link(i, j)
             now, new = [self._total(level) for _ in acting], []
             with self._whole(i, j):
@@ -189,7 +189,7 @@ class LinkSums(Reductions):
         assert isinstance(node, Along)  # noqa: S101 - it is what links give
         relation = self.shapes.relations[node.dims[0]]
         link, size = env[relation.name], relation.size
-        if not isinstance(link, Index) or (link.first, link.last) != (0, size):
+        if not isinstance(link, LoopIndex) or (link.first, link.last) != (0, size):
             raise UnprintedError
         if not self._written_out(others):
             raise UnprintedError
@@ -205,14 +205,14 @@ class LinkSums(Reductions):
                 term = self._load_staged(part, here) if part in self._arrays else self.value(part, here)
                 self._store(place, self.compute("add", self._load(place, dims, here), term))
 
-    def _gathered(self, relation: Relation, function: str, link: Index) -> Index:
+    def _gathered(self, relation: Relation, function: str, link: LoopIndex) -> LoopIndex:
         """Return the element at an end, read from a table."""
         numbers = relation.first if function == "first" else relation.second
         name = f"_i{next(self._serial)}"
         table = self._table(f"{relation.name}_{function}", numbers.tolist())
         self._scopes[link.level].lines.append(Gather(name, Place(table, link.shift, ((link.name, 1),))))
         dim = relation.source if function == "first" else relation.target
-        return Index(name, 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
+        return LoopIndex(name, 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
 
     def _nest_lonely(self, table: str, dim: str, array: Place, dims: tuple[str, ...]) -> None:
         """Set elements without links to 0."""
@@ -221,7 +221,7 @@ class LinkSums(Reductions):
         with self._scope() as level:
             index, at = f"_i{next(self._serial)}", f"_i{next(self._serial)}"
             self._scopes[-1].lines.append(Gather(at, Place(table, 0, ((index, 1),))))
-            here = Index(at, 0, 0, size, level, gathered=True)
+            here = LoopIndex(at, 0, 0, size, level, gathered=True)
             for inner in self._all(others):
                 self._store(self._at(array, dims, {**inner, dim: here}), 0.0)
             body = tuple(self._scopes[-1].lines)

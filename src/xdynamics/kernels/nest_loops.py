@@ -9,8 +9,8 @@ from fractions import Fraction
 from itertools import count, product
 
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.nest_indices import Env, Index, Link, SplitError, UnprintedError, known_number
-from xdynamics.kernels.program import Line, Loop, Operand, Place, Store
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
+from xdynamics.kernels.program import Line, Loop, Operand, Place, StoreTo
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.parts import Parts
 
@@ -95,7 +95,7 @@ class NestedLoops:
         return self._of_level(level, self._scopes[level].load(place))
 
     def _store(self, place: Place, value: Operand) -> None:
-        self._scopes[-1].lines.append(Store(place, value))
+        self._scopes[-1].lines.append(StoreTo(place, value))
 
     # ------------------------------------------------------------------------------------------------------------- loops
 
@@ -124,7 +124,7 @@ class NestedLoops:
                 inside({**env, dim: known_number(first)})
                 continue
             with self._scope() as level:
-                index = Index(f"_i{next(self._serial)}", first, first, last, level)
+                index = LoopIndex(f"_i{next(self._serial)}", first, first, last, level)
                 try:
                     inside({**env, dim: index})
                 except SplitError as split:
@@ -138,7 +138,7 @@ class NestedLoops:
             self._scopes[-1].lines.append(Loop(index.name, last - first, body))
 
     @contextmanager
-    def _whole(self, *indices: Index) -> Iterator[None]:
+    def _whole(self, *indices: LoopIndex) -> Iterator[None]:
         """Give up where an index of these would have to be split."""
         try:
             yield
@@ -172,13 +172,13 @@ class NestedLoops:
     def _written_out(self, dims: Iterable[str]) -> bool:
         return all(self.shapes.extent(dim).size <= SMALL for dim in dims)
 
-    def _all(self, dims: tuple[str, ...]) -> Iterator[dict[str, Index]]:
+    def _all(self, dims: tuple[str, ...]) -> Iterator[dict[str, LoopIndex]]:
         for numbers in product(*map(range, self.shapes.shape(dims))):
             yield dict(zip(dims, map(known_number, numbers), strict=True))
 
     # ------------------------------------------------------------------------------------------------------------ memory
 
-    def _key(self, dims: Iterable[str], env: Env) -> tuple[Index | Link, ...]:
+    def _key(self, dims: Iterable[str], env: Env) -> tuple[LoopIndex | Link, ...]:
         return tuple(env[dim] for dim in dims)
 
     def _depth(self, number: int, env: Env) -> int:

@@ -10,7 +10,7 @@ from fractions import Fraction
 from xdynamics.expressions import Along
 from xdynamics.kernels.assignments import CALLED, Assignments
 from xdynamics.kernels.link_patterns import of_every_two
-from xdynamics.kernels.nest_indices import Env, Index, Link, SplitError, known_number
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, known_number
 from xdynamics.kernels.nest_loops import NestedLoops
 from xdynamics.kernels.program import Operand, Place, Reduction
 from xdynamics.shapes import Shapes
@@ -74,7 +74,7 @@ class Reductions(NestedLoops):
                 total = self._running(rest, {**env, dim: known_number(first)}, operation, term, total)
                 continue
             with self._scope() as level:
-                index = Index(f"_i{next(self._serial)}", first, first, last, level)
+                index = LoopIndex(f"_i{next(self._serial)}", first, first, last, level)
                 now = self._total(level)
                 try:
                     new = self._running(rest, {**env, dim: index}, operation, term, now)
@@ -100,10 +100,10 @@ class Reductions(NestedLoops):
         relation = self.shapes.relations[dim]
         size = self.shapes.extent(relation.source).size
         with self._scope() as level:
-            i = Index(f"_i{next(self._serial)}", 0, 0, size, level)
+            i = LoopIndex(f"_i{next(self._serial)}", 0, 0, size, level)
             outer = self._total(level)
             with self._scope() as inner_level:
-                j = Index(f"_i{next(self._serial)}", 0, 0, size, inner_level)
+                j = LoopIndex(f"_i{next(self._serial)}", 0, 0, size, inner_level)
                 inner = self._total(inner_level)
                 with self._whole(i, j):
                     new = self._running(rest, {**env, dim: Link(i, j)}, operation, term, inner)

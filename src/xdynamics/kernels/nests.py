@@ -12,7 +12,7 @@ from itertools import groupby
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, exponent_of
 from xdynamics.kernels.assignments import CALLED, OPERATIONS, Assignments
-from xdynamics.kernels.nest_indices import Env, Index, Link, SplitError, UnprintedError, known_number
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
 from xdynamics.kernels.nest_links import LinkSums
 from xdynamics.kernels.program import Operand, Ordinal, Place
 from xdynamics.shapes import Shapes
@@ -124,7 +124,7 @@ class Nests(LinkSums):
                 return self._onto(number, node, env)
         return self._reduced(number, node, env)
 
-    def _ordinal(self, index: Index | Link) -> Operand:
+    def _ordinal(self, index: LoopIndex | Link) -> Operand:
         if isinstance(index, Link):
             raise UnprintedError
         if not index.name:
@@ -154,7 +154,7 @@ class Nests(LinkSums):
     def _crossed(self, number: int, node: Along, env: Env) -> Operand:
         dim, (a, b) = node.dims[0], self._parts.operands[number]
         index = env[dim]
-        assert isinstance(index, Index)  # noqa: S101 - no relation of every two has three links and a cross product
+        assert isinstance(index, LoopIndex)  # noqa: S101 - no relation of every two has three links and a cross product
         if index.name:
             raise SplitError(index.name, index.first + 1)
         i, j = (known_number((index.shift + k) % 3) for k in (1, 2))

@@ -14,7 +14,7 @@ DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by non
 
 
 @dataclass(frozen=True)
-class Equations:
+class NewtonSystem:
     """What Newton's method needs of one `solve`, as places in the working memory `w` and in the state `y`.
 
     Attributes

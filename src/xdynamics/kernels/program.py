@@ -69,7 +69,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Store:
+class StoreTo:
     """``place = value``."""
 
     place: Place
@@ -77,7 +77,7 @@ class Store:
 
 
 @dataclass(frozen=True)
-class Call:
+class ProgramCall:
     """A call of another program of the same text, at another state: its `at` and `y`, and where results go."""
 
     program: str
@@ -119,7 +119,7 @@ class Loop:
         loads = {line.place for line in lines if isinstance(line, Load)}
         written: dict[str, list[Place]] = {}
         for line in lines:
-            if isinstance(line, Store):
+            if isinstance(line, StoreTo):
                 written.setdefault(line.place.array, []).append(line.place)
         return all(
             self.index in dict(places[0].strides)
@@ -197,7 +197,7 @@ class When:
     """A call made if a number is nonzero; in lanes, if it is nonzero in any of them."""
 
     place: Place
-    call: Call
+    call: ProgramCall
 
 
 @dataclass(frozen=True)
@@ -205,11 +205,11 @@ class While:
     """A call repeated until a number is zero; in lanes, until it is zero in all of them."""
 
     place: Place
-    call: Call
+    call: ProgramCall
 
 
-Line = Compute | Load | Store | Gather | Ordinal | Loop | Reduction  # what loops may contain
-Instruction = Line | Call | When | While
+Line = Compute | Load | StoreTo | Gather | Ordinal | Loop | Reduction  # what loops may contain
+Instruction = Line | ProgramCall | When | While
 
 
 def nested(body: Iterable[Instruction]) -> Iterator[Instruction]:

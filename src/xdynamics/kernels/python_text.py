@@ -12,7 +12,6 @@ from xdynamics.kernels.program import (
     ARRAYS,
     AT,
     FLOAT,
-    Call,
     Compute,
     Gather,
     Instruction,
@@ -22,8 +21,9 @@ from xdynamics.kernels.program import (
     Ordinal,
     Place,
     Program,
+    ProgramCall,
     Reduction,
-    Store,
+    StoreTo,
     When,
     While,
 )
@@ -45,7 +45,7 @@ def python_of(program: Program) -> str:
     lines += [f"{name} = _empty({count})" for name, count in program.local.items()]
     lines += [_view(name, *view) for name, view in own.items()]
     lines += [f"{name} = {numbers}" for name, numbers in program.tables.items()]
-    lines += _Printer(program.body).lines
+    lines += _PythonPrinter(program.body).lines
     if program.sound:
         first, count = program.sound
         lines.append(f"_at[{AT.index('unsound')}] = _unsound(_z[{first}:{first + count}])")
@@ -55,12 +55,12 @@ def python_of(program: Program) -> str:
 
 def function_text(name: str, given: Iterable[str], body: Iterable[Instruction], results: Iterable[Operand]) -> str:
     """Print instructions as a function of numbers that returns numbers."""
-    printer = _Printer(tuple(body), returned=tuple(results))
+    printer = _PythonPrinter(tuple(body), returned=tuple(results))
     lines = [*printer.lines, f"return {', '.join(map(printer.text, results))}"]
     return f"def {name}({', '.join(given)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
-class _Printer:
+class _PythonPrinter:
     """Prints the lines of one scope; an unnamed value that is read once gets no line of its own."""
 
     def __init__(
@@ -87,17 +87,17 @@ class _Printer:
             case Compute():
                 height = 1 + max((self._heights.get(entry, 0) for entry in line.arguments), default=0)
                 self._define(line.target, self._computed(line), height)
-            case Store():
+            case StoreTo():
                 self.lines.append(f"{_element(line.place)} = {self.text(line.value)}")
-            case Call():
+            case ProgramCall():
                 passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (passed.get(entry, entry) for entry in ARRAYS)
                 self.lines.append(f"{line.program}({', '.join(_array(entry) for entry in places)})")
             case When() | While():
-                word, inner = "while" if isinstance(line, While) else "if", _Printer((line.call,)).lines
+                word, inner = "while" if isinstance(line, While) else "if", _PythonPrinter((line.call,)).lines
                 self.lines += [f"{word} {_element(line.place)}:", *(f"    {entry}" for entry in inner)]
             case Loop() if line.count:
-                self._pass(line, _Printer(line.body, self._texts).lines)
+                self._pass(line, _PythonPrinter(line.body, self._texts).lines)
             case Reduction():
                 self._reduction(line)
 
@@ -115,7 +115,7 @@ class _Printer:
             self.lines.append(f"{total} = {text}" if exact else f"{total} = _{line.kind}.of('point', {text})")
         self._texts |= {total: (total, _ATOM) for total in line.totals}
         read = (*line.terms, *([line.where] if line.where else ()))
-        inner = _Printer(line.body, self._texts, read)
+        inner = _PythonPrinter(line.body, self._texts, read)
         joined = [
             f"{total} = {inner._computed(Compute(total, line.operation, (total, term), line.kind))[0]}"
             for total, term in zip(line.totals, line.terms, strict=True)
@@ -193,7 +193,7 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
         match line:
             case Compute():
                 yield from line.arguments
-            case Store():
+            case StoreTo():
                 yield line.value
             case Loop() | Reduction():
                 yield from line.starts if isinstance(line, Reduction) else ()

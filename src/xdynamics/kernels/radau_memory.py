@@ -21,7 +21,7 @@ LASTING, PLACES = Lasting._fields, Lasting(*range(len(Lasting._fields)))
 KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
 
 
-class Memory:
+class RadauMemory:
     """Where a lane keeps the numbers and vectors of its step.
 
     Parameters

@@ -6,7 +6,7 @@ from xdynamics.kernels import elimination
 from xdynamics.kernels.elimination import Columns, Entry
 from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.program import H, Operand, Place, Program
-from xdynamics.kernels.radau_memory import Memory
+from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.methods.radau import ALPHA, BETA, GAMMA
 
 FACTORISE = "factorise"
@@ -23,7 +23,7 @@ _FACTORISED = {
 }
 
 
-def factorisation(memory: Memory) -> Program:
+def factorisation(memory: RadauMemory) -> Program:
     """Assemble both matrices and factorise them: `transformed.factorise_both`."""
     f, n = memory.formulas("_"), memory.n
     h = f.load(Place("at", H))
@@ -49,13 +49,13 @@ def factorisation(memory: Memory) -> Program:
     return Program(FACTORISE, "The factors of both matrices for the step.", tuple(f.lines))
 
 
-def _diagonal(memory: Memory, *parts: Operand) -> Columns:
+def _diagonal(memory: RadauMemory, *parts: Operand) -> Columns:
     """Return a matrix that has a number on its diagonal."""
     zero = (0.0,) * len(parts)
     return [[parts if i == j else zero for i in range(memory.size)] for j in range(memory.size)]
 
 
-def solve_real(f: Formulas, memory: Memory, vector: list[Operand]) -> list[Operand]:
+def solve_real(f: Formulas, memory: RadauMemory, vector: list[Operand]) -> list[Operand]:
     """Solve (gamma/h - J) d = r: `transformed.solve_real`."""
     n, gamma, (matrix, pivots) = memory.n, f.of("g/factored", g=GAMMA), _factors(f, memory, 0)
     right = vector[n:]
@@ -70,7 +70,7 @@ def solve_real(f: Formulas, memory: Memory, vector: list[Operand]) -> list[Opera
 
 
 def solve_complex(
-    f: Formulas, memory: Memory, first: list[Operand], second: list[Operand]
+    f: Formulas, memory: RadauMemory, first: list[Operand], second: list[Operand]
 ) -> tuple[list[Operand], list[Operand]]:
     """Solve ((alpha + i beta)/h - J) d = r: `transformed.solve_complex`."""
     n, (matrix, pivots) = memory.n, _factors(f, memory, 1, 2)
@@ -92,7 +92,7 @@ def solve_complex(
     return u + [re for re, _ in right], v + [im for _, im in right]
 
 
-def _factors(f: Formulas, memory: Memory, *planes: int) -> tuple[Columns, list[Operand]]:
+def _factors(f: Formulas, memory: RadauMemory, *planes: int) -> tuple[Columns, list[Operand]]:
     """Read the factors of a matrix, whose parts are in these planes, and its row exchanges."""
     size, square = memory.size, memory.size * memory.size
     parts = [[f.load(memory.place("matrix", p * square + k)) for k in range(square)] for p in planes]

@@ -10,22 +10,22 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import changes, linearised
-from xdynamics.kernels.newton_matrix import Coupling, Equations
+from xdynamics.kernels.newton_matrix import Coupling, NewtonSystem
 from xdynamics.kernels.program import (
     AT,
-    Call,
     Instruction,
     Load,
     Loop,
     Operand,
     Place,
     Program,
-    Store,
+    ProgramCall,
+    StoreTo,
     element,
     nested,
 )
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Solve, Statement
+from xdynamics.methods.lines import SCALARS, Evaluation, Solve, VectorStatement
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
@@ -46,12 +46,12 @@ class Steps:
     """
 
     programs: tuple[Program, ...]
-    equations: tuple[Equations, ...]
+    equations: tuple[NewtonSystem, ...]
     memory: int
 
 
 @dataclass(frozen=True)
-class _Writing:
+class _StepWriting:
     """Writes the steps that steppers ask for."""
 
     layout: Layout
@@ -80,7 +80,7 @@ class _Writing:
 
 def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
-    return scheme.method.stepper.programs(_Writing(layout, scheme, sampled))
+    return scheme.method.stepper.programs(_StepWriting(layout, scheme, sampled))
 
 
 def inside(layout: Layout, scheme: Scheme) -> Program:
@@ -109,7 +109,7 @@ class _Stepping(Walker):
         self._views: dict[str, tuple[str, int, int]] = {}
         self._local: dict[str, int] = {}
         self._bodies: list[list[Instruction]] = []
-        self._equations: list[Equations] = []
+        self._equations: list[NewtonSystem] = []
         self._last = ""
         self._begin()
         first = 0
@@ -127,7 +127,7 @@ class _Stepping(Walker):
 
     # ------------------------------------------------------------------------------------------------ kinds of line
 
-    def assign(self, line: Statement) -> None:
+    def assign(self, line: VectorStatement) -> None:
         """Write one vector from others."""
         self._vector(line.target)
         if line.target in self._updates:
@@ -160,7 +160,7 @@ class _Stepping(Walker):
             for entry in coupling.entries(row, column, target, unknown)
         ]
         places = tuple((self._views[name][1] + i, *self._start(name, i)) for name, i in unknowns)
-        self._equations.append(Equations(len(line.evaluations), residuals, places, tuple(entries)))
+        self._equations.append(NewtonSystem(len(line.evaluations), residuals, places, tuple(entries)))
         self._begin()
         self.walk(line.definitions)
 
@@ -283,7 +283,7 @@ class _Stepping(Walker):
             Loop(
                 "i",
                 count,
-                (Load(name, element(source.array, source.offset)), Store(element(target.array, target.offset), name)),
+                (Load(name, element(source.array, source.offset)), StoreTo(element(target.array, target.offset), name)),
             )
         )
 
@@ -307,7 +307,9 @@ class _Stepping(Walker):
         slopes = self._memory
         if program == "linearised":
             self._array(f"j{self.stage}", len(self.layout.jacobian))
-        self._bodies[-1].append(Call(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e"))
+        self._bodies[-1].append(
+            ProgramCall(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e")
+        )
         for name, count in zip((line.acceleration, line.rate), self._counts("ar"), strict=True):
             self._part(name, record, first, count)
             first += count
@@ -322,7 +324,7 @@ class _Stepping(Walker):
         n, sample, width = layout.used.size, f"sample{self.stage}", layout.sample_width
         forces = width - 1 - n
         self._views[sample] = ("samples", (self.stage - 1) * width, width)
-        self._bodies[-1].append(Store(Place(sample), time))
+        self._bodies[-1].append(StoreTo(Place(sample), time))
         self._copy(Place(sample, 1), Place(record), n)
         self._copy(Place(sample, 1 + n), Place(record, n + layout.evaluation.size - forces), forces)
 
@@ -358,9 +360,9 @@ class _Stepping(Walker):
 
 def _arrays(line: Instruction) -> set[str]:
     match line:
-        case Load() | Store():
+        case Load() | StoreTo():
             return {line.place.array}
-        case Call():
+        case ProgramCall():
             return {line.at, line.y, line.z, line.e}
         case _:
             return set()

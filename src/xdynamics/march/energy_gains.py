@@ -29,7 +29,7 @@ class Gains(NamedTuple):
     event: float = 0.0
 
 
-class Impacts(NamedTuple):
+class EventEnergies(NamedTuple):
     """The events of a part of a run.
 
     Attributes
@@ -55,14 +55,14 @@ def energy_dimension(model: Model) -> Dimension:
     return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
 
-def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
+def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> EventEnergies:
     """Return the first events of a block of a log, in SI units."""
     events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), layout.coordinates.size
     first = [layout.row.place(velocity(name)) for name in layout.coordinates]
     rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
     speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
     work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
-    return Impacts(
+    return EventEnergies(
         events["kind"],
         events["row_before"],
         events["detector"],
@@ -72,7 +72,7 @@ def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> Impacts:
     )
 
 
-def with_more(gains: Gains, impacts: Impacts, first: int) -> Gains:
+def with_more(gains: Gains, impacts: EventEnergies, first: int) -> Gains:
     """Return the gains up to the end of a further part of a run, whose events are numbered from `first`."""
     indices = np.flatnonzero(impacts.kind == IMPACT)
     if not indices.size:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
-from xdynamics.march.ensemble_part import Part, inputs_of
+from xdynamics.march.ensemble_part import EnsemblePart, inputs_of
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import Block, Log, Room, allocate
+from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
 from xdynamics.march.settings import LEAST_RTOL, Settings
@@ -59,7 +59,7 @@ class Runs:
     ends: NDArray[Any]
     largest: Floats
     passed: NDArray[np.int64]
-    kept: Block
+    kept: LogBlock
     parameters: Floats
     first_event: NDArray[np.int64]
     first_row: NDArray[np.int64]
@@ -203,7 +203,7 @@ def march_many(
     columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
     meant = columns if kept and side_by_side > 1 else tuple(law.layout.row)
 
-    def marched(part: slice) -> Part:
+    def marched(part: slice) -> EnsemblePart:
         part_arrays = {key: array[part] for key, array in arrays.items()}
         if side_by_side > 1:
             return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
@@ -215,11 +215,13 @@ def march_many(
         return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
 
 
-def _march(model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool) -> Part:
+def _march(
+    model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool
+) -> EnsemblePart:
     n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
     run = posed(model, settings, law, log, addresses_of(law))
     inputs = inputs_of(model, settings, law, run, arrays)
-    part = Part.of(n, law, inputs[2])
+    part = EnsemblePart.of(n, law, inputs[2])
     first = 0
     while True:
         first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
@@ -245,7 +247,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     )
 
 
-def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str, ...], *, logs: bool) -> Runs:
+def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:
     """Concatenate the pieces of the logs, or only the last rows."""
     ends, pieces = np.concatenate([piece.ends for piece in parts]), [piece for part in parts for piece in part.logs]
     rows, flags, counts = [piece.rows for piece in pieces], [piece.flags for piece in pieces], ends["rows"]
@@ -268,7 +270,7 @@ def _joined(law: Law, settings: Settings, parts: list[Part], columns: tuple[str,
         ends,
         np.concatenate([piece.largest for piece in parts]),
         np.concatenate([piece.passed for piece in parts])[:, 1::3].astype(np.int64),
-        Block(log, log.rows.shape[1], 0, len(log.events), 0),
+        LogBlock(log, log.rows.shape[1], 0, len(log.events), 0),
         np.concatenate([piece.parameters for piece in parts]),
         np.concatenate([[0], np.cumsum(ends["events"])]),
         np.concatenate([[0], np.cumsum(counts)]),

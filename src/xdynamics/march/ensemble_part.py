@@ -23,7 +23,7 @@ Arrays = Mapping[tuple[str, str], Floats]  # by kind and name; one number for ea
 
 
 @dataclass
-class Part:
+class EnsemblePart:
     """What one thread marched, in internal units, with the pieces of its log."""
 
     ends: NDArray[Any]
@@ -34,7 +34,7 @@ class Part:
     logs: list[Log]
 
     @classmethod
-    def of(cls, runs: int, law: Law, parameters: Floats) -> Part:
+    def of(cls, runs: int, law: Law, parameters: Floats) -> EnsemblePart:
         """Return room for a number of runs."""
         used, row, smooth = law.layout.used.size, law.layout.row.size, len(law.layout.smooth)
         lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))

@@ -66,7 +66,7 @@ class Log(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Block:
+class LogBlock:
     """A filled part of the log.
 
     `rows`, `trials`, `events`, `samples` are counts; `numbers` are the march's row numbers, where rows are left out.

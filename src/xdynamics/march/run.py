@@ -126,7 +126,7 @@ NO_LINK = -1  # of an event that is of no contact of many links
 BASE = _record("", "rows trials events samples")
 
 
-class Kind(NamedTuple):
+class ArrayKind(NamedTuple):
     """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart."""
 
     name: str
@@ -160,26 +160,26 @@ Scratch = Annotated[T, Lifetime.SCRATCH]
 Address = Annotated[T, Lifetime.ADDRESS]
 Log = Annotated[T, Lifetime.LOG]
 
-Floats = Annotated[NDArray[np.float64], Kind("Floats", "f8")]
-Columns = Annotated[NDArray[np.float64], Kind("Columns", "f8", 2)]
-Whole = Annotated[NDArray[np.int64], Kind("Whole", "i8")]
-Lists = Annotated[NDArray[np.int64], Kind("Lists", "i8", 2)]
-Flags = Annotated[NDArray[np.int8], Kind("Flags", "i1", 2)]
-Plans = Annotated[NDArray[Any], Kind("Plans", PLAN)]
-Nows = Annotated[NDArray[Any], Kind("Nows", NOW)]
-Trials = Annotated[NDArray[Any], Kind("Trials", TRIAL)]
-Detectors = Annotated[NDArray[Any], Kind("Detectors", DETECTOR)]
-Solves = Annotated[NDArray[Any], Kind("Solves", EQUATIONS)]
-Kepts = Annotated[NDArray[Any], Kind("Kepts", KEPT)]
-Watches = Annotated[NDArray[Any], Kind("Watches", WATCH)]
-Pieces = Annotated[NDArray[Any], Kind("Pieces", PIECE)]
-Bases = Annotated[NDArray[Any], Kind("Bases", BASE)]
-Reactions = Annotated[NDArray[Any], Kind("Reactions", REACTION)]
-Links = Annotated[NDArray[Any], Kind("Links", LINK)]
-Touches = Annotated[NDArray[Any], Kind("Touches", TOUCH)]
-Assemblies = Annotated[NDArray[Any], Kind("Assemblies", ASSEMBLY)]
-TrialRows = Annotated[NDArray[Any], Kind("TrialRows", TRIAL_ROW)]
-EventRows = Annotated[NDArray[Any], Kind("EventRows", EVENT_ROW)]
+Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
+Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
+Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
+Lists = Annotated[NDArray[np.int64], ArrayKind("Lists", "i8", 2)]
+Flags = Annotated[NDArray[np.int8], ArrayKind("Flags", "i1", 2)]
+Plans = Annotated[NDArray[Any], ArrayKind("Plans", PLAN)]
+Nows = Annotated[NDArray[Any], ArrayKind("Nows", NOW)]
+Trials = Annotated[NDArray[Any], ArrayKind("Trials", TRIAL)]
+Detectors = Annotated[NDArray[Any], ArrayKind("Detectors", DETECTOR)]
+Solves = Annotated[NDArray[Any], ArrayKind("Solves", EQUATIONS)]
+Kepts = Annotated[NDArray[Any], ArrayKind("Kepts", KEPT)]
+Watches = Annotated[NDArray[Any], ArrayKind("Watches", WATCH)]
+Pieces = Annotated[NDArray[Any], ArrayKind("Pieces", PIECE)]
+Bases = Annotated[NDArray[Any], ArrayKind("Bases", BASE)]
+Reactions = Annotated[NDArray[Any], ArrayKind("Reactions", REACTION)]
+Links = Annotated[NDArray[Any], ArrayKind("Links", LINK)]
+Touches = Annotated[NDArray[Any], ArrayKind("Touches", TOUCH)]
+Assemblies = Annotated[NDArray[Any], ArrayKind("Assemblies", ASSEMBLY)]
+TrialRows = Annotated[NDArray[Any], ArrayKind("TrialRows", TRIAL_ROW)]
+EventRows = Annotated[NDArray[Any], ArrayKind("EventRows", EVENT_ROW)]
 
 
 class Twins(NamedTuple):
@@ -367,7 +367,7 @@ class Run:
 class Array(NamedTuple):
     """What the annotation of an array of a run says."""
 
-    kind: Kind
+    kind: ArrayKind
     lifetime: Lifetime
     owner: str  # the array that it is a part of, if any
 

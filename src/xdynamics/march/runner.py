@@ -21,7 +21,7 @@ from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, with_more
 from xdynamics.march.engine import engine
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import Block, Log, allocate, misplaced_events, most_recycled
+from xdynamics.march.log import Log, LogBlock, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.run import BASE, NOW, Run
@@ -129,7 +129,7 @@ class March:
         steps = (plan.end - plan.start) / plan.step_size if plan.step_size else len(self.run.steps)
         return int(steps) + inner + 4
 
-    def blocks(self, rows: int | None = None, patience: float = inf) -> Iterator[Block]:
+    def blocks(self, rows: int | None = None, patience: float = inf) -> Iterator[LogBlock]:
         """March to the end and yield one block after the other.
 
         Parameters
@@ -163,7 +163,7 @@ class March:
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
 
-    def rest(self) -> Block | None:
+    def rest(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""
         return self.thinning.rest(self.run) if self.thinning else None
 
@@ -226,7 +226,7 @@ class March:
         if self.thinning:
             self.thinning.go_on_from(memory)
 
-    def _filled(self, log: Log, patience: float) -> Block:
+    def _filled(self, log: Log, patience: float) -> LogBlock:
         """Fill one log, with checks of clock and keyboard now and then."""
         first, before, march = _counts(self.run), None, engine().march
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
@@ -247,9 +247,9 @@ class March:
                 self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
             in_time = looked - started < patience
         rows, trials, events, samples = (after - before for after, before in zip(counts, first, strict=True))
-        return Block(log, rows, trials, events, samples)
+        return LogBlock(log, rows, trials, events, samples)
 
-    def _remember(self, block: Block) -> None:
+    def _remember(self, block: LogBlock) -> None:
         """Keep some rows of the whole run, independent of its blocks: those whose number a power of two divides."""
         rows, n = _counts(self.run)[0], 2 + self.layout.used.size
         first = rows - block.rows
@@ -274,7 +274,7 @@ class March:
         """Return the spacing of the witnesses of a number of rows."""
         return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
 
-    def _look_at_the_end(self, block: Block) -> None:
+    def _look_at_the_end(self, block: LogBlock) -> None:
         """Find out, while the log is available, which event stopped the run, what was not finite, where it rested."""
         status = _status(self.run)
         if status == STEP_LIMIT or self.interrupted:
@@ -289,7 +289,7 @@ class March:
             column = block.log.rows[:, 0 if self.now.h == 0.0 else block.rows]
             self.bad_values = dict(zip(self.layout.row, column.tolist(), strict=True))
 
-    def _judge_events(self, block: Block) -> None:
+    def _judge_events(self, block: LogBlock) -> None:
         """Find events outside their position tolerance, and impacts that create energy."""
         log, count = block.log, block.events
         if not count:

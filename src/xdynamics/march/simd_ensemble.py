@@ -16,7 +16,7 @@ from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
-from xdynamics.march.ensemble_part import Arrays, Part, inputs_of
+from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
@@ -46,13 +46,13 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
 
 def march_abreast(
     model: Model, settings: Settings, law: Law, arrays: Arrays, lanes: int, columns: Sequence[str], room: Room
-) -> Part:
+) -> EnsemblePart:
     """March runs side by side, and keep some columns of their logs in a room."""
     n, layout = len(next(iter(arrays.values()))), law.layout
     log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart)
     one = posed(model, settings, law, log, addresses_of(law))
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
-    part = Part.of(n, law, inputs[2])
+    part = EnsemblePart.of(n, law, inputs[2])
     blocks = _blocks(one, layout, lanes)
     table = table_of(blocks | {"tables": one.tables})
     stride = law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
-from xdynamics.methods import Evaluation, Solve, Statement
+from xdynamics.methods import Evaluation, Solve, VectorStatement
 from xdynamics.methods.line_walk import Walker
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
 from xdynamics.schema import acceleration, rate, velocity
@@ -78,7 +78,7 @@ class _Retrace(Walker):
         vectors = self._vectors
         return self.found[-1] | vectors["q1"] | {velocity(k): v for k, v in vectors["v1"].items()} | vectors["x1"]
 
-    def assign(self, line: Statement) -> None:
+    def assign(self, line: VectorStatement) -> None:
         """Compute one vector."""
         if self.whole:
             owners = self._layout.states if line.of_states else self._layout.coordinates

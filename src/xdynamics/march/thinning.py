@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.march.log import Block, Log
+from xdynamics.march.log import Log, LogBlock
 from xdynamics.march.run import BASE, Run
 from xdynamics.schema import EVENT_BEFORE
 
@@ -23,7 +23,7 @@ NOWHERE = -1  # the place of a row that is left out
 
 
 @dataclass(frozen=True)
-class Part:
+class LogRows:
     """Rows of a log with the force evaluations that led to them and the trials that started from them."""
 
     rows: Array
@@ -31,11 +31,11 @@ class Part:
     samples: Array
     trials: Array
 
-    def chosen(self, rows: Array, samples: Array, trials: Array) -> Part:
+    def chosen(self, rows: Array, samples: Array, trials: Array) -> LogRows:
         """Copy a selection, since the log's memory is filled again."""
-        return Part(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
+        return LogRows(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
 
-    def of_rows(self, wanted: Array, places: Array, begin: int) -> Part:
+    def of_rows(self, wanted: Array, places: Array, begin: int) -> LogRows:
         """Return wanted rows, their samples and trials, numbered by `places`, which starts before row `begin`."""
         sampled = places[self.samples[1].astype(np.int64) - begin + 1]
         tried = places[self.trials["step"] - begin + 1]
@@ -43,7 +43,7 @@ class Part:
         part.samples[1], part.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
         return part
 
-    def last(self, number: int) -> Part:
+    def last(self, number: int) -> LogRows:
         """Return the last row, if there is one, and what belongs to the row of a given number."""
         selected = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
         return self.chosen(np.arange(self.rows.shape[1])[-1:], *selected)
@@ -63,7 +63,7 @@ class Thinning:
     def __init__(self, every: int, nodes: NDArray[np.float64]) -> None:
         self.every, self.nodes = every, nodes
         self.kept = 0  # rows that were handed over
-        self.waiting: Part | None = None
+        self.waiting: LogRows | None = None
 
     def memory(self) -> dict[str, Array]:
         """Return everything needed to go on from here, by name."""
@@ -75,16 +75,16 @@ class Thinning:
         self.kept = int(memory["kept_rows"][0])
         names = ("rows", "flags", "samples", "trials")
         is_waiting = "waiting_rows" in memory
-        self.waiting = Part(*(memory[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
+        self.waiting = LogRows(*(memory[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
 
     def stand_behind(self, kept: int) -> None:
         """Go on after a record of `kept` rows, of which the last one is an end."""
         self.kept, self.waiting = kept, None
 
-    def thinned(self, run: Run, block: Block, *, last: bool) -> Block:
+    def thinned(self, run: Run, block: LogBlock, *, last: bool) -> LogBlock:
         """Return a copy of the kept part of a block; with `last` the march is over, and its last row an end."""
         log, first = block.log, int(block.log.base[0]["rows"])
-        new = Part(
+        new = LogRows(
             log.rows[:, : block.rows],
             log.flags[:, : block.rows],
             log.samples[:, : block.samples],
@@ -121,9 +121,9 @@ class Thinning:
             log.rates[:, : block.events].copy(),
             log.impulses[:, : block.events].copy(),
         )
-        return Block(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
+        return LogBlock(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
 
-    def rest(self, run: Run) -> Block | None:
+    def rest(self, run: Run) -> LogBlock | None:
         """Return the row that still waits when a march is interrupted after it."""
         if (waiting := self.waiting) is None:
             return None
@@ -139,9 +139,9 @@ class Thinning:
             run.log_rates[:, :0],
             run.log_impulses[:, :0],
         )
-        return self.thinned(run, Block(empty, 0, 0, 0, 0), last=True)
+        return self.thinned(run, LogBlock(empty, 0, 0, 0, 0), last=True)
 
-    def _want(self, marks: Array, run: Run, parts: list[Part], begin: int) -> None:
+    def _want(self, marks: Array, run: Run, parts: list[LogRows], begin: int) -> None:
         """Mark the first row and those of the kept grid, events and requested nodes; not the one that waited."""
         part, first = parts[-1], begin + len(parts) - 1
         wanted = marks[len(parts) - 1 :]
@@ -174,7 +174,7 @@ class Around(Thinning):
         super().__init__(1, np.zeros(0))
         self.times, self.scale = np.unique(times), scale
 
-    def _want(self, marks: Array, _run: Run, parts: list[Part], _begin: int) -> None:
+    def _want(self, marks: Array, _run: Run, parts: list[LogRows], _begin: int) -> None:
         """Mark the last row up to each time, and the one after it; times that were passed are dropped."""
         t = np.concatenate([part.rows[0] for part in parts])
         t = t if self.scale == 1.0 else t * self.scale  # as the record has it
@@ -187,10 +187,10 @@ class Around(Thinning):
         marks[behind] = True  # there is one: all of these times are before the last row
 
 
-def _joined(parts: list[Part], rows: int | None = None) -> Part:
+def _joined(parts: list[LogRows], rows: int | None = None) -> LogRows:
     """Concatenate parts, and keep all or only the last of their rows."""
     if len(parts) == 1:
         return parts[0]
     wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples")}
-    joined = Part(**wide, trials=np.concatenate([part.trials for part in parts]))
+    joined = LogRows(**wide, trials=np.concatenate([part.trials for part in parts]))
     return joined if rows is None else replace(joined, rows=joined.rows[:, -rows:], flags=joined.flags[:, -rows:])

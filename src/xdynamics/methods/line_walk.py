@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from xdynamics.methods.lines import Evaluation, Line, Solve, Statement
+from xdynamics.methods.lines import Evaluation, Line, Solve, VectorStatement
 
 
 class Walker(ABC):
@@ -22,7 +22,7 @@ class Walker(ABC):
                 self.assign(line)
 
     @abstractmethod
-    def assign(self, line: Statement) -> None:
+    def assign(self, line: VectorStatement) -> None:
         """Handle one vector from vectors of the same length."""
 
     @abstractmethod

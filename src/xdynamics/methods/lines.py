@@ -50,7 +50,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Statement:
+class VectorStatement:
     """``v1 = v + h*a``: one vector from vectors of the same length."""
 
     target: str
@@ -81,13 +81,13 @@ class Solve:
     """
 
     unknowns: tuple[str, ...]
-    body: tuple[Statement | Evaluation, ...]
+    body: tuple[VectorStatement | Evaluation, ...]
 
     @property
-    def definitions(self) -> tuple[Statement, ...]:
+    def definitions(self) -> tuple[VectorStatement, ...]:
         """Vectors that follow from the unknowns, each after those that it reads."""
-        waiting = [line for line in self.body if isinstance(line, Statement) and line.target not in self.unknowns]
-        ordered: list[Statement] = []
+        waiting = [line for line in self.body if isinstance(line, VectorStatement) and line.target not in self.unknowns]
+        ordered: list[VectorStatement] = []
         while waiting:
             missing = {line.target for line in waiting}
             ready = [line for line in waiting if not line.vectors & missing]
@@ -101,9 +101,9 @@ class Solve:
         return tuple(line for line in self.body if isinstance(line, Evaluation))
 
     @property
-    def equations(self) -> tuple[Statement, ...]:
+    def equations(self) -> tuple[VectorStatement, ...]:
         """One equation for each unknown, in their order."""
-        by_target = {line.target: line for line in self.body if isinstance(line, Statement)}
+        by_target = {line.target: line for line in self.body if isinstance(line, VectorStatement)}
         return tuple(by_target[name] for name in self.unknowns)
 
     def text(self, *, motion: bool, states: bool) -> str:
@@ -113,7 +113,7 @@ class Solve:
         return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
 
 
-Line = Statement | Evaluation | Solve
+Line = VectorStatement | Evaluation | Solve
 
 
 @dataclass(frozen=True)
@@ -212,11 +212,11 @@ def _as(line: str, value: str, slope: str) -> str:
     return re.sub(r"\bk(\w*)", rf"{slope}\1", re.sub(r"\by(\w*)", rf"{value}\1", line))
 
 
-def _read(line: str) -> Statement | Evaluation:
+def _read(line: str) -> VectorStatement | Evaluation:
     if match := _EVALUATION.fullmatch(line):
         return Evaluation(*match.groups())
     target, expression = line.split(" = ")
-    return Statement(target, parse(expression), line)
+    return VectorStatement(target, parse(expression), line)
 
 
 HERMITE = Interpolant(

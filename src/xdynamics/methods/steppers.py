@@ -26,7 +26,7 @@ CONTROLLER = (
 Programs_co = TypeVar("Programs_co", covariant=True)
 
 
-class Writer(Protocol[Programs_co]):
+class StepWriter(Protocol[Programs_co]):
     """What writes the programs of steps, for a model and a method."""
 
     def by_lines(self) -> Programs_co:
@@ -59,7 +59,7 @@ class Stepper:
     controller: ClassVar[str] = CONTROLLER
     inner: ClassVar[tuple[float, Decimal] | None] = None
 
-    def programs(self, writer: Writer[Programs_co]) -> Programs_co:
+    def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
         """Return the programs of a step."""
         return writer.by_lines()
 
@@ -155,7 +155,7 @@ class Collocation(Stepper):
         end = f"y{numbers[-1]}" if self.b == self.a[-1] else f"y + h*({_sum(self.b)})"
         return "\n".join([*starts, solve, *slopes, *stages, f"y1 = {end}", "k1 = f(t1, y1)"])
 
-    def programs(self, writer: Writer[Programs_co]) -> Programs_co:
+    def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
         """Return the programs of a step."""
         return writer.by_stages(len(self.c))
 

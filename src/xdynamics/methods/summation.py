@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from xdynamics.expressions import Binary, Name, Negative, Node
-from xdynamics.methods.lines import Statement
+from xdynamics.methods.lines import VectorStatement
 from xdynamics.methods.method import Method
 
 PLAIN, COMPENSATED = SUMMATIONS = ("plain", "compensated")
@@ -23,7 +23,7 @@ class Update:
 @cache
 def updates(method: Method) -> dict[str, Update]:
     """Return the sums by which q, v and x become q1, v1 and x1, keyed by their targets; none unless all do so."""
-    sums = {line.target: _apart(line) for line in method.statements if isinstance(line, Statement)}
+    sums = {line.target: _apart(line) for line in method.statements if isinstance(line, VectorStatement)}
     by_target = {}
     for letter in "qvx":
         target = f"{letter}1"
@@ -36,7 +36,7 @@ def updates(method: Method) -> dict[str, Update]:
     return by_target
 
 
-def _apart(line: Statement) -> Update | None:
+def _apart(line: VectorStatement) -> Update | None:
     """Split a sum; None if a line does not begin with a single vector."""
     terms: list[tuple[str, Node]] = []
     node = line.expression

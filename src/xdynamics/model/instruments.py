@@ -110,7 +110,7 @@ AS_IT_IS = Reading()
 
 
 @dataclass(frozen=True)
-class Grid:
+class Cells:
     """A table in cells: titles, rows of texts, and what kind of file they are from."""
 
     kind: str
@@ -147,7 +147,7 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     lines = [line for line in normal(text).split("\n")[reading.skip :] if line.strip(" \t,;")]
     if not lines:
         raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
-    grid: Grid | None = None
+    grid: Cells | None = None
     first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
     ready = _is_table(first) and not any(form.search(first) for form in (_RUN, _STEP))
     if ready and reading == AS_IT_IS:
@@ -155,7 +155,7 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     if reading.header:
         grid = _titled(name, lines, reading)
     elif not ready:
-        known: Callable[[list[str], str], Grid | None]
+        known: Callable[[list[str], str], Cells | None]
         for known in (_rasp, _vernier, _tds, _rigol, _preambled):
             if (grid := known(lines, reading.decimal)) is not None:
                 break
@@ -228,7 +228,7 @@ def _word(cell: str) -> str:
     return ""
 
 
-def _rasp(lines: list[str], _: str) -> Grid | None:
+def _rasp(lines: list[str], _: str) -> Cells | None:
     entries = [line for line in lines if not line.lstrip().startswith(";")]
     words = entries[0].split() if entries else []
     if len(words) < 7 or any(number_of(words[k]) is None for k in (1, 2, 4, 5)) or "," in entries[0]:
@@ -240,10 +240,10 @@ def _rasp(lines: list[str], _: str) -> Grid | None:
         return None
     start = [] if not points or number_of(points[0][0]) == 0 else [("0", "0")]
     rows = (*start, *((time, thrust) for time, thrust in points))
-    return Grid(f"thrust of the motor {words[0]} by {' '.join(words[6:])}, as RASP has it", (TIME, "thrust [N]"), rows)
+    return Cells(f"thrust of the motor {words[0]} by {' '.join(words[6:])}, as RASP has it", (TIME, "thrust [N]"), rows)
 
 
-def _vernier(lines: list[str], decimal: str) -> Grid | None:
+def _vernier(lines: list[str], decimal: str) -> Cells | None:
     titles = [_RUN.fullmatch(cell) for cell in _cells(lines[0])]
     first = titles[0]
     if first is None:
@@ -255,14 +255,14 @@ def _vernier(lines: list[str], decimal: str) -> Grid | None:
         tuple(row[k].replace(",", ".") if comma else row[k] for k in places) for row in rows if len(row) > max(places)
     ]
     kind = f"columns of '{first[1]}', as Vernier's programs export them"
-    return Grid(
+    return Cells(
         kind,
         tuple(title[2] for title in titles if title and title[1] == first[1]),
         tuple(row for row in taken if any(row)),
     )
 
 
-def _tds(lines: list[str], _: str) -> Grid | None:
+def _tds(lines: list[str], _: str) -> Cells | None:
     first = _cells(lines[0])
     if first[0] != "Record Length" or len(first) < 5 or None in map(number_of, first[3:5]):
         return None
@@ -272,12 +272,12 @@ def _tds(lines: list[str], _: str) -> Grid | None:
         f"time [{said.get('Horizontal Units') or SECONDS.text}]",
         f"{said.get('Source') or 'value'} [{said.get('Vertical Units') or 'V'}]",
     )
-    return Grid(
+    return Cells(
         "a record of a Tektronix TDS", header, tuple((row[3], row[4]) for row in rows if len(row) > 4 and row[4])
     )
 
 
-def _rigol(lines: list[str], decimal: str) -> Grid | None:
+def _rigol(lines: list[str], decimal: str) -> Cells | None:
     cells = [cell for cell in _cells(lines[0]) if cell]
     if [*map(str.lower, cells[:1]), *map(str.lower, cells[-2:])] == ["x", "start", "increment"] and len(lines) > 1:
         below = _cells(lines[1])
@@ -297,23 +297,23 @@ def _rigol(lines: list[str], decimal: str) -> Grid | None:
     ]
     rows = [_cells(line) for line in lines[1:]]
     if timed and rows and number_of(rows[0][0]) is not None:
-        return Grid(
+        return Cells(
             "a record of a Rigol oscilloscope", (TIME, *titles), tuple(tuple(row[: 1 + len(titles)]) for row in rows)
         )
     rows = [row[timed : timed + len(titles)] for row in rows]
     return _stepped("a record of a Rigol oscilloscope", titles, rows, start, step)
 
 
-def _stepped(kind: str, titles: Sequence[str], rows: Sequence[Sequence[str]], start: Any, step: Any) -> Grid:
+def _stepped(kind: str, titles: Sequence[str], rows: Sequence[Sequence[str]], start: Any, step: Any) -> Cells:
     """Return rows with their times: from a start on, a step apart."""
     if start is None or not step:
         raise InputError(f'is {kind} without its start and increment; give header = ["t [s]", …] and skip')
     begin, width = Fraction(repr(start)), Fraction(repr(step))
     times = [repr(float(begin + k * width)) for k in range(len(rows))]
-    return Grid(kind, (TIME, *titles), tuple((time, *row) for time, row in zip(times, rows, strict=True)))
+    return Cells(kind, (TIME, *titles), tuple((time, *row) for time, row in zip(times, rows, strict=True)))
 
 
-def _preambled(lines: list[str], decimal: str) -> Grid | None:
+def _preambled(lines: list[str], decimal: str) -> Cells | None:
     """Read lines before a header, units in a line of their own, and the units of oscilloscopes' preambles."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     begin = _first_numbers(lines, decimal)
@@ -336,7 +336,7 @@ def _preambled(lines: list[str], decimal: str) -> Grid | None:
         return None
     kind = f"lines before its header left out: {len(above)}" if above else "names and units in two lines"
     rows = (_numbers(line, decimal) for line in lines[begin:])
-    return Grid(kind, tuple(header), tuple(tuple(row) for row in rows if row))
+    return Cells(kind, tuple(header), tuple(tuple(row) for row in rows if row))
 
 
 def _of_channels(units: Sequence[str], said: Mapping[str, Sequence[str]]) -> list[str]:
@@ -361,7 +361,7 @@ def _of_preamble(header: Sequence[str], said: Mapping[str, Sequence[str]]) -> li
     return [f"{name} [{unit}]" for name, unit in zip(header, [horizontal, *of], strict=True)]
 
 
-def _titled(name: str, lines: list[str], reading: Reading) -> Grid:
+def _titled(name: str, lines: list[str], reading: Reading) -> Cells:
     """Read the numbers of a file below the titles that are said."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     begin = _first_numbers(lines, reading.decimal)
@@ -375,17 +375,17 @@ def _titled(name: str, lines: list[str], reading: Reading) -> Grid:
             f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(shown, rows[0][:6]))}, and header has"
             f" {len(reading.header)} titles; name each column, those that are not wanted too"
         )
-    return Grid("with titles that were given", reading.header, rows)
+    return Cells("with titles that were given", reading.header, rows)
 
 
-def _split(lines: list[str], reading: Reading) -> Grid:
+def _split(lines: list[str], reading: Reading) -> Cells:
     """Split a file whose first line is its header."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     rows = (_numbers(line, reading.decimal) or _cells(line) for line in lines[1:])
-    return Grid("read as it was said", tuple(_cells(lines[0])), tuple(tuple(row) for row in rows))
+    return Cells("read as it was said", tuple(_cells(lines[0])), tuple(tuple(row) for row in rows))
 
 
-def _with_units(name: str, grid: Grid, reading: Reading) -> Grid:
+def _with_units(name: str, grid: Cells, reading: Reading) -> Cells:
     header = list(grid.header)
     names = [name_of_title(title) for title in header]
     for column, unit in reading.units.items():
@@ -402,7 +402,7 @@ def _with_units(name: str, grid: Grid, reading: Reading) -> Grid:
     return replace(grid, header=tuple(header))
 
 
-def _counted(name: str, grid: Grid, reading: Reading) -> Grid:
+def _counted(name: str, grid: Cells, reading: Reading) -> Cells:
     """Count the times from where it is said."""
     if not reading.time_zero:
         return grid

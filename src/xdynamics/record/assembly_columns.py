@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.expressions import dimension_of, text_of
-from xdynamics.march import Block
+from xdynamics.march import LogBlock
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, assemblies, bodies
 from xdynamics.model.detectors import LINKS
@@ -53,12 +53,12 @@ def _end(k: int) -> Callable[[Assembly, Array], Array]:
     return lambda assembly, links: assembly.ends(links)[k]
 
 
-def _looked_up(about: About, dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[Block], Array]:
+def _looked_up(about: About, dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[LogBlock], Array]:
     """Take a number of the link of each impact whose contact has a dimension."""
     owners = {assembly.name: assembly for assembly in assemblies(about.model) if dim in assembly.dims}
     watched = [(i, owners.get(block.name)) for i, block in enumerate(about.layout.watched) if block.role == LINKS]
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
         found = np.full(block.events, NOWHERE, np.int32)
         for number, assembly in watched:
@@ -133,11 +133,11 @@ def _rest(about: About, name: str, body: str) -> tuple[tuple[str, ...], tuple[in
     return rest, shapes.shape(rest)
 
 
-def _rows(row: int, shape: tuple[int, ...], factor: float) -> Callable[[Block], Array]:
+def _rows(row: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
     """Take rows of the log of impulses as an array with further dimensions."""
     count = int(np.prod(shape, dtype=int))
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         table = times(block.log.impulses[row : row + count, : block.events], factor)
         return np.ascontiguousarray(table.T).reshape(block.events, *shape)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
-from xdynamics.march import Block, Tolerances
+from xdynamics.march import LogBlock, Tolerances
 from xdynamics.model import Model
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
@@ -29,7 +29,7 @@ class Column:
     """A variable of the record and how its values are taken from a block of the log."""
 
     variable: Variable
-    take: Callable[[Block], Array]
+    take: Callable[[LogBlock], Array]
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class LineOf:
     factor: float
     shape: tuple[int, ...] = ()
 
-    def __call__(self, block: Block) -> Array:
+    def __call__(self, block: LogBlock) -> Array:
         """Take it of a block."""
         if not self.shape:
             return self.taken(block, self.index)
@@ -120,28 +120,28 @@ class LineOf:
         """Return what takes one of the lines alone."""
         return LineOf(self.table, self.index + number, self.factor)
 
-    def taken(self, block: Block, lines: int | slice) -> Array:
+    def taken(self, block: LogBlock, lines: int | slice) -> Array:
         """Take some lines of a block, in the record's unit."""
         values: Array = getattr(block.log, self.table)[lines, : getattr(block, self.table)]
         return times(values, self.factor)
 
 
-def row_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[Block], Array]:
+def row_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
     """Take a quantity of the logged rows."""
     return LineOf("rows", index, factor, shape)
 
 
-def sample_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[Block], Array]:
+def sample_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
     """Take a quantity of the force samples."""
     return LineOf("samples", index, factor, shape)
 
 
-def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
     """Take a field of the rejected trials."""
     return lambda block: times(block.log.trials[name][: block.trials], factor).astype(dtype)
 
 
-def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[Block], Array]:
+def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
     """Take a field of the events."""
     return lambda block: times(block.log.events[name][: block.events], factor).astype(dtype)
 

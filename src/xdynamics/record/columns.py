@@ -15,7 +15,7 @@ from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL, STATES
-from xdynamics.march import Block, March, Settings
+from xdynamics.march import LogBlock, March, Settings
 from xdynamics.march.memory import numbers_at_end
 from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
@@ -274,12 +274,12 @@ def _between(model: Model, name: str) -> dict[str, str]:
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": drive.argument}
 
 
-def _numbers(block: Block) -> Array:
+def _numbers(block: LogBlock) -> Array:
     """Return the numbers, in the march, of a block's rows."""
     return np.arange(block.rows) if block.numbers is None else block.numbers
 
 
-def _flag(index: int) -> Callable[[Block], Array]:
+def _flag(index: int) -> Callable[[LogBlock], Array]:
     return lambda block: block.log.flags[index, : block.rows]
 
 

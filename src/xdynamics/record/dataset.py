@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, numbered
 from xdynamics.keywords import FULL
-from xdynamics.march import Block, March
+from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
@@ -28,13 +28,13 @@ TIME = "time"
 KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
 
 
-def dataset(march: March, blocks: Iterable[Block], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
+def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str, Array]] = ()) -> xr.Dataset:
     """March and return the whole run in memory.
 
     Parameters
     ----------
     march : March
-    blocks : iterable of Block
+    blocks : iterable of LogBlock
         Blocks whose memory is not reused, as `March.blocks` yields them without a size.
     before : iterable of (str, ndarray)
         Rows that precede those of the march, taken before its first block is requested.
@@ -92,7 +92,7 @@ def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, A
     return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
 
-def _rest(march: March) -> Iterator[Block]:
+def _rest(march: March) -> Iterator[LogBlock]:
     """Yield the last row of an interrupted march, if it follows those that were kept."""
     if (rest := march.rest()) is not None:
         yield rest

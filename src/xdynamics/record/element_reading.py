@@ -32,7 +32,7 @@ class Shared:
 
     def element(self, place: tuple[int, ...]) -> Any:
         """Return the values of an element, to be read when they are used."""
-        return indexing.LazilyIndexedArray(Element(self, place))
+        return indexing.LazilyIndexedArray(ElementArray(self, place))
 
     def rows(self, key: tuple[Any, ...]) -> Array:
         """Return the values of all elements in some rows."""
@@ -48,7 +48,7 @@ class Shared:
         return values
 
 
-class Element(BackendArray):
+class ElementArray(BackendArray):
     """The values of one element."""
 
     def __init__(self, shared: Shared, place: tuple[int, ...]) -> None:

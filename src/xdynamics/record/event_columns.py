@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import Node, dimension_of, text_of
 from xdynamics.faults import InputError
-from xdynamics.march import Block
+from xdynamics.march import LogBlock
 from xdynamics.march.events.zero_tests import LOOKS
 from xdynamics.model import Function
 from xdynamics.model.detectors import (
@@ -47,13 +47,13 @@ def event_columns(about: About) -> list[Column]:
     """Return every variable along the events."""
     time = about.units.time
 
-    def bounds(block: Block) -> Array:
+    def bounds(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
         return times(np.stack([events["left"], events["time"]], axis=1), time)
 
     parts = [_bracket(time), _left_over(about), event_of("interpolation", "f8", time)]
 
-    def uncertainty(block: Block) -> Array:
+    def uncertainty(block: LogBlock) -> Array:
         if not block.events:  # most blocks have none
             return np.zeros(0)
         # no time is known better than half the spacing of floats
@@ -129,14 +129,14 @@ def _of_impacts(about: About) -> list[Column]:
     return collected
 
 
-def _impulse(about: About, own: Quantity, unit: Unit) -> Callable[[Block], Array]:
+def _impulse(about: About, own: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Take the impulses along a coordinate; zeros without contacts."""
     if not about.layout.reactions:
         return _nothing(own.shape)
     return _lines(about.layout.coordinates.place(own.name), own.shape, about.units.factor(unit))
 
 
-def _offset(about: About, own: Quantity, unit: Unit) -> Callable[[Block], Array]:
+def _offset(about: About, own: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
     layout = about.layout
     if not (layout.reactions or layout.resets):
@@ -145,28 +145,28 @@ def _offset(about: About, own: Quantity, unit: Unit) -> Callable[[Block], Array]
     return _lines(first, own.shape, about.units.factor(unit))
 
 
-def _lines(first: int, shape: tuple[int, ...], factor: float) -> Callable[[Block], Array]:
+def _lines(first: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
     """Take lines of what events do to coordinates."""
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         lines = block.log.impulses[first : first + math.prod(shape), : block.events]
         return times(lines.T.reshape(-1, *shape), factor)
 
     return take
 
 
-def _bracket(factor: float) -> Callable[[Block], Array]:
-    def take(block: Block) -> Array:
+def _bracket(factor: float) -> Callable[[LogBlock], Array]:
+    def take(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
         return times(events["time"] - events["left"], factor)
 
     return take
 
 
-def _left_over(about: About) -> Callable[[Block], Array]:
+def _left_over(about: About) -> Callable[[LogBlock], Array]:
     factor = about.units.time
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         if not block.events:
             return np.zeros(0)
         events = block.log.events[: block.events]
@@ -272,8 +272,8 @@ def _values(about: About) -> list[Column]:
     factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
     unit = shared.pop() if len(shared) == 1 else "1"
 
-    def taken(name: str) -> Callable[[Block], Array]:
-        def take(block: Block) -> Array:
+    def taken(name: str) -> Callable[[LogBlock], Array]:
+        def take(block: LogBlock) -> Array:
             events = block.log.events[: block.events]
             values: Array = events[name] * factors[events["detector"]]
             return values
@@ -319,7 +319,7 @@ def _positions(about: About) -> list[Column]:
         ]
     )
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
         within = tolerances[events["detector"]]
         position = np.where(np.abs(events["residual"]) <= within, schema.NEAR, schema.FAR)
@@ -332,19 +332,19 @@ def _positions(about: About) -> list[Column]:
     return [Column(Variable("event_position", (EVENTS,), "i1", "1", long_name, "flag", extra), take)]
 
 
-def _observed(about: About, uncertainty: Callable[[Block], Array]) -> list[Column]:
+def _observed(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
     """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
     units, layout, collected = about.units, about.layout, []
     rates = list(layout.followed)
 
-    def value(place: int, factor: float) -> Callable[[Block], Array]:
-        def take(block: Block) -> Array:
+    def value(place: int, factor: float) -> Callable[[LogBlock], Array]:
+        def take(block: LogBlock) -> Array:
             rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
             return times(block.log.rows[place, rows], factor)
 
         return take
 
-    def doubt(place: int, factor: float) -> Callable[[Block], Array]:
+    def doubt(place: int, factor: float) -> Callable[[LogBlock], Array]:
         return lambda block: times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
 
     apart = {*schema.ENERGIES, *layout.gaps}
@@ -376,5 +376,5 @@ def _impulse_unit(about: About, own: Quantity) -> Unit:
     return spell(mass * model.dimensions[schema.velocity(own.first)])
 
 
-def _nothing(shape: tuple[int, ...]) -> Callable[[Block], Array]:
+def _nothing(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
     return lambda block: np.zeros((block.events, *shape))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.march import Block
+from xdynamics.march import LogBlock
 from xdynamics.model import Model
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.element_attributes import attributes_of_element, attributes_of_whole
@@ -71,12 +71,12 @@ def _elements(column: Column, dims: tuple[str, ...], shapes: Shapes) -> Iterator
         yield Column(replace(variable, name=name, dims=own, more=more), _element_of(column, number))
 
 
-def _element_of(column: Column, number: int) -> Callable[[Block], Array]:
+def _element_of(column: Column, number: int) -> Callable[[LogBlock], Array]:
     """Take one element of a quantity."""
     if isinstance(column.take, LineOf):
         return column.take.element(number)
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         values = column.take(block)
         return values.reshape(len(values), -1)[:, number]
 
@@ -139,7 +139,7 @@ def _variable(whole: Whole, elements: Mapping[int, Variable]) -> Variable:
     )
 
 
-def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[Block], Array]:
+def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[LogBlock], Array]:
     """Take all elements: a view of the log, where they are there one after the other in the record's unit."""
     lines = [members[number].take for number in range(whole.size)] if len(members) == whole.size else []
     first = lines[0] if lines else None
@@ -148,7 +148,7 @@ def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[Block], Arra
     ):
         count = whole.size
 
-        def view(block: Block) -> Array:
+        def view(block: LogBlock) -> Array:
             table = first.taken(block, slice(first.index, first.index + count))
             return table.T.reshape(-1, *whole.shape)
 
@@ -197,7 +197,7 @@ def _ends(column: Column, shapes: Shapes, dim: str, links: Array, *, single: boo
 def _either(one: Column, other: Column) -> Column:
     """Return a column of places that has those of two columns, each of which has none where the other has one."""
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         places = one.take(block)
         return np.where(places == NOWHERE, other.take(block), places)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.expressions import Binary, Compare, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.march import Block, March
+from xdynamics.march import LogBlock, March
 from xdynamics.march.log import PIECES
 from xdynamics.model.motion import constants
 from xdynamics.model.switches import Path, Switch, watched_by
@@ -49,8 +49,8 @@ def side_columns(about: About) -> list[Column]:
     return collected
 
 
-def _piece(first: int) -> Callable[[Block], Array]:
-    def take(block: Block) -> Array:
+def _piece(first: int) -> Callable[[LogBlock], Array]:
+    def take(block: LogBlock) -> Array:
         digits = block.log.flags[first : first + 3, : block.rows].astype(np.int32)
         pieces: Array = digits[0] + PIECES * (digits[1] + PIECES * digits[2])
         return pieces
@@ -58,26 +58,26 @@ def _piece(first: int) -> Callable[[Block], Array]:
     return take
 
 
-def _side(about: About, switch: Switch, place: int, places: Mapping[Node, int]) -> Callable[[Block], Array]:
+def _side(about: About, switch: Switch, place: int, places: Mapping[Node, int]) -> Callable[[LogBlock], Array]:
     """Take a side, and 0 where the enclosing `where`s select other branches."""
     if not switch.nested:
         return lambda block: block.log.flags[place, : block.rows]
     values = dict(constants(about.model, about.scales))
 
-    def holds(condition: Compare, block: Block) -> Array:
+    def holds(condition: Compare, block: LogBlock) -> Array:
         at = places.get(Binary("-", condition.left, condition.right))
         if at is None:  # it compares constants
             return np.full(block.rows, bool(evaluate(condition, values)))
         side = block.log.flags[at, : block.rows]
         return side < 0 if condition.operator[0] == "<" else side > 0
 
-    def along(path: Path, block: Block) -> Array:
+    def along(path: Path, block: LogBlock) -> Array:
         holding = np.ones(block.rows, bool)
         for condition, wanted in path:
             holding &= holds(condition, block) == wanted
         return holding
 
-    def take(block: Block) -> Array:
+    def take(block: LogBlock) -> Array:
         decides = np.any([along(path, block) for path in switch.paths], axis=0)
         return np.where(decides, block.log.flags[place, : block.rows], np.int8(0))
 

@@ -21,7 +21,7 @@ from xdynamics.shapes import Extent, Shapes, at
 from xdynamics.simulation.right_sides import (
     Floats,
     RightSide,
-    Written,
+    WrittenFunction,
     called,
     check_repeating,
     drive,
@@ -88,14 +88,16 @@ def _parameter(grid: Grid, values: Floats) -> dict[str, Any]:
 
 def _written_down(
     functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arguments: list[Any]
-) -> list[Written]:
+) -> list[WrittenFunction]:
     """Write functions down, twice; nothing, if the right-hand side returns single numbers."""
     first, second = (_once(functions, tables, y, grid, arguments) for _ in range(2))
     check_repeating(first, second)
     return first
 
 
-def _once(functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arguments: list[Any]) -> list[Written]:
+def _once(
+    functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arguments: list[Any]
+) -> list[WrittenFunction]:
     fun, *events = functions
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
@@ -105,13 +107,13 @@ def _once(functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, 
     if np.size(rates) != grid.size if isinstance(rates, np.ndarray) else rates.size != grid.size:
         raise InputError(f"{called(fun)} returns {rates.size} rates, and y0 has {grid.size} numbers")
     rate = _of_row(rates, grid) if isinstance(rates, Field) else _of_elements(rates, grid)
-    written = [Written(fun, (f"the rate of '{grid.name}'",), (rate,))]
+    written = [WrittenFunction(fun, (f"the rate of '{grid.name}'",), (rate,))]
     for event in events:
         value = traced(tables.of(event), t, y.copy(), *arguments)
         if isinstance(value, Field | np.ndarray) and value.size != 1:
             raise InputError(f"event {called(event)} returns {value.size} numbers, needs one; write an event for each")
         one = value[0] if isinstance(value, Field) else np.asarray(value, object).item()
-        written.append(Written(event, ("its value",), (one,)))
+        written.append(WrittenFunction(event, ("its value",), (one,)))
     return written
 
 
@@ -136,7 +138,13 @@ def _of_elements(rates: Any, grid: Grid) -> Traced:
 
 
 def _check_numbers(
-    written: list[Written], grid: Grid, t_span: Any, y0: Floats, given: list[Any], args: Any, tables: Substitution
+    written: list[WrittenFunction],
+    grid: Grid,
+    t_span: Any,
+    y0: Floats,
+    given: list[Any],
+    args: Any,
+    tables: Substitution,
 ) -> None:
     """Call functions with numbers, and compare some of the results with what their expressions give there."""
     if not written:

@@ -14,7 +14,7 @@ from xdynamics.archive.seals import slabs
 from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.energy_gains import Gains, Impacts, with_more
+from xdynamics.march.energy_gains import EventEnergies, Gains, with_more
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
 from xdynamics.model import Model
@@ -220,7 +220,7 @@ def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> 
     return kept.removesuffix(f" {WITNESSES}"), numbers[:border]
 
 
-def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
+def _impacts_of(kept: xr.Dataset, march: March) -> EventEnergies:
     """Return the events of a record; detectors of one contact are represented by their first."""
     labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
     names = [item.name for item in march.layout.watched]
@@ -233,7 +233,7 @@ def _impacts_of(kept: xr.Dataset, march: March) -> Impacts:
             float(parse_unit(kept[velocity(name)].attrs["units"]).factor),
         )
         work += np.abs(kept[f"event_impulse_{name}"].values) * (speed[row] + speed[after]) * factor / 2.0
-    return Impacts(
+    return EventEnergies(
         kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work
     )
 

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenFunction:
     """A function of t and y, what each of its values is, and the values that it returned for names."""
 
     function: RightSide
@@ -121,8 +121,8 @@ def numbers_of(starts: list[str], own: list[str]) -> Floats:
 
 
 def with_arguments(
-    write: Callable[[list[Any]], list[Written]], fun: RightSide, args: Any, taken: list[str]
-) -> tuple[list[Written], list[Any], dict[str, str]]:
+    write: Callable[[list[Any]], list[WrittenFunction]], fun: RightSide, args: Any, taken: list[str]
+) -> tuple[list[WrittenFunction], list[Any], dict[str, str]]:
     """Write functions down with single numbers of `args` as parameters, with their names and values."""
     try:
         given, parameters = arguments_of(fun, args, taken, float)
@@ -164,14 +164,14 @@ def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
 
 def written_down(
     functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
-) -> list[Written]:
+) -> list[WrittenFunction]:
     """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
     first, second = ([*each_written(functions, tables, words, y, arguments)] for _ in range(2))
     check_repeating(first, second)
     return first
 
 
-def check_repeating(first: list[Written], second: list[Written]) -> None:
+def check_repeating(first: list[WrittenFunction], second: list[WrittenFunction]) -> None:
     """Refuse functions that write something else when they are called again.
 
     Raises
@@ -185,15 +185,15 @@ def check_repeating(first: list[Written], second: list[Written]) -> None:
 
 def each_written(
     functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
-) -> Iterator[Written]:
+) -> Iterator[WrittenFunction]:
     """Write the right-hand side down, and then every event."""
     fun, *events = functions
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
     rates = _as_many(fun, traced(tables.of(fun), t, y.copy(), *arguments), len(words))
-    yield Written(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
+    yield WrittenFunction(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
-        yield Written(event, ("its value",), (traced(tables.of(event), t, y.copy(), *arguments),))
+        yield WrittenFunction(event, ("its value",), (traced(tables.of(event), t, y.copy(), *arguments),))
 
 
 def drive(word: str, times: Any, values: Any) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def drive(word: str, times: Any, values: Any) -> dict[str, Any]:
     return {"table": table, "interpolation": "linear", "outside": "hold"}
 
 
-def events_of(written: list[Written]) -> dict[str, dict[str, Any]]:
+def events_of(written: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
     """Return events as a model has them, with scipy's attributes."""
     events: dict[str, dict[str, Any]] = {}
     for i, event in enumerate(written):

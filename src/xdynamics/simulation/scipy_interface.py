@@ -22,7 +22,7 @@ from xdynamics.simulation.array_models import array_sections
 from xdynamics.simulation.right_sides import (
     Floats,
     RightSide,
-    Written,
+    WrittenFunction,
     called,
     check_order,
     check_span,
@@ -168,7 +168,7 @@ def named_sections(
     y = array_of([name(label) / name(scales[label]) if label in scales else name(label) for label in words])
     tables = Substitution()
 
-    def write(arguments: list[Any]) -> list[Written]:
+    def write(arguments: list[Any]) -> list[WrittenFunction]:
         return written_down(functions, tables, words, y, arguments)
 
     written, given, parameters = with_arguments(write, functions[0], args, words)
@@ -187,7 +187,7 @@ def named_sections(
 
 
 def _check_numbers(
-    written: list[Written],
+    written: list[WrittenFunction],
     words: list[str],
     scales: Mapping[str, str],
     t_span: Any,

@@ -14,7 +14,7 @@ from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, ex
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, Statement
+from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, VectorStatement
 from xdynamics.methods.method import Method
 
 Floats = NDArray[np.float64]
@@ -132,7 +132,7 @@ class _Matrices(Walker):
         self.vectors = dict(vectors)
         self._system = system
 
-    def assign(self, line: Statement) -> None:
+    def assign(self, line: VectorStatement) -> None:
         self.vectors[line.target] = _value(line.expression, self.vectors)
 
     def evaluate(self, line: Evaluation) -> None:

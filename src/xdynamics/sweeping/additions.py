@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.archive.place import Place
 from xdynamics.faults import InputError, numbered
-from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, Column, column_of
+from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of
 from xdynamics.sweeping.collection import DIGEST, plan_of
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.labels import ALIKE
 from xdynamics.sweeping.members import Block, Plan, Values
 
@@ -125,11 +125,11 @@ def _few(times: Values) -> str:
     return f"{', '.join(f'{time:g}' for time in times[:4])}{' …' if times.size > 4 else ''}" if times.size else "none"
 
 
-def _kind(column: Column) -> tuple[str, str]:
+def _kind(column: AxisColumn) -> tuple[str, str]:
     return column.kind, column.name
 
 
-def _places(axis: Axis, old_grid: Grid, faults: list[str]) -> Places:
+def _places(axis: Axis, old_grid: SweepGrid, faults: list[str]) -> Places:
     """Find the values of an axis in an existing sweep; note a fault for values of the sweep that the axis lacks."""
     old_axis = next((entry for entry in old_grid.axes if entry.dim == axis.dim), None)
     if old_axis is None:
@@ -152,7 +152,7 @@ def _places(axis: Axis, old_grid: Grid, faults: list[str]) -> Places:
     return places
 
 
-def _rows(columns: Sequence[Column]) -> list[tuple[Any, ...]]:
+def _rows(columns: Sequence[AxisColumn]) -> list[tuple[Any, ...]]:
     """Return the values along an axis: numbers in SI units, tables with their text."""
     return [_row(row) for row in zip(*(_values(column) for column in columns), strict=True)]
 
@@ -161,13 +161,13 @@ def _row(values: Sequence[Any]) -> tuple[Any, ...]:
     return tuple(values)
 
 
-def _values(column: Column) -> list[Any]:
+def _values(column: AxisColumn) -> list[Any]:
     if column.tables:
         return list(zip(map(str, column.values), column.tables, strict=True))
     return [str(value) for value in column.values] if column.values.dtype == object else column.si.tolist()
 
 
-def _shared(grid: Grid, column: Column) -> Any:
+def _shared(grid: SweepGrid, column: AxisColumn) -> Any:
     """Return the value that all members of a sweep share; None where it is the model's own setting."""
     if column.kind == PARAMETER:
         return _common({grid.model.parameters[name].quantity.si for name in column.names})
@@ -183,7 +183,7 @@ def _common(values: set[float]) -> float | None:
     return values.pop() if len(values) == 1 else None
 
 
-def _alike(new: Sequence[Column], old: Sequence[Column], i: int) -> bool:
+def _alike(new: Sequence[AxisColumn], old: Sequence[AxisColumn], i: int) -> bool:
     """Whether an old value is present up to rounding, as on a finer axis; such a member is marched again."""
     close = np.ones(len(new[0].values), bool)
     for new_column, old_column in zip(new, old, strict=True):

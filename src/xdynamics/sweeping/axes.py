@@ -56,7 +56,7 @@ MOST_AXES, MOST_VALUES = 24, 10_000_000  # and values along one axis
 
 
 @dataclass(frozen=True)
-class Column:
+class AxisColumn:
     """One quantity or setting that varies along an axis.
 
     Attributes
@@ -108,14 +108,14 @@ class Axis:
     Attributes
     ----------
     dim : str
-    columns : tuple of Column
+    columns : tuple of AxisColumn
         One column, or several that vary together.
     design : Draws, optional
         How the values were drawn.
     """
 
     dim: str
-    columns: tuple[Column, ...]
+    columns: tuple[AxisColumn, ...]
     design: Draws | None = None
 
     @property
@@ -181,7 +181,7 @@ def _twice(values: Values) -> Any:
     return ordered[repeats[0]].item() if repeats.size else None
 
 
-def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
+def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
     """Put points between the ends of each range, or around each parameter."""
     points, names, columns = draws.points(), list(draws.ranges), []
     if draws.design == DECLARED:
@@ -212,7 +212,7 @@ def _drawn(model: Model, draws: Draws) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
+def range_of(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
     """Read the lowest and the highest value of a parameter, an initial value or a setting.
 
     Raises
@@ -229,7 +229,7 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> Column:
     return column
 
 
-def column_of(model: Model, name: str, values: Any) -> Column:
+def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     """Find out what a name refers to, and read its values.
 
     Raises
@@ -261,7 +261,7 @@ def column_of(model: Model, name: str, values: Any) -> Column:
     raise InputError(f"'{_said(name)}' is nothing that can vary; there are {', '.join(available)}")
 
 
-def _whole(model: Model, name: str, values: Any) -> Column | None:
+def _whole(model: Model, name: str, values: Any) -> AxisColumn | None:
     """Read values of a quantity with dimensions, each of which all its elements have; None if it is no such quantity."""
     quantity = name.removeprefix(FOR_INITIAL)
     elements = tuple(model.shapes.elements(quantity)) if quantity in model.shapes.dims else ()
@@ -271,12 +271,12 @@ def _whole(model: Model, name: str, values: Any) -> Column | None:
     return None
 
 
-def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) -> Column:
+def _quantities(name: str, kind: str, entries: Any, declared: Unit, label: str) -> AxisColumn:
     """Read numbers with a unit; those without one have the declared unit."""
     values, unit = numbers_of(entries, declared)
     if DOT in name and unit != declared:  # the elements of a quantity have one unit
         values, unit = np.array([Quantity(value, unit).into(declared).value for value in values.tolist()]), declared
-    return Column(name, kind, values, unit, label)
+    return AxisColumn(name, kind, values, unit, label)
 
 
 def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
@@ -367,14 +367,14 @@ def _range(text: str) -> tuple[Values, Unit]:
     return np.linspace(parsed.start, parsed.stop, parsed.count), parsed.unit
 
 
-def _positive(column: Column) -> Column:
+def _positive(column: AxisColumn) -> AxisColumn:
     bad = column.values[~(column.values > 0)]
     if bad.size:
         raise InputError(f"has {float(bad[0])!r} {column.unit.text}, needs positive values")
     return column
 
 
-def _settings(model: Model, name: str, entries: Any) -> Column:
+def _settings(model: Model, name: str, entries: Any) -> AxisColumn:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
         return _quantities(name, SETTING, entries, model.time_unit, name)
@@ -389,10 +389,10 @@ def _settings(model: Model, name: str, entries: Any) -> Column:
         raise InputError(f"has {wrong[0]!r}, needs words or numbers")
     words = any(isinstance(value, str) for value in values)
     array = np.array([str(value) for value in values], object) if words else np.array(values, float)
-    return Column(name, SETTING, array, Unit("1", NONE), name)
+    return AxisColumn(name, SETTING, array, Unit("1", NONE), name)
 
 
-def _tables(name: str, sources: Any) -> Column:
+def _tables(name: str, sources: Any) -> AxisColumn:
     """Read the tables of a drive: files of two columns, or every value column of a wide file."""
     files = [sources] if isinstance(sources, str | Path) else list(sources)
     tables: dict[str, str] = {}
@@ -405,7 +405,7 @@ def _tables(name: str, sources: Any) -> Column:
             if label in tables:
                 raise InputError(f"has two tables called '{label}'")
             tables[label] = text
-    return Column(name, TABLE, np.array([*tables], object), Unit("1", NONE), name, tuple(tables.values()))
+    return AxisColumn(name, TABLE, np.array([*tables], object), Unit("1", NONE), name, tuple(tables.values()))
 
 
 def _check_once(axes: Sequence[Axis]) -> None:

@@ -17,8 +17,8 @@ from xdynamics.record.arguments import root_method_of
 from xdynamics.record.element_names import listed
 from xdynamics.schema import AT, AT_TIME, EVIDENCE, OCCURRENCE, SWEEP
 from xdynamics.shapes.naming import spoken, written
-from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, Column
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.axes import INITIAL, PARAMETER, RTOL, STEP, TABLE, Axis, AxisColumn
+from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.units import parse_unit, unit_suffix
@@ -105,7 +105,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     return sweep.set_coords([*coordinates])
 
 
-def _coordinates(grid: Grid) -> dict[str, Any]:
+def _coordinates(grid: SweepGrid) -> dict[str, Any]:
     coordinates: dict[str, Any] = {}
     for axis in grid.axes:
         for column in axis.columns:
@@ -132,7 +132,7 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
     return coordinates
 
 
-def _meaning(model: Model, column: Column) -> str:
+def _meaning(model: Model, column: AxisColumn) -> str:
     """Describe what varies, with the model's own description if there is one."""
     sections: dict[str, Mapping[str, Any]] = {
         PARAMETER: model.parameters,
@@ -161,7 +161,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _shared_settings(grid: Grid) -> dict[str, Any]:
+def _shared_settings(grid: SweepGrid) -> dict[str, Any]:
     """Return the settings that all members share, under the names of a record's attributes."""
     varying = {column.name for _, column in grid.columns}
     settings = grid.settings_of((0,) * len(grid.shape))
@@ -242,7 +242,7 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         asked["math_functions"] = kept
     if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
         asked["event_root_method"] = located
-    return Plan(Grid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
+    return Plan(SweepGrid(model, tuple(_axis(model, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
 
 
 def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
@@ -262,7 +262,7 @@ def _axis(model: Model, sweep: xr.Dataset, dim: str) -> Axis:
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
         what, unit = written(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
         elements = tuple(model.shapes.elements(what)) if what in model.shapes.dims else ()
-        columns.append(Column(what, kind, converted, unit, str(name), tables, elements))
+        columns.append(AxisColumn(what, kind, converted, unit, str(name), tables, elements))
     if not columns:
         raise InputError(f"the sweep has no values of its axis '{dim}'; take them along")
     return Axis(dim, tuple(columns))

@@ -19,7 +19,7 @@ from xdynamics.march.settings import EARLIEST_FIRST
 from xdynamics.model import Model
 from xdynamics.model.toml import tables_of
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, Column
+from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, AxisColumn
 
 Places = NDArray[np.int64]
 At = Sequence[int] | Places
@@ -63,7 +63,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Grid:
+class SweepGrid:
     """Every combination of the values along its axes.
 
     Attributes
@@ -79,7 +79,7 @@ class Grid:
     asked: dict[str, Any] = field(default_factory=dict)
 
     def __reduce__(self) -> Any:
-        return Grid, (self.model, self.axes, self.asked)
+        return SweepGrid, (self.model, self.axes, self.asked)
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ class Grid:
         return prod(self.shape)
 
     @cached_property
-    def columns(self) -> tuple[tuple[int, Column], ...]:
+    def columns(self) -> tuple[tuple[int, AxisColumn], ...]:
         """All columns, each with the index of its axis."""
         return tuple((k, column) for k, axis in enumerate(self.axes) for column in axis.columns)
 
@@ -156,7 +156,7 @@ class Grid:
         return settings_for(self._common(at), **self.asked_of(at), **(RECORDING | self.recording))
 
     @property
-    def unrecorded(self) -> Grid:
+    def unrecorded(self) -> SweepGrid:
         """The same grid without recording of whole runs."""
         return replace(self, asked={name: value for name, value in self.asked.items() if name not in RECORDING})
 
@@ -214,7 +214,7 @@ class Grid:
         return _with(self.model, tuple(drives.items()), start) if drives or start else self.model
 
 
-def _shown(column: Column, i: int) -> str:
+def _shown(column: AxisColumn, i: int) -> str:
     value = column.values[i]
     return str(value) if column.values.dtype == object else f"{float(value)!r} {column.unit.text}"
 

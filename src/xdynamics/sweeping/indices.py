@@ -18,7 +18,7 @@ from xdynamics.model.parts import Parameter
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.shapes.naming import written
-from xdynamics.sweeping.axes import Column, range_of
+from xdynamics.sweeping.axes import AxisColumn, range_of
 from xdynamics.sweeping.designs import LEAST, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
 from xdynamics.sweeping.members import OUTCOME
@@ -83,14 +83,14 @@ def sobol_indices(
     section 13.3).
     """
     _check(ranges, draws, resamples)
-    spans: dict[str, Column | Parameter]
+    spans: dict[str, AxisColumn | Parameter]
     if isinstance(ranges, Mapping):
         spans = {written(str(name)): _span(model, written(str(name)), ends) for name, ends in ranges.items()}
     else:
         spans = {(one := written(str(name))): _declared(model, one, [*map(written, ranges)]) for name in ranges}
     quantity = written(quantity)
     sweep = _swept(model, spans, quantity, draws, seed, settings)
-    request = Request(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
+    request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples)
     if compute:
         return _shared(request, *(variable.values for variable in computed(sweep[[quantity, OUTCOME]])[0].values()))
     needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
@@ -102,18 +102,18 @@ def sobol_indices(
 
 
 @dataclass(frozen=True)
-class Request:
+class IndicesRequest:
     """What is asked of the indices; see `sobol_indices`.
 
     Attributes
     ----------
-    spans : mapping of str to Column or Parameter
+    spans : mapping of str to AxisColumn or Parameter
     stated : bool
         Whether ranges were given, and not names alone.
     """
 
     model: Model
-    spans: Mapping[str, Column | Parameter]
+    spans: Mapping[str, AxisColumn | Parameter]
     stated: bool
     quantity: str
     draws: int
@@ -121,7 +121,7 @@ class Request:
     resamples: int
 
 
-def _shared(request: Request, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
+def _shared(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
     """Return the indices from the numbers of all members.
 
     Raises
@@ -136,7 +136,7 @@ def _shared(request: Request, numbers: NDArray[Any], outcomes: NDArray[Any]) -> 
 
 
 def _dataset(
-    request: Request, indices: NDArray[np.float64], interval: tuple[NDArray[np.float64], NDArray[np.float64]]
+    request: IndicesRequest, indices: NDArray[np.float64], interval: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> xr.Dataset:
     variables = _range_variables(request.spans, stated=request.stated)
     low, high = interval
@@ -171,7 +171,7 @@ def _check(ranges: Any, draws: int, resamples: int) -> None:
         )
 
 
-def _range_variables(spans: Mapping[str, Column | Parameter], *, stated: bool) -> dict[str, Any]:
+def _range_variables(spans: Mapping[str, AxisColumn | Parameter], *, stated: bool) -> dict[str, Any]:
     """Return the names of what was varied, and where the range of each begins and ends."""
     ends = [_ends(span) for span in spans.values()]
     text = "where its range" if stated else "where one standard uncertainty beside its value"
@@ -189,7 +189,7 @@ def _range_variables(spans: Mapping[str, Column | Parameter], *, stated: bool) -
 
 def _swept(
     model: Model,
-    spans: Mapping[str, Column | Parameter],
+    spans: Mapping[str, AxisColumn | Parameter],
     quantity: str,
     draws: int,
     seed: int,
@@ -230,14 +230,14 @@ def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([first, total])
 
 
-def _span(model: Model, name: str, ends: Sequence[Any]) -> Column:
+def _span(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
     available = of_wholes((*model.parameters, *model.initial))
     if name not in (*model.parameters, *model.initial, *available):
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 
 
-def _between(span: Column | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
+def _between(span: AxisColumn | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
     """Map points from 0 to 1 to a range or a distribution, in its unit."""
     import xarray as xr
 
@@ -261,7 +261,7 @@ def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
     return model.uncertain[name]
 
 
-def _ends(span: Column | Parameter) -> tuple[str, float, float]:
+def _ends(span: AxisColumn | Parameter) -> tuple[str, float, float]:
     """Return unit and ends of a range; for a distribution, one standard uncertainty to either side."""
     if isinstance(span, Parameter):
         value, unit = span.quantity.value, span.quantity.unit.text

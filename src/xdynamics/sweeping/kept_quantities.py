@@ -100,7 +100,7 @@ class Keeping:
         InputError
             If words stand for nothing in the model; all of them are named.
         """
-        reader = _Reader(self, model, settings)
+        reader = _WordReader(self, model, settings)
         variables: dict[str, Kept] = {}
         unknown = []
         for word in (*reader.words, *reader.sampled()):
@@ -143,7 +143,7 @@ def _whole(whole: Whole, elements: Mapping[int, Kept]) -> Kept:
     )
 
 
-class _Reader:
+class _WordReader:
     """Resolve the words of `keep` for a model."""
 
     def __init__(self, keeping: Keeping, model: Model, settings: Any) -> None:

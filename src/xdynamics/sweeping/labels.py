@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.sweeping.axes import Axis, Column, numbers_of
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.axes import Axis, AxisColumn, numbers_of
+from xdynamics.sweeping.grid import SweepGrid
 
 ALIKE = 1e-12  # relative difference of values that were converted between units
 
 
-def places_of(grid: Grid, labels: Mapping[str, Any]) -> list[int]:
+def places_of(grid: SweepGrid, labels: Mapping[str, Any]) -> list[int]:
     """Find the index along every axis of a member given by its values.
 
     Raises
@@ -48,7 +48,7 @@ def place_on(axis: Axis, label: Any) -> int:
     return _nearest(matching[0], label) if matching else _number(axis.dim, axis.size, label)
 
 
-def _nearest(column: Column, label: Any) -> int:
+def _nearest(column: AxisColumn, label: Any) -> int:
     if column.values.dtype == object:
         words = [str(value) for value in column.values]
         if str(label) not in words:

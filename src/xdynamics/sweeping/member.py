@@ -12,7 +12,7 @@ from xdynamics.faults import ArchiveError
 from xdynamics.march import March
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.grid import At, Grid
+from xdynamics.sweeping.grid import At, SweepGrid
 from xdynamics.sweeping.labels import places_of
 from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
 
@@ -82,7 +82,7 @@ def member(
     return record.whole_of(run)
 
 
-def _recorded(grid: Grid, at: At) -> xr.Dataset:
+def _recorded(grid: SweepGrid, at: At) -> xr.Dataset:
     """March a member again, recording what the sweep recorded."""
     single = March(grid.model_of(at), grid.recorded_settings_of(at))
     return archive.marched(record.dataset(single, single.blocks()))

@@ -25,7 +25,7 @@ from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import CIRCUMSTANCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.shapes.naming import spoken
 from xdynamics.sweeping.ensemble_records import Harvest, parts_of
-from xdynamics.sweeping.grid import At, Grid, Group
+from xdynamics.sweeping.grid import At, Group, SweepGrid
 from xdynamics.sweeping.kept_quantities import COUNT, DIAGNOSTIC, Keeping, Kept
 
 if TYPE_CHECKING:
@@ -57,13 +57,13 @@ class Plan:
 
     Attributes
     ----------
-    grid : Grid
+    grid : SweepGrid
     keeping : Keeping
     check : float
         Fraction of members that are also marched alone, and compared bit for bit.
     """
 
-    grid: Grid
+    grid: SweepGrid
     keeping: Keeping
     check: float = 0.0
 
@@ -281,7 +281,7 @@ def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArr
         _check(grid, places[i], {name: arrays[name][i] for name in (DIGEST, OUTCOME)})
 
 
-def march_of(grid: Grid, at: At) -> March | None:
+def march_of(grid: SweepGrid, at: At) -> March | None:
     """Return the march of a single member, as its run is recorded; None if its model is refused (see its outcome)."""
     try:
         return March(grid.model_of(at), grid.recorded_settings_of(at))
@@ -295,7 +295,7 @@ def chosen(numbers: Values, part: float) -> Values:
     return spread.astype(float) / 2.0**64 < part
 
 
-def _check(grid: Grid, at: Values, kept: Mapping[str, Any]) -> None:
+def _check(grid: SweepGrid, at: Values, kept: Mapping[str, Any]) -> None:
     """Compare a member with the same run marched alone."""
     march = march_of(grid.unrecorded, at)
     if march is None:

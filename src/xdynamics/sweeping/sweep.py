@@ -15,7 +15,7 @@ from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.axes import axes_of
 from xdynamics.sweeping.collection import collected, plan_of
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import END, keeping_of
 from xdynamics.sweeping.members import Plan, march_of
 from xdynamics.sweeping.tasks import arrays_of, counted_chunks
@@ -126,7 +126,7 @@ def sweep(
     return catalogue.filled(plan, members, placed(path), progress)
 
 
-def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
+def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> SweepGrid:
     """Return the grid to march: a model over axes, or the members of an earlier sweep."""
     if hasattr(model, "attrs") and hasattr(model, "data_vars"):
         if axes is not None or settings:
@@ -135,7 +135,7 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
     shared = {name: plain(name, value) for name, value in settings.items() if value is not None}
-    grid = Grid(model, axes_of(model, axes or {}), shared)
+    grid = SweepGrid(model, axes_of(model, axes or {}), shared)
     if repeated := [column.name for _, column in grid.columns if column.name in shared]:
         raise InputError(
             f"'{repeated[0]}' varies along an axis, and is {shared[repeated[0]]!r} for all members too; give one"
@@ -145,7 +145,7 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> Grid:
     return grid
 
 
-def _unrecorded(grid: Grid, settings: Mapping[str, Any]) -> Grid:
+def _unrecorded(grid: SweepGrid, settings: Mapping[str, Any]) -> SweepGrid:
     """Drop the recording settings of an earlier sweep where no whole runs are kept; refuse them if they were given."""
     if refused := [name for name in grid.recording if settings.get(name) is not None]:
         verb = "says" if len(refused) == 1 else "say"

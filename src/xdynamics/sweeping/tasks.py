@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from xdynamics.evidence.cluster import connected
-from xdynamics.sweeping.grid import Grid
+from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.members import Block, Plan, marched
 
 SECOND = 1.0  # of work in a task; scheduling it costs about a millisecond
@@ -42,7 +42,7 @@ def measured_chunks(plan: Plan, members: int | None = None) -> Chunks:
     return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
 
 
-def counted_chunks(grid: Grid, members: int | None = None) -> Chunks:
+def counted_chunks(grid: SweepGrid, members: int | None = None) -> Chunks:
     """Cut a grid into tasks of so many members, by default by their count alone: nothing is marched for it."""
     if members is None:
         processors = _processors()
@@ -58,7 +58,7 @@ def _processors() -> int:
     return CPU_COUNT if client is None else max(1, sum(client.nthreads().values()))
 
 
-def cut(grid: Grid, members: int) -> Chunks:
+def cut(grid: SweepGrid, members: int) -> Chunks:
     """Cut a grid into blocks of at most so many members, with one value each along axes of words."""
     chunks: list[tuple[int, ...]] = []
     remaining = max(1, members)
@@ -167,7 +167,7 @@ def _cost(plan: Plan) -> float:
         probed *= FURTHER
 
 
-def _spread(grid: Grid, k: int, count: int) -> Block:
+def _spread(grid: SweepGrid, k: int, count: int) -> Block:
     """Choose so many members, spread over one axis."""
     step = max(1, grid.shape[k] // count)
     return tuple(

@@ -140,7 +140,9 @@ def diagnose(
     if reference is not None or lyapunov is not False:
         check_whole(run)  # cycles are counted, and changes followed, from the start
     of = of if of is None else written(of)
-    request = Request(of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences"))
+    request = DiagnosisRequest(
+        of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences")
+    )
     tighter = tighter_of(run, functions) if companion else None
     needs = [marching] if marching is not None else []
     needs += [tighter.task] if tighter is not None else []
@@ -164,7 +166,7 @@ def diagnose(
 
 
 @dataclass(frozen=True)
-class Request:
+class DiagnosisRequest:
     """What is asked of a diagnosis; see `diagnose`."""
 
     of: str | None
@@ -183,7 +185,9 @@ class Request:
         return [self.of, self.level, named, self.exact, self.lyapunov, self.occurrences]
 
 
-def _diagnosed(request: Request, run: xr.Dataset | None, tighter: Tighter | None, *marched: xr.Dataset) -> xr.Dataset:
+def _diagnosed(
+    request: DiagnosisRequest, run: xr.Dataset | None, tighter: Tighter | None, *marched: xr.Dataset
+) -> xr.Dataset:
     """Diagnose a run, the first that was marched where it is not given, beside a tighter and a nearly exact one."""
     runs = [*([] if run is None else [run]), *marched]
     subject, others = runs[0], iter(runs[1:])
@@ -199,7 +203,11 @@ def _diagnosed(request: Request, run: xr.Dataset | None, tighter: Tighter | None
 
 
 def _dataset(
-    request: Request, rows: Chunks, tighter: Companion | None, exact_run: xr.Dataset | None, digests: Sequence[str]
+    request: DiagnosisRequest,
+    rows: Chunks,
+    tighter: Companion | None,
+    exact_run: xr.Dataset | None,
+    digests: Sequence[str],
 ) -> xr.Dataset:
     """Return all that is diagnosed; of rows that cannot be read yet, what there will be."""
     run, functions = rows.run, request.functions
@@ -236,7 +244,7 @@ def _dataset(
     )
 
 
-def _lyapunov(rows: Chunks, request: Request) -> dict[str, Any]:
+def _lyapunov(rows: Chunks, request: DiagnosisRequest) -> dict[str, Any]:
     """Return the exponents of a run; of one in chunks the columns that this needs are read, as a whole."""
     run, wanted = rows.run, request.lyapunov
     if isinstance(rows, Unread):

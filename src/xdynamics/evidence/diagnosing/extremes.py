@@ -14,7 +14,7 @@ from xdynamics.dynamics.shortened_steps import Inside, sampled
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
 from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
-from xdynamics.evidence.stored_columns import Part
+from xdynamics.evidence.stored_columns import RowRange
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.units import parse_unit
@@ -131,7 +131,7 @@ class _Heights:
     values: Floats = field(default_factory=lambda: np.zeros((3, 0)))
     times: Floats = field(default_factory=lambda: np.zeros((3, 0)))
 
-    def rise(self, part: Part) -> None:
+    def rise(self, part: RowRange) -> None:
         """Take further rows."""
         values, time = part.columns[self.name], part.columns["time"]
         signed, own = self.sign * values, slice(part.before, part.before + part.count)

@@ -14,7 +14,7 @@ from xdynamics.evidence.event_matching import met
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.scaling import scale_of
-from xdynamics.evidence.validating.ledger_rows import Row
+from xdynamics.evidence.validating.ledger_rows import LedgerRow
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
@@ -92,7 +92,7 @@ class CaseRuns:
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
         return self.marched(self.model, **settings | self.asked | {"scales": {}})
 
-    def filled(self, row: Row, case: Validation) -> Row:
+    def filled(self, row: LedgerRow, case: Validation) -> LedgerRow:
         """Return a line with its residual, bound and scale.
 
         Raises

@@ -13,7 +13,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy, march_task, remembered
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
-from xdynamics.evidence.validating.ledger_rows import Row, ledger_dataset
+from xdynamics.evidence.validating.ledger_rows import LedgerRow, ledger_dataset
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
@@ -147,7 +147,7 @@ def own_ledger(methods: Sequence[str]) -> Stage:
     return ledger_stage(_own(methods), EXACT_CASES)
 
 
-def _of_tasks(title: str, *rows: Sequence[Row]) -> xr.Dataset:
+def _of_tasks(title: str, *rows: Sequence[LedgerRow]) -> xr.Dataset:
     return ledger_dataset([row for case in rows for row in case], title)
 
 
@@ -204,7 +204,7 @@ class Case:
         )
         return Task.of("case", partial(_rows_of, self), (), *words)
 
-    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[Row]:
+    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[LedgerRow]:
         """Yield the lines of the ledger, of runs that are marched when they are first needed."""
         runs = CaseRuns(self.model, self.method, own=self.stage > 0, marched=marched)
         for row, case in self._forms():
@@ -215,7 +215,7 @@ class Case:
             missing = [] if self.impacts is None or self.stage else self._missing(self.impacts - len(lines))
             yield from [*lines, *missing][: None if self.stage else self.impacts]
 
-    def blank(self) -> Iterator[Row]:
+    def blank(self) -> Iterator[LedgerRow]:
         """Yield as many lines, before anything is marched."""
         yield from (row for row, _ in self._forms())
         if self.model.contacts:
@@ -223,26 +223,30 @@ class Case:
             located = not runs.refused and runs.method.stepper.locates
             yield from self._missing(self.impacts or 0 if located or not self.stage else 1)
 
-    def _missing(self, count: int) -> list[Row]:
+    def _missing(self, count: int) -> list[LedgerRow]:
         """Return lines in the place of relations that a run does not have."""
         law = next(iter(self.model.contacts.values())).law
         relation, note = f"law of impacts '{law}'", "the run has no further relation of impacts"
         where = "contacts", "every impact", "rounding"
-        return [Row(f"{self.prefix}impacts", self.method, self.stage, relation, *where, note=note)] * max(0, count)
+        return [LedgerRow(f"{self.prefix}impacts", self.method, self.stage, relation, *where, note=note)] * max(
+            0, count
+        )
 
-    def _forms(self) -> Iterator[tuple[Row, Validation]]:
+    def _forms(self) -> Iterator[tuple[LedgerRow, Validation]]:
         """Yield every closed form, with its line as far as it is known."""
         for name, case in self.model.validation.items():
             where = f"at {case.event} {case.occurrence}" if case.event else times_in_words(case, self.model)
             rule = str(case.bound) if isinstance(case.bound, str) else "given"
             relation = text_of(case.expression)
-            yield Row(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule), case
+            yield LedgerRow(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule), case
 
 
-def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[Row]:
+def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
     """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
     law, method = next(iter(marched.model.contacts.values())).law, marched.method
-    row = Row(f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding")
+    row = LedgerRow(
+        f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding"
+    )
     if marched.refused or not method.stepper.locates:
         why = f"the method refuses: {'; '.join(marched.refused)}" if marched.refused else "the method locates no events"
         yield replace(row, note=why)
@@ -266,6 +270,6 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[Row]:
         )
 
 
-def _rows_of(case: Case) -> list[Row]:
+def _rows_of(case: Case) -> list[LedgerRow]:
     """Return the lines of a case, in a task; runs that other stages need too are marched once."""
     return [*case.rows(lambda model, **asked: remembered(march_task(model, **asked)))]

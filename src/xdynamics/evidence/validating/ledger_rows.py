@@ -28,7 +28,7 @@ SCALE_RULE = (
 
 
 @dataclass(frozen=True)
-class Row:
+class LedgerRow:
     """One line of the ledger."""
 
     name: str
@@ -54,7 +54,7 @@ class Row:
         return PASSED if self.residual <= self.bound else FAILED
 
 
-def ledger_dataset(rows: Sequence[Row], title: str) -> xr.Dataset:
+def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
     """Return the rows of a ledger as a Dataset, along `case`."""
     words = {
         "case_name": ("name", "case and closed form"),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.intervals import Interval, Intervals
-from xdynamics.elementary.llvm_numbers import Lines, Written
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.text import called_in, declarations, definitions, written_intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.compiling import PLAIN
@@ -89,18 +89,18 @@ def _entry(symbol: str, name: str, rough: bool) -> str:
     return f"define void @{symbol}(ptr %run, ptr %y, ptr %z, ptr %row) nounwind {{\n  {body}\n  ret void\n}}"
 
 
-class _Lines(Lines):
+class _Lines(FunctionLines):
     """Lines that read arrays of a run."""
 
     def place(self, begin: str, number: int | str) -> str:
         """Write the address of a word."""
         return self.line("p", f"getelementptr i64, ptr {begin}, i64 {number}").text
 
-    def word(self, begin: str, number: int | str) -> Written:
+    def word(self, begin: str, number: int | str) -> LaneValue:
         """Read a whole number."""
         return self.line("w", f"load i64, ptr {self.place(begin, number)}, align 8")
 
-    def number(self, begin: str, number: int | str) -> Written:
+    def number(self, begin: str, number: int | str) -> LaneValue:
         """Read a number."""
         return self.line("n", f"load double, ptr {self.place(begin, number)}, align 8")
 
@@ -109,7 +109,7 @@ class _Lines(Lines):
         place = self.place("%run", WORDS * list(ARRAYS).index(name))
         return self.line("p", f"load ptr, ptr {place}, align 8, !invariant.load !0").text
 
-    def field(self, record: Any, array: str, name: str) -> Written:
+    def field(self, record: Any, array: str, name: str) -> LaneValue:
         """Read a field of an array's only record."""
         dtype, offset = record.fields[name][:2]
         return (self.number if dtype.kind == "f" else self.word)(self.array(array), offset // 8)
