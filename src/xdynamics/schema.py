@@ -117,6 +117,9 @@ AT_REST = "initial_velocities_not_given"
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
 EVIDENCE, RUNS = "evidence", "runs"
 SWEEP = "sweep"  # the evidence that is many runs
+# the evidence that is all rows of many runs, one run after the other: its dimensions, how many rows each run has, and the
+# attribute by which CF knows it
+RAGGED, RUN, ROW, ROW_SIZE, SAMPLE_DIMENSION = "ragged sweep", "run", "row", "row_size", "sample_dimension"
 # of what has dimensions: their names and sizes, as `body(6) axis(3)`, in the order in which variables have them
 MODEL_DIMENSIONS = "model_dimensions"
 # of a variable with dimensions: the elements that it has values of, where not of all; how elements are named, where not at the end
@@ -182,7 +185,7 @@ def coordinates_of(name: str, dims: Sequence[str], names: Container[str]) -> str
     names : container of str
         Of all variables of the file.
     """
-    times = {STEPS: "time", AT: AT_TIME}
+    times = {STEPS: "time", AT: AT_TIME} | ({ROW: "time"} if ROW_SIZE in names else {})
     found = [*(times[dim] for dim in dims if dim in times and name != times[dim])][:1]
     found += [label for label in map(label_of, dims) if label in names and label != name]
     return " ".join(found) or None

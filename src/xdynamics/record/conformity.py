@@ -7,6 +7,7 @@ from math import isfinite, prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.kinds import is_run, is_whole
@@ -27,7 +28,9 @@ from xdynamics.schema import (
     NUMBERS,
     PAIRS,
     REQUIRED_ATTRIBUTES,
+    ROW_SIZE,
     RUNS,
+    SAMPLE_DIMENSION,
     SAMPLES,
     SELECTION,
     SELECTION_OF,
@@ -38,6 +41,8 @@ from xdynamics.units import SECONDS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+Array = NDArray[Any]
 
 NEEDED = ("units", "long_name", "role")  # of every variable
 ALONG_STEPS = (
@@ -219,18 +224,35 @@ def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[st
 
 
 def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
-    """Check that time never decreases, and repeats only at an event's pair."""
+    """Check that time never decreases, and repeats only at an event's pair; of concatenated runs in each of them."""
     if "time" not in sound or "row_kind" not in sound:
         return
     time, kind = np.asarray(sound["time"].values), np.asarray(sound["row_kind"].values)
     gaps = np.diff(time)
-    wrong = np.flatnonzero((gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps))
-    if wrong.size:
-        row = int(wrong[0]) + 1
+    wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER)) | np.isnan(gaps)
+    sizes = _rows_by_run(sound, sound["time"].dims)
+    if sizes is not None:
+        if sizes.min(initial=1) < 1 or sizes.sum() != time.size:
+            yield (
+                f"variable '{ROW_SIZE}' counts {sizes.sum()} rows of {sizes.size} runs, and there are {time.size}: it needs"
+                " at least one for each run, and as many as there are in all"
+            )
+            return
+        wrong[np.cumsum(sizes)[:-1] - 1] = False  # where a run ends, the next begins at a time of its own
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0]) + 1
         yield (
             f"variable 'time' goes from {float(time[row - 1])!r} to {float(time[row])!r} at row {row}: it must"
             " increase, but at an event's pair"
         )
+
+
+def _rows_by_run(sound: Mapping[str, xr.Variable], dims: tuple[Any, ...]) -> Array | None:
+    """Return how many rows each run has where rows of several runs follow one another; None where they do not."""
+    sizes = sound.get(ROW_SIZE)
+    if sizes is None or dims != (sizes.attrs.get(SAMPLE_DIMENSION),) or sizes.dtype.kind not in "iu":
+        return None
+    return np.asarray(sizes.values)
 
 
 def _is_number(value: Any) -> bool:

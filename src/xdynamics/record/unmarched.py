@@ -8,12 +8,15 @@ from functools import wraps
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.schema import EVIDENCE, STAGE
+from xdynamics.record.laziness import is_chunked
+from xdynamics.schema import EVIDENCE, RAGGED, STAGE
 
 
 def is_unmarched(run: Any) -> bool:
-    """Whether a Dataset is what `simulate` returned with ``compute=False``, or made from that."""
-    return "dask" in sys.modules and STAGE in getattr(run, "encoding", ()) and EVIDENCE not in run.attrs
+    """Whether a Dataset is what `simulate` or `ragged` returned with ``compute=False``, or made from that."""
+    if "dask" not in sys.modules or STAGE not in getattr(run, "encoding", ()):
+        return False
+    return EVIDENCE not in run.attrs or (run.attrs[EVIDENCE] == RAGGED and any(map(is_chunked, run.variables.values())))
 
 
 def marched(given: Any) -> Any:

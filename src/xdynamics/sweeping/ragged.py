@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.stages import Stage, Task, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import march_many
-from xdynamics.schema import STEPS
+from xdynamics.record.columns import columns_of
+from xdynamics.schema import RAGGED, ROW, ROW_SIZE, RUN, SAMPLE_DIMENSION, STEPS
+from xdynamics.schema import Variable as RecordVariable
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.grid import SweepGrid
+from xdynamics.sweeping.members import Plan
 
 if TYPE_CHECKING:
     import xarray as xr
 
-RUN, ROW, SIZE = "run", "row", "row_size"
 MOST = 2_000_000_000  # bytes of rows in one Dataset
+COPIED = ("sweep_digest", "sweep_settings", "model_digest")  # attributes of the sweep
 
 
-def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
+def ragged(
+    sweep: xr.Dataset,
+    *,
+    functions: Mapping[str, Callable[..., float]] | None = None,
+    compute: bool = True,
+    sizes: Mapping[str, int] | None = None,
+) -> xr.Dataset:
     """Return every accepted state of every member, runs concatenated.
 
     Parameters
@@ -30,6 +42,12 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
         What `sweep` or `open_sweep` returned, or a part of it: ``found.isel(k=slice(0, 100))``.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
+    compute : bool
+        Whether to march at once. Otherwise the Dataset has dask arrays, and what is computed of it marches all members
+        once; saved, it has as many rows as there are.
+    sizes : mapping of str to int, optional
+        With ``compute=False``, how many rows to show, which only marching tells: ``{"row": 100_000}``. Beyond the last
+        row there is nan, -1 of flags; more rows than stated are an error when they are computed.
 
     Returns
     -------
@@ -41,7 +59,8 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
     Raises
     ------
     InputError
-        If the rows take more than two gigabytes; take a part of the sweep.
+        If the rows take more than two gigabytes; take a part of the sweep. If nothing is to be marched, and how many
+        rows there will be is not stated.
 
     Examples
     --------
@@ -52,6 +71,18 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
     True
     """
     plan = plan_of(sweep, functions)
+    copied = {key: sweep.attrs[key] for key in COPIED if key in sweep.attrs}
+    if compute:
+        if sizes is not None:
+            raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are marched have their own")
+        return _marched(plan, copied)
+    task = Task.of("ragged", partial(_marched, plan, copied), (), plan.digest)
+    template = _described(plan, copied, _stated_rows(plan, sizes))
+    return lazy(Stage(template, task, [name for name in map(str, template.variables) if name.startswith(f"{RUN}_")]))
+
+
+def _marched(plan: Plan, copied: Mapping[str, Any]) -> xr.Dataset:
+    """March all members, and put their rows together."""
     grid = plan.grid
     harvests: list[tuple[Any, Harvest]] = []
     bytes_ = 0
@@ -64,39 +95,75 @@ def ragged(sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] |
                 f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like"
                 " isel(…)"
             )
-    names = [name for name in _names(harvests[0][1]) if all(name in harvest.columns for _, harvest in harvests)]
     sizes = np.zeros(grid.size, np.int64)
     for places, harvest in harvests:
         sizes[places] = np.diff(harvest.runs.first_row)
     first = np.concatenate([[0], np.cumsum(sizes)])
-    values = {name: np.empty(int(first[-1]), harvests[0][1][name].dtype) for name in names}
+    columns = _columns(grid)
+    values = {name: np.empty(int(first[-1]), column.dtype) for name, column in columns.items()}
     for places, harvest in harvests:
         destination = np.concatenate([np.arange(first[i], first[i + 1]) for i in places.tolist()])
-        for name in names:
+        for name in columns:
             values[name][destination] = harvest[name]
-    columns = harvests[0][1].columns
-    variables: dict[str, Any] = {
-        name: ((ROW,), values[name], dict(columns[name].variable.attributes)) for name in names
+    return _assembled(grid, columns, values, sizes, copied)
+
+
+def _stated_rows(plan: Plan, sizes: Any) -> int:
+    """Read how many rows to show."""
+    rows = sizes.get(ROW) if isinstance(sizes, Mapping) and {*sizes} <= {ROW} else None
+    if isinstance(rows, bool) or not isinstance(rows, int) or rows < 1:
+        raise InputError(
+            f"sizes are {sizes!r}: how many rows {plan.grid.size} runs of '{plan.grid.model.name}' have is known only once"
+            f" they are marched; give a number, sizes={{'{ROW}': {1000 * plan.grid.size}}}, say, or compute=True"
+        )
+    return rows
+
+
+def _described(plan: Plan, copied: Mapping[str, Any], rows: int) -> xr.Dataset:
+    """Describe the rows of all members before any is marched."""
+    columns = _columns(plan.grid)
+    values = {name: np.zeros(rows, column.dtype) for name, column in columns.items()}
+    return _assembled(plan.grid, columns, values, np.zeros(plan.grid.size, np.int64), copied)
+
+
+def _columns(grid: SweepGrid) -> dict[str, RecordVariable]:
+    """Return what the records of all members have along their steps."""
+    groups = [
+        {
+            column.variable.name: column.variable
+            for column in columns_of(group.settings.layout(group.model), group.settings)
+        }
+        for group in grid.groups([slice(None)] * len(grid.shape))
+    ]
+    return {
+        name: variable
+        for name, variable in groups[0].items()
+        if variable.dims == (STEPS,) and all(name in group for group in groups)
     }
-    size_attributes = about("1", "accepted states of the run", "index") | {"sample_dimension": ROW}
-    variables[SIZE] = ((RUN,), sizes, size_attributes)
+
+
+def _assembled(
+    grid: SweepGrid,
+    columns: Mapping[str, RecordVariable],
+    values: Mapping[str, Any],
+    sizes: Any,
+    copied: Mapping[str, Any],
+) -> xr.Dataset:
+    """Put rows, their numbers and what varies into one Dataset."""
+    variables: dict[str, Any] = {
+        name: ((ROW,), values[name], dict(column.attributes)) for name, column in columns.items()
+    }
+    size_attributes = about("1", "accepted states of the run", "index") | {SAMPLE_DIMENSION: ROW}
+    variables[ROW_SIZE] = ((RUN,), sizes, size_attributes)
     at = grid.places([slice(None)] * len(grid.shape))
     for k, column in grid.columns:
         column_values = column.values[at[:, k]]
         is_numeric = np.issubdtype(column_values.dtype, np.number)
-        attributes = about(column.unit.text, f"{column.name} of the run", "axis")
         variables[f"{RUN}_{column.label}"] = (
             (RUN,),
             column_values if is_numeric else column_values.astype(str),
-            attributes,
+            about(column.unit.text, f"{column.name} of the run", "axis"),
         )
     title = f"{grid.model.name}: every state of {grid.size} runs"
-    attributes = {
-        key: sweep.attrs[key] for key in ("sweep_digest", "sweep_settings", "model_digest") if key in sweep.attrs
-    }
-    attributes = {"featureType": "timeSeries"} | attributes
-    return exhibit("ragged sweep", title, [], variables, attributes, shapes=grid.model.shapes)
-
-
-def _names(harvest: Harvest) -> list[str]:
-    return [name for name, column in harvest.columns.items() if column.variable.dims == (STEPS,)]
+    attributes = {"featureType": "timeSeries"} | dict(copied)
+    return exhibit(RAGGED, title, [], variables, attributes, shapes=grid.model.shapes)
