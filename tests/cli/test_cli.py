@@ -212,7 +212,10 @@ def test_methods_prints_the_table() -> None:
             in page
         )
     unknown = call("methods", "rk5")
-    assert (unknown.exit_code, "there is no method 'rk5'" in unknown.output) == (2, True)
+    assert (unknown.exit_code, "method 'rk5' is not known; did you mean 'dormand_prince'?" in unknown.output) == (
+        2,
+        True,
+    )
 
 
 def test_every_verb_has_an_example() -> None:

@@ -426,7 +426,9 @@ def test_wrong_closed_forms(old: str, new: str, said: str) -> None:
 
 def test_wrong_questions() -> None:
     """Assert what is said of unknown methods, models without closed forms or methods, and quantities that no run has."""
-    with pytest.raises(xd.InputError, match="method 'rk5' is not known; there are forward_euler"):
+    with pytest.raises(
+        xd.InputError, match=r"method 'rk5' is not known; did you mean 'dormand_prince'\? there are forward_euler"
+    ):
         xd.validate(["rk4", "rk5"])
     with pytest.raises(xd.InputError, match="has no closed form, and no contacts; write one as .validation"):
         xd.validate(model=xd.Model.from_toml(MODELS / "kepler.toml"))

@@ -254,7 +254,10 @@ def test_verlet_refuses_coupled_states() -> None:
 
 def test_unknown_method_names_those_that_fit() -> None:
     """Assert that a wrong name is answered with the names that fit."""
-    with pytest.raises(xd.InputError, match="method 'rk5' is not known; these fit this model: forward_euler"):
+    with pytest.raises(
+        xd.InputError,
+        match=r"method 'rk5' is not known; did you mean 'dormand_prince'\? these fit this model: forward_euler",
+    ):
         xd.simulate(free().model, method="rk5", step=1, until=2)
 
 

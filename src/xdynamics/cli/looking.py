@@ -131,14 +131,14 @@ def sample(archive: str, times: str, output: str | None) -> None:
 def methods(name: str | None) -> None:
     """Print the table of methods, or all that is known of one."""
     from xdynamics.faults import InputError
-    from xdynamics.methods import METHODS
+    from xdynamics.methods import METHODS, unknown_method
 
     if name is None:
         say([*repr(METHODS).splitlines(), MORE])
     elif name in METHODS:
         say(_page(METHODS[name]))
     else:
-        raise InputError(f"there is no method '{name}'; there are {', '.join(METHODS)}")
+        raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
 
 
 def _page(method: Method) -> Iterable[str]:

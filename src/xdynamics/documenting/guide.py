@@ -13,7 +13,7 @@ from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.section import NEEDED, Key
 from xdynamics.model.table_keys import near
 from xdynamics.schema import Variable
-from xdynamics.units import CONSTANTS, PREFIX, SPELLING
+from xdynamics.units import CALENDAR, CONSTANTS, PREFIX, SPELLING
 
 # functions of the language that need an explanation; the others have their usual meaning
 SAID = {
@@ -243,6 +243,7 @@ def _language() -> Iterator[str]:
             yield f"  {name:6}  {SAID[name]}"
     yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
     yield f"  {', '.join(CONSTANTS)}"
+    yield f"  {' and '.join(CALENDAR)} are 365.25 days and a twelfth of that, unless the model has something of that name"
     yield "Along dimensions and relations there are more: `xdynamics help shapes`."
     yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
     yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
@@ -255,6 +256,7 @@ def _units() -> Iterator[str]:
     )
     yield f"  units     {', '.join(SPELLING.values())}"
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
+    yield "  values    also in month (365.25/12 d), °C and °F, which are kept in d and K; year is the Julian one, of 365.25 d"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty after a sign: 50 ± 0.5 g"
 
 

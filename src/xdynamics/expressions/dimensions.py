@@ -19,7 +19,7 @@ from xdynamics.expressions.tree import (
     shown,
 )
 from xdynamics.faults import InputError
-from xdynamics.units import NONE, Dimension
+from xdynamics.units import NONE, Dimension, coherent, constant_of, parse_unit
 
 _KEEPS = ("abs", "min", "max", "hypot", "mod")  # of the same dimension as their arguments
 
@@ -145,4 +145,10 @@ def _near(name: str, names: Mapping[str, Dimension]) -> str:
     from difflib import get_close_matches
 
     near = get_close_matches(name, [*names][:MOST_COMPARED], n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
+    meant = f"; did you mean '{near[0]}'?" if near else ""
+    try:
+        unit = parse_unit(name)
+    except InputError:
+        return meant
+    written = constant_of(name) or f"{float(unit.factor)!r}*{constant_of(coherent(unit).text)}"
+    return f"{meant}; as a unit it is written {written}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
+from xdynamics.expressions.corrections import correction
 from xdynamics.expressions.tree import (
     ALONG,
     FUNCTIONS,
@@ -45,6 +46,10 @@ FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max",
     "index": "index(dimension)",
     "size": "size(dimension)",
 }
+_REMEDIES = {
+    "^": "; a power is written **",
+    "'": "; no sign stands for a derivative: the velocity of x is v_x, and its acceleration follows from the forces",
+}
 _COMPARED = ("<", "<=", ">", ">=", "==", "!=")
 
 
@@ -75,8 +80,23 @@ def parse(text: str) -> Node:
     if not isinstance(text, str):
         raise InputError(f"expression {text!r} is no text")
     source = text.strip()
+    try:
+        return _read(source)
+    except InputError as error:
+        raise InputError(f"{error}{correction(source, _is_readable)}") from None
+
+
+def _read(source: str) -> Node:
     _check_raw(source)
     return _Reader(source).whole()
+
+
+def _is_readable(source: str) -> bool:
+    try:
+        _read(source)
+    except InputError:
+        return False
+    return True
 
 
 def _check_raw(source: str) -> None:
@@ -88,7 +108,7 @@ def _check_raw(source: str) -> None:
     good = _ALLOWED.match(source)
     end = good.end() if good else 0
     if end < len(source):
-        remedy = "; a power is written **" if source[end] == "^" else ""
+        remedy = _REMEDIES.get(source[end], "")
         raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}{remedy}")
     if match := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
         raise InputError(f"expression {_shown(source)} has an underscore in a number at column {match.start() + 1}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from xdynamics.faults import InputError
 from xdynamics.methods.lines import HERMITE, Interpolant, Line, Solve, printed, read_lines
+from xdynamics.methods.similar import similar
 from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -93,6 +94,11 @@ class Method:
         return [f"it is not defined for {trait} ({traits[trait]})" for trait in refused]
 
 
+def unknown_method(name: str, methods: Mapping[str, Method]) -> str:
+    """Say that there is no such method, and which of some may have been meant; the beginning of a message."""
+    return f"method {name!r} is not known; {similar(name, {key: method.synonyms for key, method in methods.items()})}"
+
+
 def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_differences: bool = False) -> Method:
     """Look up a method by name for a model, perhaps with derivatives by differences.
 
@@ -112,5 +118,6 @@ def method_named(name: str, model: Model, methods: Mapping[str, Method], *, by_d
     ]
     fits = ", ".join(fitting) or "none"
     if name not in methods:
-        raise InputError(f"method {name!r} is not known; these fit this model: {fits}")
+        meant = unknown_method(name, {key: methods[key] for key in fitting if key in methods})
+        raise InputError(f"{meant}these fit this model: {fits}")
     raise InputError(f"method '{name}' refuses the model '{model.name}': {'; '.join(refusals)}; these fit: {fits}")

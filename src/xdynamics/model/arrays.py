@@ -16,7 +16,7 @@ from xdynamics.model.kinds import Source
 from xdynamics.model.table_keys import near
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
 from xdynamics.shapes import Extent, Shapes
-from xdynamics.units import CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
+from xdynamics.units import CALENDAR, CONSTANTS, NONE, Quantity, Unit, constant, parse_quantity, parse_unit, spell
 
 OF_ELEMENTS = ("dims", "values", "table", "csv", "column", "columns")  # keys of a quantity with dimensions alone
 
@@ -338,7 +338,7 @@ def unit_of(values: Values) -> Unit:
     if values.tree is None:
         assert values.unit is not None  # noqa: S101 - numbers have a unit
         return values.unit
-    known = {name: constant(name).dimension for name in CONSTANTS} | {"pi": NONE}
+    known = {name: constant(name).dimension for name in (*CONSTANTS, *CALENDAR)} | {"pi": NONE}
     if others := sorted(free_names(values.tree) - known.keys()):
         raise InputError(
             f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"

@@ -28,7 +28,7 @@ from xdynamics.model.parts import Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
 from xdynamics.schema import acceleration, record_names, velocity
-from xdynamics.units import CONSTANTS, NONE, Dimension, Quantity, constant, spell
+from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 MOST_EVENTS = 100
@@ -216,7 +216,7 @@ _CALLED = {"extents": "dimension", "arrays": "parameter"}
 
 def _declared(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
     dimensions = {"t": statement.time_unit.dimension, "pi": NONE} | {
-        name: constant(name).dimension for name in CONSTANTS
+        name: constant(name).dimension for name in (*CONSTANTS, *CALENDAR)
     }
     dimensions |= {name: part.quantity.unit.dimension for name, part in statement.parameters.items()}
     for name, values in statement.arrays.items():
@@ -471,7 +471,7 @@ def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], l
             if dimension != statement.time_unit.dimension:
                 raise InputError(f"has units '{dimension}', needs a period in '{statement.time_unit.text}'")
             names = free_names(expand(section, statement.definitions))
-            if forbidden := sorted(names - {*statement.parameters, *CONSTANTS, "pi"}):
+            if forbidden := sorted(names - {*statement.parameters, *statement.unit_constants, "pi"}):
                 raise InputError(f"reads '{forbidden[0]}'; a period is of parameters")
     for name in statement.pictured.wrap:
         if name not in statement.coordinates or dimensions[name] != NONE:

@@ -13,7 +13,7 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.units import CONSTANTS, NONE, Dimension, constant
+from xdynamics.units import NONE, Dimension, constant
 
 ROUNDING = 64 * 2.0**-52  # of the terms of a gap
 KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
@@ -151,7 +151,7 @@ def _number(node: Node, statement: Statement) -> float | None:
 
 def _values(statement: Statement) -> dict[str, float]:
     """Return parameters and constants in SI units."""
-    constants = {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
+    constants = {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": math.pi}
     return constants | {name: parameter.quantity.si for name, parameter in statement.parameters.items()}
 
 

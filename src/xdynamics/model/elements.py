@@ -41,7 +41,7 @@ from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
-from xdynamics.units import CONSTANTS, Dimension, Quantity, Unit, constant
+from xdynamics.units import Dimension, Quantity, Unit, constant
 
 Place = Mapping[str, int]
 Part = TypeVar("Part")
@@ -278,7 +278,7 @@ class Elements:
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
             return values.numbers, values.unit
-        numbers = evaluate_elements(values.tree, values.dims, _constants(), self.shapes)
+        numbers = evaluate_elements(values.tree, values.dims, _constants(self.statement.unit_constants), self.shapes)
         return tuple(numbers.ravel().tolist()), unit_of(values)
 
     def _mass(self) -> Sequence[tuple[Node, ...]]:
@@ -445,7 +445,7 @@ class Elements:
 
     def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return the values that an expression may read, in SI units: parameters and constants."""
-        known: dict[str, Any] = _constants()
+        known: dict[str, Any] = _constants(self.statement.unit_constants)
         for name in free_names(tree):
             if dims := self.shapes.dims.get(name, ()):
                 if name in self.statement.arrays:
@@ -458,14 +458,14 @@ class Elements:
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
         trees = [at(value.tree, place, self.shapes) for value, place in self._expressions()]
-        return frozenset(set[str]().union(*map(free_names, trees)) - _constants().keys())
+        return frozenset(set[str]().union(*map(free_names, trees)) - {*self.statement.unit_constants, "pi"})
 
     def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
         """Return values at the start, in SI units, for arrays of parameters that some of them follow.
 
         Every number has the bits that the model with those parameters has.
         """
-        values: dict[str, Any] = _constants() | dict(known) | dict(parameters)
+        values: dict[str, Any] = _constants(self.statement.unit_constants) | dict(known) | dict(parameters)
         size = len(next(iter(parameters.values())))
         starts = {}
         for name, value in self.statement.starting.items():
@@ -498,8 +498,8 @@ class Elements:
         return evaluate_elements(tree, dims, known, self.shapes)
 
 
-def _constants() -> dict[str, float]:
-    return {name: float(constant(name).factor) for name in CONSTANTS} | {"pi": math.pi}
+def _constants(unit_constants: Iterable[str]) -> dict[str, float]:
+    return {name: float(constant(name).factor) for name in unit_constants} | {"pi": math.pi}
 
 
 def of_elements(sections: Mapping[str, Any]) -> bool:

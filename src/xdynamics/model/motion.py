@@ -26,7 +26,7 @@ from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free, modes, reacting, reactions
 from xdynamics.model.switches import Switch, switch_inputs, where_it_decides
 from xdynamics.schema import acceleration, force, rate, velocity
-from xdynamics.units import CONSTANTS, UNSCALED, Scales, constant
+from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
 
 REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
 Table = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -109,6 +109,9 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     values = {name: part.quantity.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
     values |= {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
+    values |= {
+        name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.unit_constants[len(CONSTANTS) :]
+    }
     return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
 
 

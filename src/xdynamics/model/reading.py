@@ -26,7 +26,7 @@ from xdynamics.model.text_limits import excess
 from xdynamics.model.uncertainty import correlations_of
 from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, prepared
-from xdynamics.units import CONSTANTS, SECONDS, Quantity, Scales, Unit, time_in
+from xdynamics.units import SECONDS, Quantity, Scales, Unit, time_in
 
 
 def read(statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> Statement:
@@ -230,7 +230,7 @@ def derived(statement: Statement) -> Statement:
         return statement
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     with ledger.entry("lagrangian"):
-        known = {*statement.parameters, *CONSTANTS, "pi"}
+        known = {*statement.parameters, *statement.unit_constants, "pi"}
         matrix, forces = motion_of(statement.lagrangian, list(statement.coordinates), statement.definitions, known)
         statement = replace(statement, mass=matrix, forces=forces | statement.forces)
     ledger.raise_faults()

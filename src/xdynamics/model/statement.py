@@ -32,7 +32,7 @@ from xdynamics.model.parts import (
 from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Extent, Shapes
-from xdynamics.units import SECONDS, Quantity, Unit
+from xdynamics.units import CALENDAR, CONSTANTS, SECONDS, Quantity, Unit
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,12 @@ class Statement:
             for j, entry in enumerate(row)
             if entry is not ZERO and entry != ZERO
         }
+
+    @cached_property
+    def unit_constants(self) -> tuple[str, ...]:
+        """Names of units that expressions may use as constants; of the calendar those that name nothing of the model's."""
+        own = (self.coordinates, self.parameters, self.definitions, self.drives, self.states, self.arrays)
+        return (*CONSTANTS, *(name for name in CALENDAR if not any(name in section for section in own)))
 
     @cached_property
     def functions(self) -> tuple[Function, ...]:

@@ -16,7 +16,7 @@ from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.tracing import Traced, name, node_of
 from xdynamics.faults import InputError
-from xdynamics.methods import METHODS
+from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
 from xdynamics.simulation.array_models import array_sections
 from xdynamics.simulation.right_sides import (
@@ -217,5 +217,6 @@ def _method(method: Any) -> str:
     if method in NEAR:
         raise InputError(f"method '{method}' is not here; for stiff equations there is '{NEAR[method]}'")
     if method not in SAME and method not in METHODS:
-        raise InputError(f"method is {method!r}; there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
+        meant = unknown_method(str(method), METHODS)
+        raise InputError(f"{meant}there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
     return SAME.get(str(method), str(method))

@@ -5,7 +5,7 @@ Text is taken apart here, under limits. Conversion factors are exact fractions, 
 """
 
 from xdynamics.units.dimension import BASE, ENERGY, NONE, TIME, Dimension
-from xdynamics.units.names import CONSTANTS, PREFIX, SPELLING
+from xdynamics.units.names import CALENDAR, CONSTANTS, PREFIX, SPELLING, constant_of
 from xdynamics.units.ranges import Range, is_range
 from xdynamics.units.reading import (
     Scale,
@@ -23,7 +23,7 @@ from xdynamics.units.spelling import coherent, spell
 from xdynamics.units.unit import NUMBERS, SECONDS, Quantity, Unit, unit_suffix
 
 __all__ = [
-    "BASE", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
-    "Range", "Scale", "Scales", "Unit", "coherent", "constant", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
+    "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNSCALED", "Dimension", "Quantity",
+    "Range", "Scale", "Scales", "Unit", "coherent", "constant", "constant_of", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
     "spell", "time_in", "unit_suffix", "unit_text",
 ]  # fmt: skip

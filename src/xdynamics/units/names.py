@@ -30,6 +30,7 @@ NO_PREFIX = ("minute", "hour", "day", "year", "degree", "inch", "foot", "mile", 
 CONSTANTS = ("metre", "meter", "second", "kilogram", "gram", "ampere", "kelvin", "mole", "candela", "radian",
              "degree", "newton", "joule", "watt", "pascal", "hertz", "volt", "coulomb", "ohm", "farad", "tesla",
              "minute", "hour", "day")  # fmt: skip
+CALENDAR = ("year", "month")  # Julian, 365.25 days and a twelfth of that; constants too, unless a model has that name
 
 _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 # spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
@@ -48,6 +49,20 @@ _FACTORS = {
     "km": (base_powers(m=1), Fraction(1000)),
     "Julian_year": (TIME, Fraction(31_557_600)),
 }
+
+
+def constant_of(name: str) -> str:
+    """Return the constant of the expression language that is a unit's name; empty if none is.
+
+    Examples
+    --------
+    >>> constant_of("m"), constant_of("degrees"), constant_of("cm")
+    ('metre', 'degree', '')
+    """
+    if name in CALENDAR:
+        return name
+    spelling = named(name)[0]
+    return next((constant for constant, spelled in _SPELLED.items() if spelled == spelling), "")
 
 
 @lru_cache

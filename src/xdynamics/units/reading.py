@@ -29,6 +29,7 @@ _SIGNS = {
 }
 _RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
 _CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
+_DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
 _BELOW = re.compile(r"/\s*\(([^()/]+)\)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
@@ -68,7 +69,7 @@ def parse_scale(text: str) -> Scale:
     if word in _FAHRENHEIT:
         return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9))
     if word in _MONTH:
-        return Scale(parse_unit("d"), Fraction("365.25") / 12)
+        return Scale(parse_unit("d"), _DAYS_OF_MONTH)
     return Scale(parse_unit(text))
 
 
@@ -228,6 +229,8 @@ def time_in(unit: Unit, value: Any, what: str) -> float:
 
 def constant(name: str) -> Unit:
     """Return the unit that a unit constant of the expression language stands for."""
+    if name in _MONTH:  # no unit of a record: that of UDUNITS is a twelfth of a tropical year
+        return Unit(name, TIME, _DAYS_OF_MONTH * 86_400)
     spelling, dimension, factor = named(name)
     return Unit(spelling, dimension, factor)
 

@@ -16,7 +16,7 @@ from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import LedgerRow, ledger_dataset
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
-from xdynamics.methods import METHODS
+from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
 from xdynamics.model.parts import Validation
 from xdynamics.record.circumstances import xdynamics_version
@@ -103,7 +103,7 @@ def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
     for name in names or ():
         if name not in METHODS:
-            raise InputError(f"method {name!r} is not known; there are {', '.join(METHODS)}")
+            raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
     return names
 
 
