@@ -19,7 +19,7 @@ from numba import from_dtype, types
 from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import as_dtype
 
-from xdynamics.kernels.machine import Code
+from xdynamics.kernels.machine import Code, address_of
 
 _WORD = ir.IntType(64)
 _TUPLE: Any = types.BaseTuple
@@ -120,7 +120,7 @@ class Entry:
 
     def __init__(self, code: Code, name: str, signature: Any) -> None:
         self.code, self.address = code, code.addresses[name]
-        self._kinds = signature.args
+        self._kinds = [_kind_of(kind) for kind in signature.args]
         result = None if signature.return_type == types.none else ctypes.c_int64
         c_types = [ctypes.c_void_p] if by_table(signature) else [_C_TYPES[kind] for kind in signature.args]
         # the interpreter is free while the function runs
@@ -141,21 +141,30 @@ class Entry:
 _C_TYPES = {types.int64: ctypes.c_int64, types.float64: ctypes.c_double}
 
 
+def _kind_of(kind: Any) -> Any:
+    """Return what an argument has to be: type and number of dimensions of an array, a list for a tuple, or a type."""
+    if isinstance(kind, types.Array):
+        return as_dtype(kind.dtype), kind.ndim
+    if isinstance(kind, _TUPLE):
+        return [_kind_of(of) for of in kind]
+    return float if isinstance(kind, types.Float) else int
+
+
 def _words(kind: Any, argument: Any) -> Iterator[int]:
     """Yield the words of an argument."""
-    if isinstance(kind, types.Array):
-        dtype = as_dtype(kind.dtype)
-        if argument.dtype != dtype or argument.ndim != kind.ndim or not argument.flags.c_contiguous:
+    if isinstance(kind, tuple):
+        dtype, dims = kind
+        if argument.dtype != dtype or argument.ndim != dims or not argument.flags.c_contiguous:
             raise TypeError(
                 f"an array of {argument.dtype} with {argument.ndim} dimensions, C order"
-                f" {argument.flags.c_contiguous}; needed are {dtype} with {kind.ndim} in C order"
+                f" {argument.flags.c_contiguous}; needed are {dtype} with {dims} in C order"
             )
-        yield argument.ctypes.data
+        yield address_of(argument)
         yield from argument.shape
-    elif isinstance(kind, _TUPLE):
+    elif isinstance(kind, list):
         for of, part in zip(kind, argument, strict=True):
             yield from _words(of, part)
-    elif isinstance(kind, types.Float):
+    elif kind is float:
         yield struct.unpack("=q", struct.pack("=d", argument))[0]
     else:
         yield int(argument)

@@ -122,9 +122,19 @@ class Layout:
 
     def sizes(self, scales: Scales) -> Floats:
         """Return the size in SI units of 1 in the march of everything that a force evaluation uses besides time."""
-        blocks = self.used.blocks
-        sizes = [scales.of(self.model.dimensions[block.first]) for block in blocks]
-        return np.repeat(sizes, [block.size for block in blocks]).astype(float)
+        found = self._sizes.get(scales)
+        if found is None:
+            blocks = self.used.blocks
+            sizes = [scales.of(self.model.dimensions[block.first]) for block in blocks]
+            found = np.repeat(sizes, [block.size for block in blocks]).astype(float)
+            found.flags.writeable = False
+            self._sizes.clear()
+            self._sizes[scales] = found
+        return found
+
+    @cached_property
+    def _sizes(self) -> dict[Scales, Floats]:  # those of the last scales that were asked for
+        return {}
 
     @cached_property
     def state(self) -> Blocks:

@@ -22,6 +22,19 @@ PATIENCE = 1.0  # seconds of compiling before a warning
 LONG_TEXT = 12_000
 
 
+def address_of(array: Any) -> int:
+    """Return where the first element of an array in C order is; 0 of one without elements, where nothing is read.
+
+    A sixth of the time of ``array.ctypes.data``, which counts where a run of microseconds has a hundred arrays.
+    """
+    if not array.size:
+        return 0
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+    except (TypeError, ValueError, BufferError):  # only to be read, or a view in another order
+        return int(array.ctypes.data)
+
+
 class Code:
     """Machine code in memory, and the addresses of its functions.
 

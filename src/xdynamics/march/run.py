@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.interval_program import RULES
+from xdynamics.kernels.machine import address_of
 from xdynamics.kernels.program import TABLE, WORDS
 
 
@@ -361,7 +362,7 @@ class Run:
         for name, array in arrays.items():
             setattr(self, name, array)
         places = [_PLACES[name] for name in arrays]
-        self._table[places] = [(block.ctypes.data, block.shape[0], block.shape[-1]) for block in arrays.values()]
+        self._table[places] = [(address_of(block), block.shape[0], block.shape[-1]) for block in arrays.values()]
 
 
 class Array(NamedTuple):

@@ -115,7 +115,7 @@ class March:
     def estimated(self) -> list[int]:
         """Return the columns of a log with estimated errors, by which given absolute tolerances are judged."""
         tolerances, used = self.settings.tolerances, self.layout.used
-        if not self.settings.adaptive or tolerances is None or not np.nan_to_num(tolerances.of_all(used)).any():
+        if not self.settings.adaptive or tolerances is None or not (tolerances.of_all(used) > 0.0).any():
             return []
         first = self.layout.row.place(self.layout.errors.blocks[1].name)
         return [*range(first, first + used.size)]

@@ -102,7 +102,8 @@ def effect_of(march: March) -> Effect:
 
 def _given(tolerances: Tolerances, layout: Layout) -> Floats:
     """Return the given absolute tolerances, SI; 0 for those that follow sizes, whose errors are in proportion."""
-    return np.nan_to_num(tolerances.of_all(layout.used), nan=0.0, posinf=np.inf)
+    atols = tolerances.of_all(layout.used)
+    return np.where(np.isnan(atols), 0.0, atols)
 
 
 def _estimated(march: March) -> Floats:

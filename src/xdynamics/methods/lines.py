@@ -6,7 +6,6 @@ The first letter of a name tells the kind of vector: q, v, a of the motion, x, r
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import takewhile
@@ -170,11 +169,16 @@ def read_lines(text: str) -> tuple[Line, ...]:
     return tuple(statements)
 
 
-def printed(lines: Iterable[Line], model: Model | None = None) -> str:
-    """Return lines as one text, with the vectors that a model has; with all if no model is passed."""
+def printed(text: str, model: Model | None = None) -> str:
+    """Return the lines of a text as one line, with the vectors that a model has; with all if no model is passed."""
     motion = model is None or bool(model.coordinates)
     states = model is None or bool(model.states)
-    texts = [line.text(motion=motion, states=states) for line in lines]
+    return _printed(text, motion=motion, states=states)
+
+
+@lru_cache(maxsize=256)
+def _printed(text: str, *, motion: bool, states: bool) -> str:
+    texts = [line.text(motion=motion, states=states) for line in read_lines(text)]
     return "; ".join(text for text in texts if text)
 
 

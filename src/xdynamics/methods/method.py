@@ -83,7 +83,7 @@ class Method:
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
-        return printed(self.statements, model)
+        return printed(self.update, model)
 
     def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
         """List why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 
 from xdynamics.elementary import NAME
 from xdynamics.methods.lines import HERMITE, Interpolant, Line, read_lines
 from xdynamics.methods.method import Method
-from xdynamics.methods.steppers import CONTROLLER, EXACT
+from xdynamics.methods.steppers import CONTROLLER, EXACT, Stepper
 from xdynamics.methods.summation import COMPENSATED, PLAIN, Update, updates
 
 NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
@@ -115,14 +116,19 @@ class Scheme:
         return 1 + (self.method.estimate_order if self.estimator == EMBEDDED else self.method.order)
 
     @property
+    def error_equations(self) -> str:
+        """The text of the embedded formula, if that is the estimator."""
+        return self.method.estimate if self.estimator == EMBEDDED else ""
+
+    @property
     def error_lines(self) -> tuple[Line, ...]:
         """The lines of the embedded formula, if that is the estimator."""
-        return read_lines(self.method.estimate) if self.estimator == EMBEDDED else ()
+        return read_lines(self.error_equations)
 
     @property
     def stages(self) -> int:
         """Force evaluations of one step by the method's lines; for implicit equations, those of one iteration."""
-        return self.method.stepper.evaluations(self.method.statements, self.error_lines)
+        return _stages(self.method.stepper, self.method.update, self.error_equations)
 
     @property
     def samples(self) -> int:
@@ -145,3 +151,8 @@ class Scheme:
         if rule == REINTEGRATE:
             return self.order
         return self.interpolant.order
+
+
+@lru_cache(maxsize=256)
+def _stages(stepper: Stepper, update: str, estimate: str) -> int:
+    return stepper.evaluations(read_lines(update), read_lines(estimate))

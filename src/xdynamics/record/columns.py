@@ -294,6 +294,8 @@ def _tolerance(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
 def _atol(atols: Array, in_si: Array) -> dict[str, Any]:
     """Return absolute tolerances as attributes: one number where all elements have it."""
     of_elements = {"atol": atols, "atol_si": in_si}
+    if len(atols) == 1:
+        return {key: float(values[0]) for key, values in of_elements.items()}
     return {key: float(values[0]) if (values == values[0]).all() else values for key, values in of_elements.items()}
 
 
@@ -304,13 +306,13 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
         return {}
     final, following = dict[str, dict[str, Any]](), march.run.followers != 0
     given = tolerances.of_all(layout.used)
-    last = march.run.atol * layout.sizes(march.settings.scales)
+    last = np.where(following, march.run.atol * layout.sizes(march.settings.scales), given)
     for quantity in layout.used.blocks:
         place = layout.used.place(quantity.name)
         own = slice(place, place + quantity.size)
         follows = following[own] & _is_logged(march, quantity)
         if follows.any():
-            in_si = np.where(follows, last[own], given[own])
+            in_si = last[own] if follows.all() else np.where(follows, last[own], given[own])
             final[quantity.name] = _atol(in_si / float(march.model.units[quantity.first].factor), in_si)
             if follows.all():
                 final[quantity.name][schema.ATOL_RULE] = schema.ATOL_FOLLOWS

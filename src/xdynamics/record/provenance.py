@@ -276,7 +276,7 @@ def _errors(march: March) -> dict[str, Any]:
         reported["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
         reported["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
     if settings.scheme.error_lines:
-        reported["solver_error_equations"] = printed(settings.scheme.error_lines, march.model)
+        reported["solver_error_equations"] = printed(settings.scheme.error_equations, march.model)
     if settings.tolerances is not None:
         scheme, rtol = settings.scheme, settings.tolerances.rtol
         reported |= {

@@ -11,6 +11,8 @@ from xdynamics.faults import InputError
 from xdynamics.units.dimension import TIME, Dimension, base_powers
 from xdynamics.units.reading import parse_quantity
 
+_NEEDED = {"length": base_powers(m=1), "time": TIME, "mass": base_powers(kg=1)}
+
 
 @dataclass(frozen=True)
 class Scales:
@@ -29,17 +31,16 @@ class Scales:
         InputError
             If a scale is unknown, has the wrong dimension or is not positive.
         """
-        needed = {"length": base_powers(m=1), "time": TIME, "mass": base_powers(kg=1)}
         values = {}
         if not isinstance(scales, Mapping | None):
             raise InputError(f'scales are {scales!r}, need a table like {{ length = "1 m" }}')
         for name, text in (scales or {}).items():
-            if name not in needed:
+            if name not in _NEEDED:
                 raise InputError(f"scale {name!r} is not known; there are length, time and mass")
             quantity = parse_quantity(text)
-            if quantity.unit.dimension != needed[name] or not 1e-40 <= quantity.si <= 1e40:
+            if quantity.unit.dimension != _NEEDED[name] or not 1e-40 <= quantity.si <= 1e40:
                 raise InputError(
-                    f"{name} scale is {text!r}, needs a positive quantity in '{needed[name]}', 1e-40 to 1e40"
+                    f"{name} scale is {text!r}, needs a positive quantity in '{_NEEDED[name]}', 1e-40 to 1e40"
                 )
             values[name] = quantity.si
         return cls(**values)

@@ -29,7 +29,10 @@ class Unit:
     def per_second(self, times: int = 1) -> Unit:
         """Return the unit of this quantity's rate: ``m`` gives ``m s-1``, ``m s-2``."""
         text = f"s-{times}" if self.text == "1" else f"{self.text} s-{times}"
-        return Unit(text, self.dimension / TIME**times, self.factor)
+        dimension = self.dimension
+        for _ in range(times):
+            dimension = dimension / TIME
+        return Unit(text, dimension, self.factor)
 
     def per(self, time: Unit, times: int = 1) -> Unit:
         """Return the unit of this quantity's rate by a time in seconds, or by one that is a pure number."""

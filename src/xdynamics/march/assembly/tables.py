@@ -29,6 +29,19 @@ Whole = NDArray[np.int64]
 Pose = Callable[[Model, Settings, Law], Run]
 
 CANDIDATES_EACH, FEWEST_CANDIDATES = 8, 4096  # room for candidates, for each coordinate
+_NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no element to write to
+    "assemblies": np.zeros(0, ASSEMBLY),
+    "leafs": np.zeros((0, 5), np.int64),
+    "handed": np.zeros((0, 3), np.int64),
+    "candidates": np.zeros((0, 4), np.int64),
+    "touching": np.zeros((0, NUMBERS)),
+    "reads": np.zeros((0, 0), np.int64),
+    **{
+        name: np.zeros(0, np.int64) for name in ("members", "slots", "patterns", "renewed", "grouped", "close", "meets")
+    },
+    **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
+    **{name: np.zeros((0, 0)) for name in ("normals", "replies")},
+}
 _KEYS = count(-10_000_000, -1)  # of patterns where nothing is compiled
 
 
@@ -50,14 +63,16 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         If the model cannot have contacts of many links.
     """
     every, layout = assemblies(model), law.layout
-    if every and not law.scheme.method.stepper.locates:
+    if not every:
+        return _NOTHING | {"tallies": np.zeros(16, np.int64), "spans": np.zeros(8)}, []
+    if not law.scheme.method.stepper.locates:
         raise InputError(
             f"method '{law.scheme.method.name}' does not locate impacts, and contacts of more links than are written out"
             " are impacts alone; choose another method"
         )
-    if every and settings.apart:
+    if settings.apart:
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
-    if every and any(detector.drive or detector.at_zero for detector in layout.switches):
+    if any(detector.drive or detector.at_zero for detector in layout.switches):
         raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
     bare = replace(settings, tolerances=None, nodes=())
     patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
@@ -71,12 +86,11 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         leafs += part.leafs(sum(len(places) for places in members))
         members += part.members
         first_order, first_hull = first_order + row.elements, first_hull + row.groups * row.leaves
-    n, most, widest = layout.coordinates.size, together(model), max((row.coordinates for row in rows), default=0)
+    n, most, widest = layout.coordinates.size, together(model), max(row.coordinates for row in rows)
     slots, width = slots_of(model, layout.coordinates)
     tallies = np.zeros(16, np.int64)
     tallies[SLOTS] = width
-    room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n)) if every else 0
-    few = MOST_LEMKE if every else 0
+    room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))
     arrays: dict[str, NDArray[Any]] = {
         "assemblies": rows,
         "leafs": np.array(leafs, np.int64).reshape(-1, 5),
@@ -86,8 +100,8 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "patterns": np.array(_addresses(patterns), np.int64),
         "tallies": tallies,
         "spans": np.zeros(8),
-        "boxes": np.zeros((2, n if every else 0)),
-        "renewed": np.zeros(n if every else 0, np.int64),
+        "boxes": np.zeros((2, n)),
+        "renewed": np.zeros(n, np.int64),
         "hulls": np.zeros((2, first_hull)),
         "grouped": np.zeros(first_order, np.int64),
         "candidates": np.zeros((room, 4), np.int64),
@@ -97,13 +111,10 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "normals": np.zeros((most, widest)),
         "replies": np.zeros((most, widest)),
         "reads": np.zeros((most, widest), np.int64),
+        "problem": np.zeros((MOST_LEMKE, 2 * MOST_LEMKE + 2)),
+        "basis": np.zeros(MOST_LEMKE, np.int64),
+        "solution": np.zeros(MOST_LEMKE),
     }
-    if every:
-        arrays |= {
-            "problem": np.zeros((few, 2 * few + 2)),
-            "basis": np.zeros(few, np.int64),
-            "solution": np.zeros(few),
-        }
     return arrays, patterns
 
 
