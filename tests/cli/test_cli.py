@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -196,6 +197,52 @@ def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
     assert call("plot", ball, "-o", tmp_path / "ball.png").exit_code == 0
     assert (tmp_path / "ball.png").stat().st_size > 20_000
     assert call("plot", ball, "-o", tmp_path / "ball.gif").exit_code == 2
+
+
+def test_plot_without_a_name_writes_beside_the_archive(ball: Path, tmp_path: Path) -> None:
+    """Assert that the figure is called after the archive, beside it, and that the line says where."""
+    archive = tmp_path / "ball.of.5ms.nc"
+    archive.write_bytes(ball.read_bytes())
+    done = call("plot", archive)
+    assert (done.exit_code, done.output) == (0, f"figure    {tmp_path / 'ball.of.5ms.png'}\n")
+    assert (tmp_path / "ball.of.5ms.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("simulate ball.toml", "xdynamics run ball.toml -o ball.nc"),
+        ("simulate ball.toml -o b.nc --step '1 ms'", "xdynamics run ball.toml -o b.nc --step '1 ms'"),
+        ("ball.toml", "xdynamics run ball.toml -o ball.nc"),
+        ("ball.nc", "xdynamics show ball.nc"),
+        ("draw ball.nc", "xdynamics plot ball.nc"),
+        ("Plot ball.nc", "xdynamics plot ball.nc"),
+        ("plto ball.nc", "xdynamics plot ball.nc"),
+        ("convergence ball.toml", "xdynamics refine ball.toml"),
+    ],
+)
+def test_a_verb_that_is_not_there_leads_to_the_one_that_is(typed: str, meant: str) -> None:
+    """Assert that the message has the whole command that was meant."""
+    refused = call(*shlex.split(typed))
+    assert refused.exit_code == 2
+    assert f"did you mean `{meant}`?" in refused.output
+
+
+def test_a_word_like_no_verb_lists_them() -> None:
+    """Assert that of a word like none of them all verbs are listed, and none is guessed."""
+    refused = call("frobnicate", "ball.toml")
+    assert refused.exit_code == 2
+    assert "there is no verb 'frobnicate'; there are animate, budget, bundle" in refused.output
+
+
+def test_help_takes_verbs() -> None:
+    """Assert that `help VERB` is the verb's own page, also by another word for it; a section's page names the verb."""
+    assert call("help", "plot").output == call("plot", "--help").output
+    assert "run [OPTIONS] MODEL.toml" in call("help", "simulate").output
+    both = call("help", "fit").output
+    assert both.startswith("[fit]:")
+    assert both.endswith("the verb of that name: xdynamics fit --help\n")
+    assert "did you mean 'events'?" in call("help", "eventz").output
 
 
 def test_methods_prints_the_table() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from xdynamics.cli.streams import Stream, surviving_streams
+from xdynamics.cli.verb_names import command_meant
 from xdynamics.faults import escaped
 
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
@@ -118,6 +119,10 @@ class _Command(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the verb; refuse to begin if the libraries do not fit into memory, where some would wait for ever."""
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            meant = command_meant(args, [*self.commands])
+            remedy = f"did you mean `{meant}`?" if meant else f"there are {', '.join(sorted(self.commands))}"
+            raise click.UsageError(f"there is no verb '{args[0]}'; {remedy}", ctx)
         name, command, rest = super().resolve_command(ctx, args)
         limit = _memory_limit()
         if limit is not None and limit < LEAST_MEMORY and name not in LIGHT:

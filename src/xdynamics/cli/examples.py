@@ -20,7 +20,7 @@ EXAMPLES = {
     "help": "xdynamics help events",
     "methods": "xdynamics methods dop853",
     "new": "xdynamics new pendulum.toml",
-    "plot": "xdynamics plot orbit.nc -o orbit.pdf --only plane,energy",
+    "plot": "xdynamics plot orbit.nc; xdynamics plot orbit.nc -o orbit.pdf --only plane,energy",
     "recheck": "xdynamics recheck apogee",
     "refine": 'xdynamics refine data/models/ball_drag.toml --step "40 ms" --levels 4 --at "1 s" -o study.nc',
     "report": "xdynamics report apogee -o apogee.html",

@@ -48,7 +48,10 @@ def _opened(name: str) -> xr.Dataset:
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 @click.option(
-    "-o", "--output", required=True, metavar="FIGURE", help="The figure to write: PNG, SVG or PDF, by its suffix."
+    "-o",
+    "--output",
+    metavar="FIGURE",
+    help="The figure to write: PNG, SVG or PDF, by its suffix; by default a PNG beside the archive.",
 )
 @click.option("--only", metavar="NAMES", help="Draw only these panels or variables, like 'plane,energy,x'.")
 @click.option(
@@ -62,14 +65,24 @@ def _opened(name: str) -> xr.Dataset:
 @click.option("--dpi", type=int, default=130, help="Dots per inch of a PNG (130).")
 @click.option("--dark", is_flag=True, help="Draw on a dark background.")
 def plot(
-    archive: str, output: str, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
+    archive: str, output: str | None, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
 ) -> None:
     """Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
     names = None if only is None else [name.strip() for name in only.split(",")]
+    output = output or _beside(archive, ".png")
     draw(_opened(archive), output, only=names, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
+
+
+def _beside(archive: str, suffix: str) -> str:
+    """Return the name of a file beside an archive, or beside the folder of a sweep, that is called after it."""
+    from xdynamics.archive.place import placed
+
+    place = placed(archive)
+    stem = place.stem if place.suffix in (".nc", ".zarr") else place.name
+    return str(place.with_name(stem + suffix))
 
 
 def _size(text: str | None) -> tuple[float, float] | None:

@@ -9,15 +9,21 @@ import click
 
 from xdynamics.cli.command import main, say
 from xdynamics.cli.marching import changed_model
+from xdynamics.cli.verb_names import verb_meant
 
 
 @main.command(name="help")
 @click.argument("topic", required=False)
 def help_on(topic: str | None) -> None:
-    """Explain what may stand in a model file: `help model`, `help drives`, `help language`, `help record`."""
-    from xdynamics.documenting.guide import guide
+    """Explain what may stand in a model file: `help model`, `help drives`, `help language`; or a verb: `help plot`."""
+    from xdynamics.documenting.guide import guide, topic_named, topics
 
-    say(guide(topic))
+    verb = None if topic is None or topic_named(topic) in topics() else verb_meant(topic, [*main.commands])
+    if verb:
+        command = main.commands[verb]
+        say(command.get_help(click.Context(command, click.get_current_context().parent, verb)).splitlines())
+    else:
+        say(guide(topic, [*main.commands]))
 
 
 @main.command(makes=True)
@@ -44,7 +50,7 @@ def new(path: str) -> None:
 
 def _next(path: str) -> Iterator[str]:
     yield f"model     {path}"
-    yield f"next      xdynamics check {path}; xdynamics run {path} -o run.nc; xdynamics plot run.nc -o run.png"
+    yield f"next      xdynamics check {path}; xdynamics run {path} -o run.nc; xdynamics plot run.nc"
 
 
 @main.command()

@@ -173,15 +173,38 @@ Stages whose sizes follow from the march need them stated: --occurrences 10 (ref
 """
 
 
-def guide(topic: str | None) -> Iterator[str]:
+def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
     """Explain a topic, or list them.
+
+    Parameters
+    ----------
+    topic : str, optional
+    verbs : iterable of str
+        Those of the command line, which have pages of their own.
 
     Raises
     ------
     InputError
         If there is no such topic.
     """
-    topics: dict[str, Callable[[], Iterable[str]]] = {
+    pages = topics()
+    if topic is None:
+        return iter(("topics    " + ", ".join(pages), "usage     xdynamics help TOPIC; xdynamics help VERB"))
+    topic = topic_named(topic)
+    if topic not in pages:
+        raise InputError(f"help has no topic '{topic}'{near(topic, (*pages, *verbs))}")
+    more = f"the verb of that name: xdynamics {topic} --help"
+    return iter((*pages[topic](), *([more] if topic in verbs else ())))
+
+
+def topic_named(word: str) -> str:
+    """Return a topic as it is listed: without capitals, and without the brackets of a section."""
+    return word.strip("[]").lower()
+
+
+def topics() -> dict[str, Callable[[], Iterable[str]]]:
+    """Return every topic with what prints its page."""
+    return {
         "model": _model,
         "language": _language,
         "shapes": shapes_page,
@@ -193,12 +216,6 @@ def guide(topic: str | None) -> Iterator[str]:
         "stores": lambda: STORES,
         **{name: partial(_section, name) for name in SECTIONS},
     }
-    if topic is None:
-        return iter(("topics    " + ", ".join(topics), "usage     xdynamics help TOPIC; xdynamics VERB --help"))
-    topic = topic.strip("[]").lower()
-    if topic not in topics:
-        raise InputError(f"help has no topic '{topic}'{near(topic, tuple(topics))}")
-    return iter(topics[topic]())
 
 
 def _model() -> Iterator[str]:

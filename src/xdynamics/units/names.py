@@ -36,7 +36,7 @@ _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 # spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
 # does not wait for pint's dictionary
 _SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
-                                "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True))  # fmt: skip
+                                "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True), year="Julian_year")  # fmt: skip
 _FACTORS = {
     "g": (base_powers(kg=1), Fraction(1, 1000)),
     "degree": (NONE, _PI / 180),
