@@ -16,8 +16,14 @@ from cases.problems import MODELS
 from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
 from xdynamics.evidence.comparing.bits import bitwise, reproduced
 from xdynamics.evidence.comparing.causes import _flat, _short, cause_of, independent
-from xdynamics.evidence.comparing.comparison import _between, _counts, _difference, _parted, _times
 from xdynamics.evidence.comparing.comparison_summary import lines_of as comparison_in_words
+from xdynamics.evidence.comparing.differences import (
+    common_times,
+    counts_apart,
+    difference_of,
+    parting,
+    times_between,
+)
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.evidence.observables import comparable, modes_behind, observe
@@ -410,18 +416,18 @@ def test_differences_are_in_the_first_runs_unit() -> None:
         (np.array([2.0, -4.0]), np.array([0.5, 0.25])),
         (np.array([2500.0, -3000.0]), np.array([100.0, 200.0])),
     )
-    found = _difference("x", one, other, here, there)
+    found = difference_of("x", one, other, here, there)
     assert found["difference_x"][1].tolist() == [0.5, 1.0]
     assert found["interpolation_error_x"][1].tolist() == pytest.approx([0.6, 0.45])
     assert float(found["difference_scale_x"][1]) == 4.0
     assert found["scaled_difference_x"][1].tolist() == [0.125, 0.25]
     assert found["difference_x"][2]["units"] == found["interpolation_error_x"][2]["units"] == "m"
-    back = _difference("x", other, one, there, here)
+    back = difference_of("x", other, one, there, here)
     assert back["difference_x"][1].tolist() == [-500.0, -1000.0]
     assert float(back["difference_scale_x"][1]) == 3000.0
-    zero = _difference("x", one, other, (0.0 * here[0], here[1]), there)
+    zero = difference_of("x", one, other, (0.0 * here[0], here[1]), there)
     assert float(zero["difference_scale_x"][1]) == 3.0
-    assert _difference("x", one, other, None, there) == _difference("x", one, other, here, None) == {}
+    assert difference_of("x", one, other, None, there) == difference_of("x", one, other, here, None) == {}
 
 
 def met_by_hand(times: list[float], doubt: float, detectors: list[int] | None = None) -> xr.Dataset:
@@ -439,11 +445,11 @@ def test_times_between_two_locations_of_one_event_are_left_out() -> None:
     """Assert times between both as wide as both are uncertain, ends included, and none where they are farther apart."""
     first, second = met_by_hand([1.0, 3.0], 0.125), met_by_hand([1.25, 3.5], 0.25)
     at = np.array([0.62, 0.625, 1.0, 1.25, 1.625, 1.63, 3.0, 3.25])
-    assert _between(first, second, at).tolist() == [False, True, True, True, True, False, False, False]
-    assert _between(second, first, at).tolist() == _between(first, second, at).tolist()
-    assert not _between(first, met_by_hand([1.25, 3.5], 0.25, [1, 1]), at).any()
-    assert list(_counts(first, second)) == []
-    assert list(_counts(first, met_by_hand([1.0, 2.0, 3.0], 0.1, [0, 1, 1]))) == ["low: 2 | 1", "high: 0 | 2"]
+    assert times_between(first, second, at).tolist() == [False, True, True, True, True, False, False, False]
+    assert times_between(second, first, at).tolist() == times_between(first, second, at).tolist()
+    assert not times_between(first, met_by_hand([1.25, 3.5], 0.25, [1, 1]), at).any()
+    assert list(counts_apart(first, second)) == []
+    assert list(counts_apart(first, met_by_hand([1.0, 2.0, 3.0], 0.1, [0, 1, 1]))) == ["low: 2 | 1", "high: 0 | 2"]
 
 
 def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
@@ -458,7 +464,7 @@ def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
             "interpolation_error_x": ((), np.full(4, 0.25)),
         }
         variables |= {"difference_y": ((), np.array(y), {"units": "s"}), "interpolation_error_y": ((), np.zeros(4))}
-        return _parted(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
+        return parting(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
 
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4) == "t = 3 s: x by -0.5 m, beyond an interpolation error of 0.25 m"
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4, (2,)).startswith("t = 4 s: x by 9 m")
@@ -492,14 +498,14 @@ def test_times_of_comparison_are_those_that_both_reach() -> None:
     def run(times: list[float], apart: int = 1) -> xr.Dataset:
         return xr.Dataset({"time": ("step", times, {"units": "s"})}, attrs={"keep_every": apart} if apart > 1 else {})
 
-    assert _times(run([0.0, 1.0, 2.0]), run([0.5, 1.5, 2.5])).tolist() == [0.5, 1.0, 1.5, 2.0]
-    assert _times(run([0.0, 1.0]), run([1.0, 2.0])).tolist() == [1.0]
+    assert common_times(run([0.0, 1.0, 2.0]), run([0.5, 1.5, 2.5])).tolist() == [0.5, 1.0, 1.5, 2.0]
+    assert common_times(run([0.0, 1.0]), run([1.0, 2.0])).tolist() == [1.0]
     with pytest.raises(
         xd.InputError, match="no time in common: one goes from 0.0 s to 1.0 s, the other from 1.5 s to 2.0 s"
     ):
-        _times(run([0.0, 1.0]), run([1.5, 2.0]))
+        common_times(run([0.0, 1.0]), run([1.5, 2.0]))
     with pytest.raises(xd.InputError, match="the times of the second run do not increase behind t = 2.0 s"):
-        _times(run([0.0, 1.0]), run([0.0, 2.0, 1.0]))
+        common_times(run([0.0, 1.0]), run([0.0, 2.0, 1.0]))
 
 
 def test_a_comparison_in_words() -> None:

@@ -16,7 +16,7 @@ from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Stage, Task, lazy, march_task
+from xdynamics.evidence.stages import Stage, Task, lazy, march_task, subject_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
@@ -177,7 +177,7 @@ def companion(
     tighter = tighter_of(run, functions)
     marched = tighter.task
     call = partial(_in_task, run, tighter, functions, at)
-    task = Task.of("companion", call, (marched,), archive.digest_of_run(run), None if at is None else at.tolist())
+    task = Task.of("companion", call, (marched,), subject_of(run), None if at is None else at.tolist())
     states = Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at))
     states = _added(states, {name: states[name].values for name in _with_errors(states)}, tighter.factor, tighter.said)
     errors = np.full(run.sizes.get(EVENTS, 0), np.nan)

@@ -128,11 +128,14 @@ class Stage:
         Gives the Dataset.
     known : collection of str
         Variables whose values the template has.
+    foreseen : xarray.Dataset, optional
+        Of a run, where the template leaves variables out: all that its record will have, of any size.
     """
 
     template: xr.Dataset
     task: Task
     known: Collection[str] = ()
+    foreseen: xr.Dataset | None = None
 
 
 def results_of(*tasks: Task) -> list[Any]:
@@ -197,7 +200,9 @@ def lazy(stage: Stage) -> xr.Dataset:
         if name in known or name in template.indexes:
             continue
         key = f"{name}-{task.name}"
-        call = partial(_values, str(name), variable.dims, variable.shape)
+        call = partial(
+            _values, str(name), variable.dims, variable.shape, blank=np.nan if variable.dtype.kind == "f" else ""
+        )
         graph = {(key, *[0] * variable.ndim): (call, task.name)}
         merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {task.name}})
         chunks = tuple((size,) for size in variable.shape)
@@ -207,7 +212,7 @@ def lazy(stage: Stage) -> xr.Dataset:
     described.attrs = {name: value for name, value in template.attrs.items() if name not in (RUNS, *variables)}
     described = archive.marched(described) if ORIGIN in template.attrs else described
     described.encoding[STAGE] = _Described(
-        task, frozenset(described.variables), frozenset(variables), dict(described.attrs)
+        task, frozenset(described.variables), frozenset(variables), dict(described.attrs), stage.foreseen
     )
     return described
 
@@ -222,12 +227,15 @@ class _Described:
     names, lazy : frozenset of str
         Of all its variables, and of those to be computed.
     attributes : dict
+    foreseen : xarray.Dataset, optional
+        As in `Stage`.
     """
 
     task: Task
     names: frozenset[Any]
     lazy: frozenset[Any]
     attributes: dict[str, Any]
+    foreseen: xr.Dataset | None = None
 
     def computed(self, dataset: xr.Dataset) -> xr.Dataset | None:
         """Return the stage as it is when it is computed at once; None if the Dataset was changed since."""
@@ -302,10 +310,33 @@ def task_of(stage: xr.Dataset) -> Task | None:
     return described.task if isinstance(described, _Described) and described.delayed(whole) is not None else None
 
 
-def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset) -> Any:
+def foreseen(run: xr.Dataset) -> xr.Dataset:
+    """Return a run, or if it is still to be marched a Dataset with all variables that its record will have."""
+    described = record.whole_of(run).encoding.get(STAGE)
+    known = described.foreseen if isinstance(described, _Described) else None
+    return run if known is None else known
+
+
+def subject_of(run: xr.Dataset) -> str:
+    """Name a run by its values, for the name of a task: by the task that marches it, its digest, or those of its arrays."""
+    if (task := task_of(run)) is not None:
+        return task.name
+    if not is_lazy(run):
+        return archive.digest_of_run(run)
+    from dask.base import tokenize
+
+    tokens: Any = tokenize  # it is not typed
+    words = sorted((str(name), variable.dims, tokens(variable.data)) for name, variable in run.variables.items())
+    attributes = sorted((str(name), repr(value)) for name, value in run.attrs.items() if name != ORIGIN)
+    return sha256(repr((words, attributes)).encode()).hexdigest()
+
+
+def _values(
+    name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset, *, blank: float | str = ""
+) -> Any:
     """Return what a stage has under a name, as a variable or an attribute, in the size that was stated.
 
-    Beyond its end there is nan, -1 of whole numbers.
+    Beyond its end there is nan, -1 of whole numbers; of what it has not, `blank`.
 
     Raises
     ------
@@ -313,7 +344,9 @@ def _values(name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage
         If it has more.
     """
     stage = record.whole_of(stage)
-    values = np.array(stage.variables[name].values if name in stage.variables else stage.attrs.get(name, ""))
+    if name not in stage.variables and name not in stage.attrs:
+        return np.full(shape, blank)
+    values = np.array(stage.variables[name].values if name in stage.variables else stage.attrs[name])
     for dim, size, stated in zip(dims, values.shape, shape, strict=True):
         if size > stated:
             raise InputError(

@@ -17,7 +17,7 @@ from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
-from xdynamics.schema import BOUNDS, GIVEN_STEP, LABEL, LINK, STEPS, Variable
+from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,6 +73,21 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
         if variable.role in KNOWN_BEFORE or variable.name == GIVEN_STEP.name
     ]
     return _assembled(filled, provenance.settings_used(march))
+
+
+def foreseen(march: March) -> xr.Dataset:
+    """Return all variables that the record of a march will have, before it begins: a row of zeros of each, and no event."""
+    shapes = march.model.shapes
+    elements = {dim: shapes.extent(dim).size for dim in (*shapes.relations, *shapes.extents)}
+    sizes = dict.fromkeys((STEPS, TRIALS, SAMPLES), 1) | {EVENTS: 0, BOUNDS: 2} | elements
+    filled = [
+        (column.variable, np.zeros([sizes.get(dim, 0) for dim in column.variable.dims], column.variable.dtype))
+        for column in columns(march)
+    ]
+    return _assembled(
+        [*filled, *((variable, np.asarray(value)) for variable, value in constants(march))],
+        provenance.settings_used(march),
+    )
 
 
 def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:

@@ -50,7 +50,7 @@ def unmarched_run(
     if wanted is None:
         run = record.described(march, _sizes(march, sizes))
         known = [str(name) for name, variable in run.variables.items() if variable.attrs["role"] in KNOWN_BEFORE]
-        return lazy(Stage(_with_outcome(run), task, [*known, GIVEN_STEP.name]))
+        return lazy(Stage(_with_outcome(run), task, [*known, GIVEN_STEP.name], record.unfold(record.foreseen(march))))
     if sizes:
         raise InputError(f"sizes are {dict(sizes)}, and times say already how many states there are; leave sizes out")
     if place is None:

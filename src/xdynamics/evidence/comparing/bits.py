@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -105,16 +106,40 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
 
 
 def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
-    names = [str(name) for name in first.variables]
-    if worded:
-        names += [str(name) for name in second.variables if name not in first.variables]
-    names = [name for name in names if worded or not (name in (*LAW, *REDEFINED) or name.startswith(OFFSETS))]
-    names.sort(key=lambda name: name != "time")  # of the variables of one row, time is named first
+    names = [
+        name
+        for name in _names(first, second if worded else None)
+        if worded or not (name in (*LAW, *REDEFINED) or name.startswith(OFFSETS))
+    ]
     rows = [_first_row(first, second, name, worded=worded) for name in names]
     settings = settings_apart(first, second)
     if not worded:
         settings = [line for line in settings if (name := line.partition(":")[0]) not in LAW and name in first.attrs]
-    table = xr.Dataset(
+    table = _rows_table(names, rows)
+    identical = all(row is None for row in rows) and not settings
+    return table.assign_attrs(
+        identical=int(identical),
+        first_difference="" if identical else _earliest(first, second, names, rows, settings),
+        settings="\n".join(settings),
+        selection=str(first.attrs.get(SELECTION_OF, "")),
+    )
+
+
+def described_table(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Return what `bitwise` lists of two runs before their values are known."""
+    names = _names(first, second)
+    return _rows_table(names, [None] * len(names))
+
+
+def _names(first: xr.Dataset, second: xr.Dataset | None) -> list[str]:
+    """Name the variables of a run, and those that only the other has; time, of the variables of one row, first."""
+    others = [] if second is None else [str(name) for name in second.variables if name not in first.variables]
+    return sorted([*map(str, first.variables), *others], key=lambda name: name != "time")
+
+
+def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
+    """Return a row for each variable: its name, whether it is the same, and the first row that differs."""
+    return xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs", "units": "1", "role": "index"}),
             "same": (
@@ -128,13 +153,6 @@ def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset
                 {"long_name": "first row that differs, -1 for none", "units": "1", "role": "index"},
             ),
         }
-    )
-    identical = all(row is None for row in rows) and not settings
-    return table.assign_attrs(
-        identical=int(identical),
-        first_difference="" if identical else _earliest(first, second, names, rows, settings),
-        settings="\n".join(settings),
-        selection=str(first.attrs.get(SELECTION_OF, "")),
     )
 
 

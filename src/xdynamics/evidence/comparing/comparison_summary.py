@@ -9,27 +9,30 @@ import xarray as xr
 
 from xdynamics import schema
 from xdynamics.evidence.comparing.causes import independent
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME
 from xdynamics.units import unit_suffix
 
 ROLE = "difference"
+TOLD = ("identical", "first_difference", "model", "parameters", "initial", "events", "settings", "cause", "parted")
 
 
 def lines_of(table: xr.Dataset) -> list[str]:
     """Describe the result of `compare`, line by line."""
-    if "identical" not in table.attrs:
+    told = {name: stated(table, name) for name in TOLD}
+    if told["identical"] is None:
         left_out = str(table.attrs.get("data_left_out", ""))
         return [*_largest(table), *([f"left out  {left_out}: nothing that the run has"] if left_out else [])]
-    if table.attrs["identical"]:
+    if told["identical"]:
         return [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
     differing = int((table["same"] == 0).sum())
-    lines = [f"{differing} of {table.sizes['variable']} variables differ; first: {table.attrs['first_difference']}"]
+    lines = [f"{differing} of {table.sizes['variable']} variables differ; first: {told['first_difference']}"]
     for what, word in {"model": "model", "parameters": "parameter", "initial": "initial", "events": "events"}.items():
-        lines += [f"{word:<10}{line}" for line in table.attrs[what].splitlines()]
-    lines += [f"setting   {line}" for line in independent(table.attrs["settings"].splitlines())]
-    lines += [f"cause     {table.attrs['cause']}", f"times     {table.sizes[AT]} at which both are known"]
-    lines.append(f"parted    {table.attrs['parted'] or 'nowhere by more than interpolation can be off'}")
+        lines += [f"{word:<10}{line}" for line in str(told[what] or "").splitlines()]
+    lines += [f"setting   {line}" for line in independent(str(told["settings"] or "").splitlines())]
+    lines += [f"cause     {told['cause']}", f"times     {int(table[AT_TIME].count())} at which both are known"]
+    lines.append(f"parted    {told['parted'] or 'nowhere by more than interpolation can be off'}")
     return [*lines, *_largest(table)]
 
 

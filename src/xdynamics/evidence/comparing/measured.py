@@ -70,6 +70,16 @@ class Measured:
     uncertainties: dict[str, tuple[Floats, Unit]]
     left_out: tuple[str, ...] = ()
 
+    @property
+    def words(self) -> list[Any]:
+        """All that it holds, to be compared as it is printed."""
+        columns = [
+            [name, unit.text, numbers.tolist()]
+            for held in (self.values, self.uncertainties)
+            for name, (numbers, unit) in held.items()
+        ]
+        return [self.name, self.clock.text, self.times.tolist(), columns, self.left_out]
+
 
 def is_measured(source: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
@@ -147,6 +157,23 @@ def residuals(
     InputError
         If a column cannot be read or has another dimension than the run, or a time is outside the run.
     """
+    return residuals_with(run, measured_for(run, source, functions, gaps, reading), functions)
+
+
+def measured_for(
+    run: xr.Dataset,
+    source: Any,
+    functions: Mapping[str, Callable[..., float]] | None,
+    gaps: str,
+    reading: Mapping[str, Any] | None,
+) -> Measured:
+    """Read measured data to be compared with a run, of which no value is read.
+
+    Raises
+    ------
+    InputError
+        If a column cannot be read, or has another dimension than the run.
+    """
     model = model_of(run, functions)
     observables = [name for name in observables_of(model) if name in run.variables]
     data = measured(source, observables, gaps, time_unit(run), model.shapes, reading)
@@ -157,6 +184,17 @@ def residuals(
         elif unit.dimension != parse_unit(str(run[name].attrs["units"])).dimension:
             ledger.note(f"column '{name}' is in '{unit.text}', needs '{run[name].attrs['units']}' or a unit like it")
     ledger.raise_faults()
+    return data
+
+
+def residuals_with(run: xr.Dataset, data: Measured, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    """Compare a run with data that were read for it.
+
+    Raises
+    ------
+    InputError
+        If a time is outside the run.
+    """
     unit_text = unit_suffix(time_unit(run))
     begin, end = (float(run["time"][k]) for k in (0, -1))
     outside = np.flatnonzero((data.times < begin) | (data.times > end))
@@ -165,21 +203,31 @@ def residuals(
             f"{data.name}, row {int(outside[0]) + 1}: t = {float(data.times[outside[0]])!r}{unit_text} is outside the"
             f" run, from {begin!r}{unit_text} to {end!r}{unit_text}"
         )
-    names = list(data.values)
-    computed = observe(run, model, names, data.times)
+    model = model_of(run, functions)
+    computed = observe(run, model, list(data.values), data.times)
+    return residuals_of(run, model.shapes, computed, data, [archive.digest_of_run(run)])
+
+
+def residuals_of(
+    run: xr.Dataset,
+    shapes: Shapes,
+    computed: Mapping[str, tuple[Floats, Floats]],
+    data: Measured,
+    digests: Sequence[str],
+) -> xr.Dataset:
+    """Put measured data beside what was computed at their times."""
     variables: dict[str, Any] = {
         AT_TIME: ((AT,), data.times, about(time_unit(run).text, "time of measurement", "time"))
     }
-    for name in names:
+    for name in data.values:
         variables |= _residuals(name, str(run[name].attrs["units"]), *computed[name], data)
-    title = f"{run.attrs['title']}, beside {data.name}"
     return exhibit(
         "comparison",
-        title,
-        [archive.digest_of_run(run)],
+        f"{run.attrs['title']}, beside {data.name}",
+        digests,
         variables,
         {"data": data.name, "data_left_out": ", ".join(data.left_out)},
-        shapes=model.shapes,
+        shapes=shapes,
     )
 
 

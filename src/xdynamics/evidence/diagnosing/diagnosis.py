@@ -27,7 +27,7 @@ from xdynamics.evidence.diagnosing.phases import (
 )
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
-from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, task_of
+from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, subject_of, task_of
 from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
 from xdynamics.record.kinds import check_every_column, check_every_row
@@ -150,8 +150,7 @@ def diagnose(
     exact_run = exact_march(run, functions) if by_exact else None
     needs += [exact_run] if exact_run is not None else []
     call = partial(_diagnosed, request, run if marching is None else None, tighter)
-    subject = archive.digest_of_run(run) if marching is None else marching.name
-    task = Task.of("diagnosis", call, tuple(needs), subject, *request.words)
+    task = Task.of("diagnosis", call, tuple(needs), subject_of(run), *request.words)
     if compute:
         found: xr.Dataset = results_of(task)[0]
         return found
@@ -181,7 +180,7 @@ class DiagnosisRequest:
     def words(self) -> list[Any]:
         """All that a diagnosis depends on besides runs, to be compared as it is printed."""
         reference = self.reference
-        named = reference if isinstance(reference, str | float | int | None) else archive.digest_of_run(reference)
+        named = reference if isinstance(reference, str | float | int | None) else subject_of(reference)
         return [self.of, self.level, named, self.exact, self.lyapunov, self.occurrences]
 
 

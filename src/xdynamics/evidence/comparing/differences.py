@@ -1,0 +1,244 @@
+"""Differences of two runs at common times: of states, of events, since when they are apart, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics import archive, schema
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.evidence.comparing.bits import bitwise, settings_apart
+from xdynamics.evidence.comparing.causes import cause_of, models_apart
+from xdynamics.evidence.comparing.comparison_summary import ROLE
+from xdynamics.evidence.event_matching import Rows, matched, met
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import comparable, observe
+from xdynamics.evidence.sampling import sample
+from xdynamics.evidence.scaling import scale_of, scaled
+from xdynamics.faults import InputError
+from xdynamics.record import shapes_of
+from xdynamics.record.flag_words import time_unit
+from xdynamics.record.kinds import rows_apart
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
+from xdynamics.units import parse_unit, unit_suffix
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+NONE = np.zeros(0, np.int64)  # events
+EPS = float(np.finfo(float).eps)
+ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
+
+
+def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functions: Functions | None) -> xr.Dataset:
+    """Compare two runs; see `compare`.
+
+    Raises
+    ------
+    InputError
+        If the runs have no time or no quantity in common, or a time is outside one of them.
+    """
+    at = common_times(first, second) if times is None else times
+    names = shared_names(first, second)
+    lazy = any(run[name].chunks is not None for run in (first, second) for name in ("time", *names))
+    samples = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
+    variables: dict[str, Any] = {AT_TIME: wanted(first, at)}
+    for name in names:
+        variables |= difference_of(
+            name, *(run[name] for run in (first, second)), *(entry.get(name) for entry in samples)
+        )
+    digests = [archive.digest_of_run(run) for run in (first, second)]
+    if lazy:
+        return exhibit("comparison", title_of(first, second), digests, variables, {}, shapes=shapes_of(first))
+    table = bitwise(first, second)
+    variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
+    events = dict(event_differences(first, second))
+    attributes = table.attrs | models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
+    attributes |= {
+        "events": "\n".join(counts_apart(first, second)),
+        "parted": parting(variables, first, names, times_between(first, second, at)),
+    }
+    attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    return exhibit(
+        "comparison", title_of(first, second), digests, variables | events, attributes, shapes=shapes_of(first)
+    )
+
+
+def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
+    """Return the title of a comparison."""
+    return f"{first.attrs['title']}, beside {second.attrs['title']}"
+
+
+def wanted(first: xr.Dataset, at: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
+    """Return the times of a comparison as a variable."""
+    return (AT,), at, about(time_unit(first).text, "time of comparison", "time")
+
+
+def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
+    """Return every accepted time of either run that both reach."""
+    grids, unit = [np.asarray(run["time"]) for run in (first, other)], unit_suffix(time_unit(first))
+    for which, grid in zip(("first", "second"), grids, strict=True):
+        if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
+            raise InputError(
+                f"the times of the {which} run do not increase behind t = {float(grid[wrong[0]])!r}{unit}, as a"
+                " run's do"
+            )
+    begin, end = max(grid[0] for grid in grids), min(grid[-1] for grid in grids)
+    if begin > end:
+        spans = [f"{float(grid[0])!r}{unit} to {float(grid[-1])!r}{unit}" for grid in grids]
+        raise InputError(f"the runs have no time in common: one goes from {spans[0]}, the other from {spans[1]}")
+    union: Floats = np.union1d(*grids)
+    for run, grid in zip((first, other), grids, strict=True):
+        if rows_apart(run.attrs) > 1:  # nothing is known between the rows that were kept
+            union = union[np.isin(union, grid)]
+    inside: Floats = union[(union >= begin) & (union <= end)]
+    if not inside.size:
+        raise InputError(
+            "the runs have no row of one time in common: keep_every left the others out; march one of them again with"
+            " keep_every = 1"
+        )
+    return inside
+
+
+def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
+    """Name the variables of the state, and those that follow from it, that both runs have."""
+    roles = ("coordinate", "velocity", "state", "energy", "observable")
+    names = [
+        str(name)
+        for name, variable in first.data_vars.items()
+        if variable.attrs.get("role") in roles
+        and name in second.data_vars
+        and variable.dims == second[name].dims == (STEPS,)
+    ]
+    if not names:
+        raise InputError("the runs have no coordinate, velocity, state or observable in common")
+    for name in names:
+        units = [parse_unit(str(run[name].attrs["units"])) for run in (first, second)]
+        if units[0].dimension != units[1].dimension:
+            raise InputError(f"'{name}' is in '{units[0].text}' in one run and '{units[1].text}' in the other")
+    return names
+
+
+def _sampled(
+    run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool
+) -> dict[str, tuple[Any, Any]]:
+    """Return values and interpolation errors at times; on dask arrays of states only."""
+    if lazy:
+        states = sample(run, at, functions=functions)
+        return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
+    model = model_of(run, functions)
+    observables = {*comparable(model)}
+    return observe(run, model, [name for name in names if name in observables], at)
+
+
+def difference_of(
+    name: str, first: xr.DataArray, second: xr.DataArray, first_sample: Any, second_sample: Any
+) -> dict[str, Any]:
+    """Return the difference of one quantity, in the units of the first run."""
+    if first_sample is None or second_sample is None:
+        return {}
+    units = [parse_unit(str(run.attrs["units"])) for run in (first, second)]
+    factor = float(units[1].factor / units[0].factor)
+    text = str(first.attrs["units"])
+    difference = second_sample[0] * factor - first_sample[0]
+    scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
+    return scaled(
+        "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text
+    ) | {
+        f"difference_{name}": ((AT,), difference, about(text, f"{name}, second run minus first", ROLE)),
+        f"interpolation_error_{name}": (
+            (AT,),
+            second_sample[1] * factor + first_sample[1],
+            about(text, f"what {name} of both runs may be off between accepted states", "error"),
+        ),
+    }
+
+
+def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
+    """Compare the times of events of one name, occurrence by occurrence."""
+    events = [met(run) for run in (first, second)]
+    pairs = {name: _paired(first, second, rows, events[1].get(name, NONE)) for name, rows in events[0].items()}
+    most = max((len(here) for here, _ in pairs.values()), default=0)
+    for name, (here, there) in pairs.items():
+        if not len(here):
+            continue
+        difference, uncertainty = np.full((2, most), np.nan)
+        difference[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
+        uncertainties = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
+        uncertainty[: len(here)] = uncertainties[0] + uncertainties[1]
+        start = float(first["time"][0])
+        elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, here), (second, there))]
+        yield from event_difference(name, time_unit(first).text, difference, uncertainty, scale_of(*elapsed)).items()
+
+
+def event_difference(name: str, units: str, difference: Any, uncertainty: Any, scale: Any) -> dict[str, Any]:
+    """Return the differences of the times of one event, with what they are judged by."""
+    scale_text = f"longest time from the start of the first run to its {name}; where that is 0, of the second"
+    return (
+        {
+            f"difference_event_time_{name}": (
+                (OCCURRENCE,),
+                difference,
+                about(units, f"time of {name}, second run minus first", ROLE),
+            )
+        }
+        | scaled("difference", f"event_time_{name}", difference, scale, (OCCURRENCE,), units, scale_text)
+        | {
+            f"interpolation_error_event_time_{name}": (
+                (OCCURRENCE,),
+                uncertainty,
+                about(units, f"what the location of {name} is uncertain by in both runs", "error"),
+            )
+        }
+    )
+
+
+def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
+    """Return the events of one name that both runs met."""
+    mine, theirs = matched(first["event_time"].values[here], second["event_time"].values[there])
+    return here[mine], there[theirs]
+
+
+def counts_apart(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
+    """List the events that the runs did not meet equally often."""
+    events = [met(run) for run in (first, second)]
+    for name in dict.fromkeys([*events[0], *events[1]]):
+        counts = [len(rows.get(name, NONE)) for rows in events]
+        if counts[0] != counts[1]:
+            yield f"{name}: {counts[0]} | {counts[1]}"
+
+
+def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
+    """Describe when a quantity is first further apart than interpolation and rounding can be."""
+    times, earliest, sentence = variables[AT_TIME][1], np.inf, ""
+    for name in names:
+        if f"difference_{name}" not in variables:
+            continue
+        difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
+        rounding = ROUNDINGS * EPS * float(np.max(np.abs(first[name])))
+        beyond = np.flatnonzero((np.abs(difference) > uncertainty + rounding) & ~between_events)
+        if beyond.size and times[beyond[0]] < earliest:
+            k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
+            earliest = float(times[k])
+            sentence = (
+                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an"
+                f" interpolation error of {float(uncertainty[k]):.2g} {units}"
+            )
+    return sentence
+
+
+def times_between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bool_]:
+    """Mark the times at which one run has met an event that the other is about to meet, within their uncertainties."""
+    inside, events = np.zeros(at.shape, bool), [met(run) for run in (first, second)]
+    for name, rows in events[0].items():
+        here, there = _paired(first, second, rows, events[1].get(name, NONE))
+        times = [run["event_time"].values[rows] for run, rows in ((first, here), (second, there))]
+        uncertainty = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
+        for first_time, second_time, width in zip(*times, uncertainty, strict=True):
+            if abs(first_time - second_time) <= width:
+                inside |= (at >= min(first_time, second_time) - width) & (at <= max(first_time, second_time) + width)
+    return inside

@@ -1,0 +1,173 @@
+"""Comparisons that are described before runs are marched or read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics import schema
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.evidence.comparing.bits import described_table
+from xdynamics.evidence.comparing.causes import models_apart
+from xdynamics.evidence.comparing.differences import (
+    common_times,
+    compared,
+    difference_of,
+    event_difference,
+    event_differences,
+    shared_names,
+    title_of,
+    wanted,
+)
+from xdynamics.evidence.comparing.measured import measured_for, residuals_of, residuals_with
+from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.observables import comparable
+from xdynamics.evidence.stages import Stage, Task, foreseen, is_lazy, lazy, subject_of, task_of
+from xdynamics.faults import InputError
+from xdynamics.record import shapes_of
+from xdynamics.record.flag_words import time_unit
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE
+
+Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
+
+LATER: dict[str, tuple[str, Any]] = {
+    "identical": ("1 where the runs are the same, bit for bit", 0),
+    "first_difference": ("the first difference, the earliest row first", ""),
+    "settings": ("settings that differ, a line each", ""),
+    "events": ("events that the runs did not meet equally often, a line each", ""),
+    "parted": ("since when the runs are further apart than interpolation can be", ""),
+    "cause": ("likely cause of the difference", ""),
+}  # attributes of a comparison that are known when it is made, and what they say
+
+
+def described(
+    first: xr.Dataset, second: xr.Dataset, at: Floats | None, functions: Functions | None, sizes: Any
+) -> xr.Dataset:
+    """Describe a comparison of two runs; one task makes it, after those that march the runs.
+
+    Raises
+    ------
+    InputError
+        If a size is missing that only marching tells, is stated of what is known, or is no number.
+    """
+    runs = (first, second)
+    marched = all(task_of(run) is None for run in runs)
+    times = common_times(first, second) if at is None and marched else at
+    stated = _stated(sizes, {AT} if times is None else set())
+    shown = np.zeros(_at_stated(stated, first)) if times is None else times
+    variables: dict[str, Any] = {AT_TIME: wanted(first, shown)}
+    compared_names = [{*comparable(model_of(run, functions))} for run in runs]
+    blank = np.zeros(len(shown)), np.zeros(len(shown))
+    for name in shared_names(first, second):
+        if all(name in names for names in compared_names):
+            variables |= difference_of(name, first[name], second[name], blank, blank)
+    records = [foreseen(run) for run in runs]
+    variables |= {
+        str(name): (entry.dims, entry.values, entry.attrs) for name, entry in described_table(*records).items()
+    }
+    variables |= _events(first, second, records, stated, marched=marched)
+    variables |= {name: ((), value, about("1", text, "outcome")) for name, (text, value) in LATER.items()}
+    attributes = models_apart(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    template = exhibit("comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first))
+    task = _task(partial(_compared, at, functions), runs, [None if at is None else at.tolist()])
+    return lazy(Stage(template, task, ("name", *(() if times is None else (AT_TIME,)))))
+
+
+def described_residuals(
+    run: xr.Dataset, source: Any, functions: Functions | None, gaps: str, reading: Mapping[str, Any] | None
+) -> xr.Dataset:
+    """Describe a comparison of a run with measured data, which are read at once.
+
+    Raises
+    ------
+    InputError
+        If a column cannot be read or has another dimension than the run.
+    """
+    data = measured_for(run, source, functions, gaps, reading)
+    blank = np.zeros(data.times.size), np.zeros(data.times.size)
+    template = residuals_of(run, model_of(run, functions).shapes, dict.fromkeys(data.values, blank), data, ())
+    task = _task(partial(_with_data, functions, data), (run,), data.words)
+    known = [AT_TIME, *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values)]
+    return lazy(Stage(template, task, [name for name in known if name in template.variables]))
+
+
+def _task(call: Callable[..., Any], runs: tuple[xr.Dataset, ...], words: list[Any]) -> Task:
+    """Return the task of a comparison: it is given those runs that are to be marched, and has the others."""
+    marching = [task_of(run) for run in runs]
+    given = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
+    needs = tuple(task for task in marching if task is not None)
+    return Task.of("comparison", partial(_with_runs, call, given), needs, *map(subject_of, runs), *words)
+
+
+def _with_runs(call: Callable[..., Any], given: list[xr.Dataset | None], *marched: xr.Dataset) -> xr.Dataset:
+    """Call with all runs, those in chunks read once and whole."""
+    remaining: Iterator[xr.Dataset] = iter(marched)
+    runs = [next(remaining) if run is None else run.compute() if is_lazy(run) else run for run in given]
+    result: xr.Dataset = call(*runs)
+    return result
+
+
+def _compared(at: Floats | None, functions: Functions | None, first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    return compared(first, second, at, functions)
+
+
+def _with_data(functions: Functions | None, data: Any, run: xr.Dataset) -> xr.Dataset:
+    return residuals_with(run, data, functions)
+
+
+def _stated(sizes: Any, needed: set[str]) -> dict[str, int]:
+    """Read the sizes of dimensions that only marching tells."""
+    if not isinstance(sizes, Mapping):
+        raise InputError(f"sizes are {sizes!r}, need numbers by dimension, like {{'{AT}': 5000, '{OCCURRENCE}': 10}}")
+    for dim, size in sizes.items():
+        if dim not in (AT, OCCURRENCE):
+            raise InputError(f"sizes name {dim!r}; there are {AT}, {OCCURRENCE}")
+        if isinstance(size, bool) or not isinstance(size, int) or size < (dim == AT):
+            raise InputError(
+                f"sizes have {size!r} for '{dim}', need a {'positive' if dim == AT else 'non-negative'} whole number"
+            )
+    if AT in sizes and AT not in needed:
+        raise InputError(f"sizes have {sizes[AT]} for '{AT}', and the times are known already; leave it out")
+    return dict(sizes)
+
+
+def _at_stated(stated: Mapping[str, int], first: xr.Dataset) -> int:
+    if AT not in stated:
+        raise InputError(
+            f"at how many times '{first.attrs['title']}' and the other run are known is known only once they are marched;"
+            f" give times=…, a number, sizes={{'{AT}': 5000}}, say, or compute=True"
+        )
+    return stated[AT]
+
+
+def _events(
+    first: xr.Dataset, second: xr.Dataset, records: list[xr.Dataset], stated: Mapping[str, int], *, marched: bool
+) -> dict[str, Any]:
+    """Describe the differences of events that both runs met; of runs to be marched, those that both may meet."""
+    if marched and OCCURRENCE not in stated:
+        return dict(event_differences(first, second))
+    detectors = [_detectors(record) for record in records]
+    names = [name for name in detectors[0] if name in detectors[1]]
+    if names and OCCURRENCE not in stated:
+        raise InputError(
+            f"how often {', '.join(names)} will be met is known only once the runs are marched; give the number to compare,"
+            f" like sizes={{'{OCCURRENCE}': 10}} (nan where there are fewer), or 0 for none"
+        )
+    count = stated.get(OCCURRENCE, 0)
+    variables: dict[str, Any] = {}
+    for name in names if count else ():
+        blank = np.zeros(count)
+        variables |= event_difference(name, time_unit(first).text, blank, blank, np.zeros(()))
+    return variables
+
+
+def _detectors(record: xr.Dataset) -> list[str]:
+    """Name the detectors of a run's events."""
+    detector = record.variables.get("event_detector")
+    return [] if detector is None else str(detector.attrs["flag_meanings"]).split()
