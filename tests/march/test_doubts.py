@@ -50,6 +50,10 @@ def test_a_method_without_a_stable_step_says_why_it_warns() -> None:
     said = told("heun", 0.3, 500.0)
     assert "no step of 'heun' is stable" in said
     assert "more than e times within this run of 500 s, up to 0.1 s less" in said
+    stable = re.findall(r"(\w+) \(up to (\S+) s\)", said)
+    assert [name for name, _ in stable] == ["velocity_verlet", "rk4", "dormand_prince"]
+    for name, limit in stable:
+        assert told(name, 0.98 * float(limit), 500.0) == ""
     # (w h)**4/8 a step: e times in 8/(w**4 h**3), where the short cut by the size of the step does not help
     assert "within this run of 30000 s" in told("heun", 0.04, 30_000.0)
 

@@ -79,6 +79,8 @@ class Target:
         quantities, extremes = comparable(model), _extremes_of(model)
         if at is None and event is None and quantity in extremes:
             return cls(quantity, second=model.statement.time_unit.text)
+        if quantity in extremes:
+            raise InputError(_of_whole_run(quantity, at, event))
         if (at is None) == (event is None):
             raise InputError(
                 "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme"
@@ -89,7 +91,8 @@ class Target:
             raise InputError(f"event is {event!r}; there are {names}")
         if quantity not in (quantities if event is None else (*quantities, TIME)):
             raise InputError(
-                f"quantity is {quantity!r}; there are {', '.join(of_wholes(quantities))}, and at an event {TIME}"
+                f"quantity is {quantity!r}; there are {', '.join(of_wholes(quantities))}, at an event {TIME}, and without a"
+                f" time or event {LARGEST}_… and {LEAST}_… of these and of forces, like '{extremes[0]}'"
             )
         if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
@@ -252,6 +255,16 @@ class Measurand:
         numbers = unfold(swept)[target.kept]
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
         return numbers[..., 0] if target.at is not None else numbers
+
+
+def _of_whole_run(quantity: str, at: Any, event: Any) -> str:
+    """Return the message that an extreme has no time or event of its own."""
+    where = [f"at is {at!r}"] * (at is not None) + [f"event is '{event}'"] * (event is not None)
+    ended = f"until = {at!r}" if at is not None else f"action = 'stop' of the event '{event}'"
+    return (
+        f"quantity is '{quantity}', over the whole run, and {' and '.join(where)}: leave that out; where the extreme up to"
+        f" there is wanted, end the run there, by {ended}"
+    )
 
 
 def _extremes_of(model: Model) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from xdynamics.evidence.modes import modes
-from xdynamics.expressions import Node, text_of
+from xdynamics.expressions import Node
+from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -61,33 +62,33 @@ def _motion(model: Model) -> Iterator[str]:
             body = (
                 f"{component.name}({', '.join(component.arguments)})"
                 if isinstance(component, Function)
-                else text_of(component)
+                else printed_simply(component)
             )
             yield f"force     {term} of {name} = {body}"
     for name, definition in model.definitions.items():
-        yield f"with      {name} = {text_of(definition)}"
+        yield f"with      {name} = {printed_simply(definition)}"
     for name, state in model.states.items():
-        yield f"rate      of {name} = {text_of(state.rate)}"
+        yield f"rate      of {name} = {printed_simply(state.rate)}"
 
 
 def _factor(node: Node) -> str:
-    text = text_of(node)
+    text = printed_simply(node)
     return f"({text})" if " + " in text or " - " in text else text
 
 
 def _occasions(model: Model) -> Iterator[str]:
     for name, event in model.events.items():
-        body = event.function.name if isinstance(event.function, Function) else text_of(event.function)
+        body = event.function.name if isinstance(event.function, Function) else printed_simply(event.function)
         yield f"event     {name}: {body} = 0, {event.direction}: {event.action}{f' to {event.to}' if event.to else ''}"
     for name, contact in (model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}).items():
         yield (
-            f"contact   {name}: {text_of(contact.gap)} >= 0, restitution {text_of(contact.restitution)},"
+            f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
             f" {contact.tangential}"
         )
     for name, friction in model.frictions.items():
         yield (
-            f"friction  {name}: at most {text_of(friction.static)} against {text_of(friction.slip)},"
-            f" {text_of(friction.kinetic)} while it slips"
+            f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
+            f" {printed_simply(friction.kinetic)} while it slips"
         )
     if hidden := [switch.name for switch in switches(model)]:
         yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"

@@ -87,8 +87,9 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
             raise InputError(f"gap reads the {what} '{name}', and may read coordinates, time and parameters")
     if kinks := sorted({node.function for node in every(tree) if isinstance(node, Call)} & KINKS):
         raise InputError(
-            f"gap has a kink or a jump, {', '.join(kinks)}; write a contact for each of its smooth parts, where all of"
-            " them hold at once"
+            f"gap has a kink or a jump, {', '.join(kinks)}; where all of its smooth parts hold at once write a contact for"
+            " each, as '1*metre - x' and '1*metre + x' for '1*metre - abs(x)'; else an event of this function with action"
+            " = 'reset' and set = { v_x = '-0.9*v_x' }: it may have kinks"
         )
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")

@@ -98,6 +98,11 @@ class Sheet:
         return f"separated by {SEPARATORS[self.separator]}, columns {', '.join(shown(cell) for cell in self.header)}"
 
     @property
+    def has_titles(self) -> bool:
+        """Whether its first line is one of words; an oscilloscope may write numbers alone."""
+        return not all(_is_number(cell) for cell in self.header)
+
+    @property
     def names(self) -> list[str]:
         """Names of the columns, whether they have units or not."""
         return [name_of_title(cell) for cell in self.header]
@@ -118,6 +123,13 @@ class Sheet:
                 columns.append(title(self.header[k]))
                 if names.count(columns[-1].name) > 1:
                     raise InputError(f"two columns are called {shown(columns[-1].name)}")
+        if not self.has_titles:
+            example = ", ".join(f'"{word}"' for word in ("t [s]", "x [m]", "y [m]", "z [m]")[: len(self.header)])
+            raise InputError(
+                f"table '{self.name}' has no titles: line {self.header_line} has numbers alone,"
+                f" {shown(self.separator.join(self.header))}; give one for each of its {len(self.header)} columns, like"
+                f" header = [{example}]"
+            )
         if ledger.faults:
             ledger.note(self.beginning)
         ledger.raise_faults()
@@ -251,6 +263,14 @@ def shown(cell: str) -> str:
     """Show the beginning of a cell: enough to find it, too little to disclose the contents of a file."""
     cell = cell.strip()
     return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -> str:

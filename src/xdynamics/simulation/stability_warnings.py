@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from xdynamics.faults import InputError, StabilityWarning, warn
 from xdynamics.kernels.model_programs import has_loops
 from xdynamics.march import Settings
 from xdynamics.march.timescales import SLOW, beyond_eigenvalues, jacobian_at_start
-from xdynamics.methods import Method
+from xdynamics.methods import METHODS, Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
@@ -19,6 +21,7 @@ from xdynamics.units import unit_suffix
 if TYPE_CHECKING:
     from xdynamics.stability.amplification import Floats
 
+OFTEN_STABLE = ("velocity_verlet", "rk4", "dormand_prince")  # named where another method is not
 SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
 
 
@@ -48,12 +51,19 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
         )
     elif limit == 0.0 and step > (longest := _longest_stable_step(start, growth=1.0 / span)):
         warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start (its stability limit is"
-            f" 0{unit}): errors grow from step to step, with {step:.6g}{unit} more than e times within"
-            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; see xdynamics.modes(model)"
-            " for methods that are stable",
+            f"no step of '{method.name}' is stable for '{model.name}' at its start, however short: errors grow from step to step, with {step:.6g}{unit} more than e times within"
+            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; {_stable_methods(start, unit)}",
             StabilityWarning,
         )
+
+
+def _stable_methods(start: _Start, unit: str) -> str:
+    """Name some methods that are stable for a model, with their longest steps."""
+    others = {name: _Start(start.model, METHODS[name], start.settings) for name in OFTEN_STABLE}
+    limits = {name: _longest_stable_step(other) for name, other in others.items() if other.fits}
+    stable = [f"{name} (up to {limit:.3g}{unit})" for name, limit in limits.items() if 0.0 < limit < np.inf]
+    named = f"stable are {', '.join(stable)}; " if stable else ""
+    return f"{named}xdynamics.modes(model) has the limits of all methods"
 
 
 @dataclass(frozen=True)
@@ -63,6 +73,11 @@ class _Start:
     model: Model
     method: Method
     settings: Settings = field(compare=False)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the method takes the model."""
+        return not self.method.refusals(self.model)
 
 
 @lru_cache(maxsize=64)

@@ -29,6 +29,7 @@ _SIGNS = {
 }
 _RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
 _CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
+_OF_TIME = "units of time are s, ms, us, min, h, day, month and year"
 _DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
 _BELOW = re.compile(r"/\s*\(([^()/]+)\)")
@@ -202,10 +203,11 @@ def parse_time(value: Any, what: str) -> float:
     try:
         quantity = parse_quantity(value)
     except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+        raise InputError(f"{what}: {error}; {_OF_TIME}") from None
     bare = isinstance(value, Real)
     if not bare and quantity.unit.dimension != TIME:
-        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'")
+        remedy = f"; write '{value.strip()} s': {_OF_TIME}" if quantity.unit.text == "1" else ""
+        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'{remedy}")
     return quantity.si
 
 

@@ -314,6 +314,7 @@ def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip:
     text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
     try:
         sheet = Sheet.of(path.name, as_table(path.name, text, reading))
+        _check_titles(sheet, known)
         titles, left_out = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known)
     except InputError as error:
         begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
@@ -326,6 +327,18 @@ def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip:
         heading.name: (column, heading.unit) for heading, column in zip(titles.values(), columns, strict=True)
     }
     return _sorted_out(f"'{path.name}'", columns_read, left_out)
+
+
+def _check_titles(sheet: Sheet, known: Sequence[str] | None) -> None:
+    """Refuse a file of numbers alone, with titles that would do."""
+    if sheet.has_titles:
+        return
+    words = [*(known or ()), *(f"name_{n}" for n in range(1, len(sheet.header)))][: len(sheet.header) - 1]
+    example = ",".join(["t [s]", *(f"{word} [unit]" for word in words)])
+    raise InputError(
+        f"'{sheet.name}' has no titles, its first line has numbers alone; give one for each of its {len(sheet.header)}"
+        f" columns, like --header '{example}', in Python reading={{'header': '{example}'}}"
+    )
 
 
 def _of_columns(name: str, columns: Mapping[str, Any], known: Sequence[str] | None, *, skip: bool) -> Measured:
