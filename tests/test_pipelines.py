@@ -11,12 +11,14 @@ from typing import Any
 import dask
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import MODELS, ROOT, particle
-from cases.stages import marches
+from cases.stages import marches, no_march
 from xdynamics.evidence.cluster import cluster_of, connected
+from xdynamics.evidence.stages import is_lazy
 
 PIPELINES = sorted(entry.parent.name for entry in (ROOT / "pipelines").glob("*/pipeline.py"))
 # of the studies what makes them small
@@ -41,6 +43,10 @@ SMALL: dict[str, dict[str, Any]] = {
     "pendulum_basins": {"x": "-2:2:12 m", "y": "-2:2:12 m", "close": {"x": "1.2:1.4:4 m", "y": "0.4:0.6:4 m"}},
     "rocket_flight": {"steps": ["20 ms", "10 ms"], "apogee": {"quantity": "y", "event": "apogee", "draws": 200}},
 }
+
+
+# by a fit, by levels that are added until a change is small, to know which members are extreme, or as one member
+MARCHED_BEFORE = {"pendulum_period", "ball_with_drag", "cluster_study", "pendulum_basins"}
 
 
 def main_of(name: str) -> Callable[..., str]:
@@ -68,6 +74,24 @@ def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> Non
     figures = sorted((tmp_path / "results").glob("*.png"))
     assert figures
     assert all(f"]({figure.name})" in kept and figure.stat().st_size > 10_000 for figure in figures)
+
+
+@pytest.mark.parametrize("name", [name for name in PIPELINES if name not in MARCHED_BEFORE])
+def test_nothing_is_marched_before_the_report(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that all stages are described while every march fails."""
+    stages: list[xr.Dataset] = []
+
+    def reported(_: str, **described: Any) -> str:
+        for entry in described.values():
+            stages.extend(entry.values() if isinstance(entry, dict) else [entry])
+        raise EOFError("reported")
+
+    monkeypatch.setattr(xd, "report", reported)
+    study = tomllib.loads((ROOT / "pipelines" / name / "study.toml").read_text()) | SMALL[name]
+    with no_march(), pytest.raises(EOFError, match="reported"):
+        main_of(name)(str(tmp_path / "results"), study)
+    assert stages
+    assert all(is_lazy(stage) for stage in stages)
 
 
 @pytest.mark.parametrize("name", PIPELINES)

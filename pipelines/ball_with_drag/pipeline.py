@@ -20,10 +20,10 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     refinement = xd.refine(model, method=study["method"], **study["refine"], occurrences=1, compute=False)
     landing = xd.refine(model, method=study["method"], **study["landing"])
-    ball = xd.simulate(model, method=study["method"], step=float(landing.step_size[-1]))
+    asked = {"method": study["method"], "step": float(landing.step_size[-1]), "compute": False}
+    ball = xd.simulate(model, sizes=study["sizes"], **asked)
     diagnosis = xd.diagnose(ball, occurrences=study["cycles"], compute=False)
     limit = xd.limiting(model, **study["limit"], method="dop853", rtol=1e-12, compute=False)
-    asked = {"method": study["method"], "step": float(landing.step_size[-1]), "compute": False}
     known = xd.error_budget(model, **study["budget"], **asked)
     return xd.report(
         folder, refinement=refinement, landing=landing, ball=ball, diagnosis=diagnosis, limit=limit, budget=known

@@ -22,7 +22,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     step, tolerance, rule = (
         xd.refine(model, **study[what], **common, compute=False) for what in ("step", "tolerance", "rule")
     )
-    ball = xd.simulate(model, until=study["until"])
+    ball = xd.simulate(model, until=study["until"], sizes=study["sizes"], compute=False)
     return xd.report(folder, step=step, tolerance=tolerance, rule=rule, ball=ball)
 
 

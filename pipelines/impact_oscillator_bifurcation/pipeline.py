@@ -21,7 +21,7 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     kept = {"keep": study["keep"], "occurrences": tuple(study["occurrences"])}
     diagram = xd.sweep(model, {"w": study["frequencies"]}, **kept, until=study["until"], check=0.02)
     one = model.replace(parameters={"w": study["looked_at"]})
-    orbit = xd.simulate(one, until="20 s")
+    orbit = xd.simulate(one, until="20 s", sizes=study["sizes"], compute=False)
     refined = xd.refine(one, method="dop853", **study["refine"], compute=False)
     return xd.report(folder, diagram=diagram, orbit=orbit, refined=refined)
 

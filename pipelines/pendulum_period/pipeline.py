@@ -20,8 +20,8 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     model = xd.Model.from_toml(ROOT / study["model"])
     fit = xd.fit(model, HERE / study["record"], study["parameters"])
     fitted = xd.Model.from_text(str(fit.model_toml.values))
-    run = xd.simulate(fitted)
-    comparison = xd.compare(run, HERE / study["record"])
+    run = xd.simulate(fitted, sizes=study["sizes"], compute=False)
+    comparison = xd.compare(run, HERE / study["record"], compute=False)
     period = xd.error_budget(fitted, **study["number"], compute=False)
     return xd.report(folder, fit=fit, comparison=comparison, period=period, run=run)
 

@@ -19,10 +19,10 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     """Refine over the steps; march the two finest, compare them, and march the finest again from its archive."""
     model = xd.Model.from_toml(ROOT / study["model"])
     refinement = xd.refine(model, method=study["method"], steps=study["steps"], occurrences=1, compute=False)
-    coarse, rocket = (xd.simulate(model, method=study["method"], step=step) for step in study["steps"][-2:])
-    comparison = xd.compare(coarse, rocket)
-    asked = {"method": study["method"], "step": study["steps"][-1], "compute": False}
-    apogee = xd.error_budget(model, **study["apogee"], **asked)
+    asked = {"method": study["method"], "compute": False}
+    coarse, rocket = (xd.simulate(model, step=step, sizes=study["flight"], **asked) for step in study["steps"][-2:])
+    comparison = xd.compare(coarse, rocket, sizes=study["compared"], compute=False)
+    apogee = xd.error_budget(model, step=study["steps"][-1], **study["apogee"], **asked)
     page = xd.report(folder, refinement=refinement, comparison=comparison, apogee=apogee, rocket=rocket)
     again = xd.reproduce(Path(folder) / "rocket.nc").attrs["identical"]
     return f"{page}\nrocket.nc {'is reproduced to the bit' if again else 'differs'} from the file alone"
