@@ -20,6 +20,7 @@ from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
@@ -85,6 +86,9 @@ class Tolerances:
 
     def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
         """Return the absolute tolerance of every number of some blocks, SI; nan where it follows the size."""
+        for known, atols in self._last:
+            if known is blocks:
+                return atols
         found = np.full(blocks.size, np.nan)
         for block in blocks.blocks if self.bare is not None else ():
             place = blocks.place(block.name)
@@ -92,7 +96,13 @@ class Tolerances:
         for name, atol in self.atol.items():
             if (own := blocks.find(name)) is not None:
                 found[own] = atol
+        found.flags.writeable = False
+        self._last[:] = [(blocks, found)]
         return found
+
+    @cached_property
+    def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
+        return []
 
     def faults(self, model: Model) -> list[str]:
         """List everything that an error test could not use."""
