@@ -148,7 +148,7 @@ def _near(name: str, names: Mapping[str, Dimension]) -> str:
     meant = f"; did you mean '{near[0]}'?" if near else ""
     try:
         unit = parse_unit(name)
-    except InputError:
+        written = constant_of(name) or f"{float(unit.factor)!r}*{constant_of(coherent(unit).text)}"
+    except InputError:  # no unit, or one of a product, as the litre
         return meant
-    written = constant_of(name) or f"{float(unit.factor)!r}*{constant_of(coherent(unit).text)}"
     return f"{meant}; as a unit it is written {written}"

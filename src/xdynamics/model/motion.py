@@ -109,9 +109,7 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     values = {name: part.quantity.si / scales.of(dimensions[name]) for name, part in model.parameters.items()}
     values |= {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
-    values |= {
-        name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.unit_constants[len(CONSTANTS) :]
-    }
+    values |= {name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.calendar}
     return values | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
 
 

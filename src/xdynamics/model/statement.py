@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, get_args
 
-from xdynamics.expressions import Node
+from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.arrays import Values
@@ -99,6 +99,17 @@ class Statement:
         return (*CONSTANTS, *(name for name in CALENDAR if not any(name in section for section in own)))
 
     @cached_property
+    def calendar(self) -> tuple[str, ...]:
+        """Years and months that expressions read: a law has a place for them only where they are."""
+        named = self.unit_constants[len(CONSTANTS) :]
+        if not named:
+            return ()
+        sections = {part.name: getattr(self, part.name) for part in fields(self)} | {"mass": self.mass_entries}
+        read = {name for tree in _trees_in(sections) for name in free_names(tree)}
+        read |= {name for function in self.functions for name in function.arguments}
+        return tuple(name for name in named if name in read)
+
+    @cached_property
     def functions(self) -> tuple[Function, ...]:
         """Everything written in Python, in the order written: force components, then event functions."""
         parts = [part for item in self.forces.values() for part in item.components.values()]
@@ -109,3 +120,18 @@ class Statement:
     def mass_is_full(self) -> bool:
         """Whether an entry off the diagonal is not a literal zero."""
         return not isinstance(self.mass, Diagonal) and any(i != j for i, j in self.mass_entries)
+
+
+def _trees_in(part: Any) -> Iterator[Node]:
+    """Yield every expression that a part of a statement holds."""
+    if isinstance(part, get_args(Node)):
+        yield part
+    elif isinstance(part, Mapping):
+        for value in part.values():
+            yield from _trees_in(value)
+    elif isinstance(part, (tuple, list)):
+        for value in part:
+            yield from _trees_in(value)
+    elif is_dataclass(part):
+        for own in fields(part):
+            yield from _trees_in(getattr(part, own.name))
