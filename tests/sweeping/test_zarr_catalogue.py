@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -116,7 +119,9 @@ def test_what_a_store_does_not_take(stored: Path) -> None:
         xd.InputError, match="grid.zarr' holds another sweep, and members are not added to a Zarr store"
     ):
         xd.sweep(MODEL, **(ASKED | {"until": 2.0}), path=stored)
-    with pytest.raises(xd.InputError, match="keep has 'log', and '.*' is a Zarr store, which has no files of runs"):
+    with pytest.raises(
+        xd.InputError, match=r"which has no files of runs: name a folder, path='.*/grid'; or leave 'log' out, and march"
+    ):
         xd.sweep(MODEL, **(ASKED | {"keep": ["log"], "times": None}), path=stored)
     with pytest.raises(xd.InputError, match="none.zarr' holds no sweep: there is no '.xdynamics/digests.json' in it"):
         xd.open_sweep(stored.with_name("none.zarr"))
@@ -129,3 +134,23 @@ def test_a_digest_says_nothing_of_the_machine() -> None:
     assert zarr_catalogue._content_digest(facts | {"metadata": "e"}) == digest
     for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("blocks", {"0": {"x": "d"}})):
         assert zarr_catalogue._content_digest(facts | {name: other}) != digest
+
+
+def test_a_killed_sweep_goes_on() -> None:
+    """Assert that kill -9 at random moments loses no finished block, and leaves nothing beside the digest of the whole."""
+    script = Path(__file__).parents[1] / "cases" / "killed_sweeps.py"
+    done = subprocess.run([sys.executable, script, "2"], capture_output=True, text=True, timeout=300, check=False)
+    assert done.stderr == ""
+    found = re.fullmatch(r"2 of 2 equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout)
+    assert found is not None, done.stdout
+    assert int(found[1]) > 0
+    assert found[3] == "blocks.json digests.json"
+
+
+def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
+    """Assert that digests of blocks, which a process was killed while it removed, are removed by the next call."""
+    left = stored / ".xdynamics" / "0-2_0-1.json"
+    left.write_text("{}")
+    digest = xd.verify(stored)
+    assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == digest
+    assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json"]

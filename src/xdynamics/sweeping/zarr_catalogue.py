@@ -25,7 +25,7 @@ from xdynamics.march.outcomes import WORDS
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import labelled, unlabelled
 from xdynamics.schema import EVIDENCE, ORIGIN, ROOT_DIGEST, SWEEP
-from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
+from xdynamics.sweeping.blocks import CUT, Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.kept_quantities import Kept
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 
 SUFFIX = ".zarr"
-NOTES, DIGESTS = ".xdynamics", "digests.json"
+NOTES, DIGESTS, NOTE = ".xdynamics", "digests.json", ".json"
 METADATA = "zarr.json"
 MOST = 1_000_000_000  # bytes of digests and metadata
 BYTES = "digest_byte"
@@ -61,10 +61,14 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     """
     _zarr()
     if plan.keeping.whole:
-        raise InputError(f"keep has 'log', and '{folder}' is a Zarr store, which has no files of runs; name a folder")
+        raise InputError(
+            f"keep has 'log', and '{folder}' is a Zarr store, which has no files of runs: name a folder,"
+            f" path='{folder.with_suffix('')}'; or leave 'log' out, and march members whole one by one, by member"
+        )
     store, notes = store_of(folder), folder / NOTES
     if store.kind(notes / DIGESTS) is None:
         if _facts(folder)["sweep"] == plan.digest:
+            _forget(notes)  # left by a process that was stopped after it had put all digests into one file
             return
         raise InputError(
             f"'{folder}' holds another sweep, and members are not added to a Zarr store; name another, or remove it"
@@ -150,7 +154,7 @@ def _march(plan: Plan, blocks: list[Block], folder: Place, progress: Progress | 
 
     compute: Any = base.compute  # dask's functions are not typed
     present = {place.name for place in store_of(folder).names(folder / NOTES)}
-    notes = [folder / NOTES / f"{said(block)}.json" for block in blocks]
+    notes = [folder / NOTES / f"{said(block)}{NOTE}" for block in blocks]
     todo = [
         block for block, note in zip(blocks, notes, strict=True) if note.name not in present or _faults(folder, block)
     ]
@@ -168,20 +172,29 @@ def _keep(plan: Plan, block: Block, folder: Place) -> None:
         numbers = _numbers(variable, values[variable.name], plan)
         arrays[variable.name][tuple(block)] = numbers
         digests[variable.name] = _digest(numbers)
-    with suppress(TakenError), taking_name(folder / NOTES / f"{said(block)}.json") as new:
+    with suppress(TakenError), taking_name(folder / NOTES / f"{said(block)}{NOTE}") as new:
         new.part.write_text(json.dumps(digests))  # of two workers with one block both write the same
 
 
 def _finish(plan: Plan, blocks: list[Block], folder: Place) -> None:
     """Put the digests of all blocks into one file, by which the sweep is whole."""
     store, notes = store_of(folder), folder / NOTES
-    arrays = {said(block): json.loads(store.content(notes / f"{said(block)}.json", MOST)) for block in blocks}
+    arrays = {said(block): json.loads(store.content(notes / f"{said(block)}{NOTE}", MOST)) for block in blocks}
     metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
     facts = {"sweep": plan.digest, "metadata": metadata, "axes": _axes_of(folder), "blocks": arrays}
     with taking_name(notes / DIGESTS) as new:
         new.part.write_text(json.dumps(facts, sort_keys=True))
-    for block in blocks:
-        store.remove(notes / f"{said(block)}.json")
+    _forget(notes)
+
+
+def _forget(notes: Place) -> None:
+    """Remove the digests of single blocks of a sweep that is whole, and what a process that was stopped has left."""
+    store = store_of(notes)
+    with suppress(OSError, ArchiveError):  # another process removes them too, or this one may not write here
+        store.clear(notes)
+        for place in store.names(notes):
+            if place.suffix == NOTE and place.name not in (DIGESTS, CUT):
+                store.remove(place)
 
 
 def _axes_of(folder: Place) -> dict[str, str]:
@@ -295,7 +308,7 @@ def verified(folder: Place) -> str:
 def _faults(folder: Place, block: Block) -> list[str]:
     """Compare the chunks of a block that was noted before with its digests."""
     try:
-        digests = json.loads(store_of(folder).content(folder / NOTES / f"{said(block)}.json", MOST))
+        digests = json.loads(store_of(folder).content(folder / NOTES / f"{said(block)}{NOTE}", MOST))
     except ValueError:
         return ["its digests are damaged"]
     return _apart(folder, block, digests)
