@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from xdynamics.cli.clustering import clustered, made
-from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.measuring import measured_data, reading_of, without
 from xdynamics.cli.settings import OF_RECORDS, asked, settings
@@ -39,6 +39,7 @@ OF_A_NUMBER = (
     ),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
     clustered,
+    json_option,
     settings(without=OF_RECORDS),
 )
 
@@ -149,6 +150,7 @@ def _evidence(
     if output:
         archive.save(evidence, output)
     say(summary(evidence))
+    hand_over(evidence, archive=output)
     return evidence
 
 
@@ -176,6 +178,7 @@ def _evidence(
 @measured_data
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@json_option
 @settings(without=OF_RECORDS)
 def fit(
     model_file: str,
@@ -220,4 +223,5 @@ def fit(
         with taking_name(placed(fitted)) as new:
             new.part.write_text(str(result["model_toml"].values))
     say([*summary(result), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
+    hand_over(result, archive=output, model=fitted)
     sys.exit(DONE if int(result.attrs["adequate"]) else BADLY)

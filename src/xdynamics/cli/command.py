@@ -21,7 +21,7 @@ DONE, BADLY, WRONG_INPUT = 0, 1, 2
 SIGNALLED = 128  # and the signal's number, as a shell reports a process that it ended: 143 for SIGTERM, 129 for SIGHUP
 LEAST_MEMORY = 700_000_000  # bytes of address space: Python with the libraries, the engine and a short run take 640 MB
 LIGHT = ("help", "methods", "new")  # verbs that load none of that
-QUIET = "xdynamics.quiet"
+QUIET, JSON = "xdynamics.quiet", "xdynamics.json"
 
 
 class _Verb(click.Command):
@@ -180,10 +180,34 @@ def complain(error: Exception | str) -> None:
 
 
 def say(lines: Iterable[str]) -> None:
-    """Print lines with unprintable characters escaped; none if the verb is quiet."""
-    if not click.get_current_context().meta.get(QUIET):
+    """Print lines with unprintable characters escaped; none if the verb is quiet, or prints JSON."""
+    meta = click.get_current_context().meta
+    if not meta.get(QUIET) and not meta.get(JSON):
         for line in lines:
             click.echo(escaped(line))
+
+
+def json_option(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option --json, by which standard output holds what the verb gives to `hand_over`, and nothing else."""
+    return click.option(
+        "--json",
+        is_flag=True,
+        expose_value=False,
+        callback=_as_json,
+        help="For scripts: print JSON and nothing else; `xdynamics help json` says what is in it.",
+    )(verb)
+
+
+def _as_json(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    ctx.meta[JSON] = wanted
+
+
+def hand_over(subject: Any, **files: str | None) -> None:
+    """Print a record, evidence, a model or plain data as JSON where it is asked for, and the files that were written."""
+    if click.get_current_context().meta.get(JSON):
+        from xdynamics.documenting.json_data import data_of, json_text
+
+        click.echo(json_text(data_of(subject) | {name: str(file) for name, file in files.items() if file}))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xdynamics.cli.clustering import clustered, made
-from xdynamics.cli.command import BADLY, DONE, main, say
+from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.measuring import TABLES, measured_data, reading_of
 from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
 @click.option("--occurrences", type=int, metavar="N", help="How many occurrences of every event are compared.")
 @clustered
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@json_option
 @settings(without=("step", "rtol", "time_tolerance", *OF_RECORDS))
 def refine(
     model_file: str,
@@ -139,11 +140,14 @@ def _check(output: str | None) -> None:
 def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
     """Save evidence if an output is named, and print its findings."""
     lines = [str(evidence.attrs["title"]), *describe(evidence)]
+    written = None
     if output:
         from xdynamics.archive import save
 
-        lines.append(f"archive   {save(evidence, output)}")
+        written = str(save(evidence, output))
+        lines.append(f"archive   {written}")
     say(lines)
+    hand_over(evidence, archive=written)
 
 
 @main.command()
@@ -168,6 +172,7 @@ def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
 )
 @click.option("--exponents", type=click.IntRange(1), metavar="N", help="Find the N largest Lyapunov exponents only.")
 @click.option("--no-companion", is_flag=True, help="Do not march a companion run for error estimates.")
+@json_option
 def diagnose(
     archive: str,
     output: str | None,
@@ -210,6 +215,7 @@ def diagnose(
 @click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
 @clustered
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
+@json_option
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None, **more: Any) -> None:
     """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""
     from xdynamics.evidence.validating.ledger import validate as validated
@@ -230,6 +236,7 @@ def validate(model_file: str | None, methods: tuple[str, ...], output: str | Non
 )
 @measured_data
 @click.option("-o", "--output", metavar="C.nc", help="Where to write the comparison.")
+@json_option
 def compare(first: str, second: str, times: tuple[str, ...], gaps: str, output: str | None, **named: Any) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
 

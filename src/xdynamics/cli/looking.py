@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
 
-from xdynamics.cli.command import main, say
+from xdynamics.cli.command import hand_over, json_option, main, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,16 +22,14 @@ MORE = (
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
 @click.option("--all", "whole", is_flag=True, help="Also print equations, settings and digests.")
-@click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
-def show(archive: str, whole: bool, as_json: bool) -> None:
+@json_option
+def show(archive: str, whole: bool) -> None:
     """Print what an archive holds: outcome, events, parameters; of a sweep's folder its members."""
-    from xdynamics.documenting.summary import as_data, details
+    from xdynamics.documenting.summary import details
 
-    run = _opened(archive)
-    if as_json:
-        click.echo(json.dumps(as_data(run)))
-    else:
-        say(details(run, whole=whole))
+    record = _opened(archive)
+    say(details(record, whole=whole))
+    hand_over(record)
 
 
 def _opened(name: str) -> xr.Dataset:

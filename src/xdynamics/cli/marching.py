@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, main, progress, say
+from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, progress, say
 from xdynamics.cli.settings import asked, pairs, settings
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     metavar="NAME=VALUE",
     help="Change a parameter or initial value; a bare number keeps its unit.",
 )
-@click.option("--json", "as_json", is_flag=True, help="For scripts: print outcome, end and events as JSON.")
 @click.option("--times", metavar="TIMES", help="Write the states at these times too, like '0:20:201 s', into RUN.csv.")
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 @click.option("--memory", metavar="SIZE", help="The most that the log may take in memory, like '2 GB'.")
@@ -37,12 +35,12 @@ if TYPE_CHECKING:
     default="below",
     help="Where the model may take tables from: its own folder and below (default), or anywhere.",
 )
+@json_option
 @settings()
 def run(
     model_file: str,
     output: str,
     changes: tuple[str, ...],
-    as_json: bool,
     times: str | None,
     resume: bool,
     memory: str | None,
@@ -75,10 +73,8 @@ def run(
     if times is not None:
         from xdynamics.interchange.csv_export import tabled
 
-        written = tabled(finished, sample_times, table)
-        if not as_json:
-            say([written])
-    _close(finished, output, as_json=as_json)
+        say([tabled(finished, sample_times, table)])
+    _close(finished, output)
 
 
 @main.command(makes=True)
@@ -96,6 +92,7 @@ def discard(archives: tuple[str, ...]) -> None:
 @click.option("--until", required=True, help="The new end, like '20 s'.")
 @click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
+@json_option
 def extend(archive: str, until: str, output: str, resume: bool) -> None:
     """Continue a complete run beyond its end, with the bits of one march that also lands there."""
     from xdynamics.simulation.extension import extend as extended
@@ -110,6 +107,7 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 @click.option("-o", "--output", required=True, metavar="WHOLE.nc", help="The archive to write.")
 @click.option("--keep-every", type=int, default=1, metavar="N", help="Keep only every N-th row, with all columns.")
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
+@json_option
 def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     """Add what --log and --keep-every left out of a run, bit for bit: it is marched again and compared."""
     from xdynamics.simulation.completion import complete as completed
@@ -119,18 +117,16 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     _close(whole, output)
 
 
-def _close(finished: xr.Dataset, output: str, *, as_json: bool = False) -> None:
+def _close(finished: xr.Dataset, output: str) -> None:
     """Print the summary of a run, and end with the exit code of its outcome."""
     from xdynamics.archive import has_segments
     from xdynamics.archive.place import placed
-    from xdynamics.documenting.summary import as_data, summary
+    from xdynamics.documenting.summary import summary
     from xdynamics.march.outcomes import GOOD
 
-    if as_json:
-        click.echo(json.dumps(as_data(finished) | {"archive": str(finished.encoding["source"])}))
-    else:
-        say([*summary(finished), f"archive   {finished.encoding['source']}"])
-    if has_segments(placed(output)) and not as_json:
+    say([*summary(finished), f"archive   {finished.encoding['source']}"])
+    hand_over(finished, archive=str(finished.encoding["source"]))
+    if has_segments(placed(output)):
         say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
     sys.exit(DONE if finished.attrs["run_outcome"] in GOOD else BADLY)
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, main, say
+from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, say
 
 
 @main.command()
 @click.argument("archives", nargs=-1, required=True, metavar="RUN.nc…")
 @click.option("--key", metavar="PUBLIC.pem", help="Also verify that the owner of this key signed them.")
+@json_option
 def verify(archives: tuple[str, ...], key: str | None) -> None:
     """Compare every digest of archives, or of folders of sweeps, with their data; with --key their signatures too."""
     from xdynamics.archive import open_run, signatures
@@ -23,30 +23,38 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     from xdynamics.record.kinds import is_derived, is_selection, kind_description
 
     damaged = wrong = False
+    verdicts: list[dict[str, str]] = []
     for archive in archives:
         try:
             place = placed(archive)
             if is_folder(place):
-                say(_verified_sweep(archive))
+                digest, text = _verified_sweep(archive)
+                verdicts.append({"archive": archive, "verdict": "verified", "digest": digest, "text": text})
+                say([text])
                 continue
             digest = signatures.verify_signature(archive, key) if key else digest_of(archive)
             shown = f"signed, by '{key}'{signatures.covered(place)}" if key else signatures.protection(place)
             with open_run(archive, check=False) as run:
                 kind = kind_description(run.attrs)
                 edited = is_derived(run.attrs) or is_selection(run.attrs)
-            line = f"{'as written' if edited else 'verified'}  {archive}  {digest}{f': {kind}' if kind else ''}"
-            say([f"{line}  ({shown})"])
+            verdict = "as written" if edited else "verified"
+            text = f"{verdict}  {archive}  {digest}{f': {kind}' if kind else ''}  ({shown})"
+            verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
+            say([text])
         except ArchiveError as error:
             complain(error)
+            verdicts.append({"archive": archive, "verdict": "damaged", "text": str(error)})
             damaged = True
         except InputError as error:
             complain(error)
+            verdicts.append({"archive": archive, "verdict": "not verified", "text": str(error)})
             wrong = True
+    hand_over({"kind": "verification", "archives": verdicts})
     sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
 
 
-def _verified_sweep(folder: str) -> Iterator[str]:
-    """Verify a sweep's catalogue and every run that it names."""
+def _verified_sweep(folder: str) -> tuple[str, str]:
+    """Verify a sweep's catalogue and every run that it names; return its digest and the verdict in words."""
     from xdynamics.archive.place import placed
     from xdynamics.sweeping.catalogue import unfinished, verify_sweep
 
@@ -55,7 +63,7 @@ def _verified_sweep(folder: str) -> Iterator[str]:
         "; members were being added to it: the same sweep, called again, goes on" if unfinished(placed(folder)) else ""
     )
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
-    yield f"verified  {folder}  {digest}: a sweep{runs}{note}"
+    return digest, f"verified  {folder}  {digest}: a sweep{runs}{note}"
 
 
 @main.command(makes=True)

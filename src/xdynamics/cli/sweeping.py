@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from xdynamics.cli.clustering import clustered
-from xdynamics.cli.command import BADLY, DONE, complain, main, say
+from xdynamics.cli.command import BADLY, DONE, complain, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.settings import asked, pairs, settings
 from xdynamics.faults import InputError
@@ -73,6 +73,7 @@ from xdynamics.faults import InputError
 )
 @clustered
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@json_option
 @settings()
 def sweep(
     model_file: str,
@@ -125,6 +126,7 @@ def sweep(
             complain(f"interrupted; what is done is kept in '{output}', and the same command goes on with it")
             raise
     say([*summary(result), f"sweep     {output}"])
+    hand_over(result, archive=output)
     sys.exit(DONE if {*map(str, result["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
 
 

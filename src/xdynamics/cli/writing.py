@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import main, say
+from xdynamics.cli.command import hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.verb_names import verb_meant
 
@@ -59,8 +59,11 @@ def _next(path: str) -> Iterator[str]:
 @click.option(
     "--tables", type=click.Choice(["below", "anywhere"]), default="below", help="Where the model may take tables from."
 )
+@json_option
 def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
     """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
     from xdynamics.documenting.plain_text import lines_of
 
-    say(lines_of(changed_model(model_file, changes, tables)))
+    model = changed_model(model_file, changes, tables)
+    say(lines_of(model))
+    hand_over(model)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from xdynamics import schema
+from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
@@ -213,6 +214,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "cluster": CLUSTER.splitlines,
         "solve": SOLVE.splitlines,
         "files": FILES.splitlines,
+        "json": JSON_PAGE.splitlines,
         "stores": lambda: STORES,
         **{name: partial(_section, name) for name in SECTIONS},
     }

@@ -35,8 +35,7 @@ def lines_of(model: Model) -> Iterator[str]:
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
     counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counted}; every name is known and every unit fits"
-    yield from _motion(model)
-    yield from _occasions(model)
+    yield from equations(model)
     starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
     yield f"start     {', '.join(starts)}{f', regime {model.regime}' if model.regime else ''}"
     yield from _scales(model)
@@ -46,6 +45,12 @@ def at_rest(velocities: Sequence[str]) -> Iterator[str]:
     """Report the velocities that were not given."""
     if velocities:
         yield f"at rest   {', '.join(velocities)}: [initial] gives none, so that they are 0 at the start"
+
+
+def equations(model: Model) -> Iterator[str]:
+    """Print the motion, forces, definitions, rates, events, contacts and frictions of a model, each in a line."""
+    yield from _motion(model)
+    yield from _occasions(model)
 
 
 def _motion(model: Model) -> Iterator[str]:

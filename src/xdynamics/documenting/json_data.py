@@ -1,0 +1,127 @@
+"""Records, evidence and models as JSON: one form for all of them, which `xdynamics help json` describes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.documenting.plain_text import COUNTED, equations
+from xdynamics.documenting.summary import as_data
+from xdynamics.evidence.modes import modes
+from xdynamics.faults import InputError
+from xdynamics.methods import METHODS
+from xdynamics.model import Model
+from xdynamics.record.kinds import is_run, is_whole
+from xdynamics.schema import EVIDENCE, ORIGIN
+
+MODEL, RUN, PART, MODES = "model", "run", "part", "modes"  # kinds beside those of evidence
+
+
+def json_text(data: Any) -> str:
+    """Write plain data as one line of JSON, each float with all its digits.
+
+    JSON has no numbers that are not finite: nan is written ``null``, an infinity as the text ``"inf"`` or ``"-inf"``.
+
+    Examples
+    --------
+    >>> json_text({"order": float("nan"), "limit": float("inf"), "h": 0.1})
+    '{"order": null, "limit": "inf", "h": 0.1}'
+    """
+    return json.dumps(_plain(data), allow_nan=False)
+
+
+def data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a verb yields as plain data.
+
+    Parameters
+    ----------
+    subject : xarray.Dataset, Model or mapping
+        Of a run outcome, end, events and parameters; of evidence every attribute and variable, a flag by its words; of a
+        model its equations, start, time scales and methods; plain data as they are.
+    """
+    if isinstance(subject, Model):
+        return _of_model(subject)
+    return _of_record(subject) if isinstance(subject, xr.Dataset) else dict(subject)
+
+
+def _of_record(record: xr.Dataset) -> dict[str, Any]:
+    """Return the summary of a run, or all that evidence or a part of a run holds."""
+    attributes = record.attrs
+    if is_run(attributes) and is_whole(attributes):
+        parameters = {str(n): v for n, v in record.data_vars.items() if v.attrs.get("role") == "parameter"}
+        held = {name: _variable(variable) for name, variable in parameters.items()}
+        return {"kind": RUN} | as_data(record) | {"parameters": held}
+    return _everything(record, str(attributes.get(EVIDENCE, PART)))
+
+
+def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
+    """Return every attribute and variable of a Dataset."""
+    attributes = record.attrs
+    return {
+        "kind": kind,
+        "title": str(attributes.get("title", kind)),
+        "sizes": {str(dim): size for dim, size in record.sizes.items()},
+        "attributes": {str(key): value for key, value in attributes.items() if key not in ("title", EVIDENCE, ORIGIN)},
+        "variables": {str(name): _variable(variable) for name, variable in record.variables.items()},
+    }
+
+
+def _of_model(model: Model) -> dict[str, Any]:
+    """Return what `check` tells of a model."""
+    try:
+        scales: dict[str, Any] = _everything(modes(model), MODES)
+    except InputError as error:
+        scales = {"kind": MODES, "unknown": str(error)}
+    return {
+        "kind": MODEL,
+        "title": model.name,
+        "digest": model.digest,
+        "counts": {kind: len(getattr(model, kind)) for kind in COUNTED},
+        "equations": [" ".join(line.split()) for line in equations(model)],
+        "parameters": {
+            name: {"value": part.quantity.value, "units": part.quantity.unit.text, "uncertainty": part.uncertainty}
+            for name, part in model.parameters.items()
+        },
+        "initial": {name: {"value": part.value, "units": part.unit.text} for name, part in model.initial.items()},
+        "methods": {
+            name: {"order": method.order, "chooses_steps": bool(method.estimate), "refuses": method.refusals(model)}
+            for name, method in METHODS.items()
+        },
+        "scales": scales,
+    }
+
+
+def _variable(variable: Any) -> dict[str, Any]:
+    """Return a variable with its dimensions, unit, description and values."""
+    attributes = variable.attrs
+    values = np.asarray(variable.values)
+    described = {"dims": [*map(str, variable.dims)], "units": str(attributes.get("units", "1"))}
+    described |= {"long_name": str(attributes["long_name"])} if "long_name" in attributes else {}
+    described |= {"uncertainty": attributes["uncertainty"]} if "uncertainty" in attributes else {}
+    if "flag_meanings" not in attributes:
+        return described | {"values": values.tolist()}
+    words = dict(
+        zip(np.atleast_1d(attributes["flag_values"]).tolist(), str(attributes["flag_meanings"]).split(), strict=True)
+    )
+    meant = [words.get(value, value) for value in values.ravel().tolist()]
+    return described | {"values": np.array(meant, object).reshape(values.shape).tolist()}
+
+
+def _plain(data: Any) -> Any:
+    """Return data of Python's own types alone, with numbers that are not finite in the form that JSON has for them."""
+    if isinstance(data, Mapping):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, np.ndarray):
+        return _plain(data.tolist())
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if isinstance(data, np.generic):
+        return _plain(data.item())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None if math.isnan(data) else "inf" if data > 0 else "-inf"
+    return data
