@@ -18,9 +18,10 @@ import xarray as xr
 import xdynamics as xd
 from cases.object_server import Way, bucket
 from cases.problems import oscillator
-from xdynamics.archive import lease, object_calls, object_store, segments
+from xdynamics.archive import lease, object_calls, object_store, object_upload, segments
 from xdynamics.archive.object_calls import call
-from xdynamics.archive.object_store import LOCK, OBJECTS
+from xdynamics.archive.object_store import OBJECTS
+from xdynamics.archive.object_upload import LOCK
 from xdynamics.archive.place import ObjectName, placed
 from xdynamics.archive.signatures import new_key
 from xdynamics.archive.store import LockedError, TakenError
@@ -276,15 +277,15 @@ def test_a_lock_is_renewed(store: Way, place: ObjectName, monkeypatch: pytest.Mo
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from xdynamics.archive import object_store
+from xdynamics.archive import object_store, object_upload
 from xdynamics.archive.place import placed
-object_store.SINGLE = 5 << 20
-call = object_store.call
+object_upload.SINGLE = 5 << 20
+call = object_upload.call
 def killed(place, method, **how):
     if method == sys.argv[2]:
         os.kill(os.getpid(), signal.SIGKILL)
     return call(place, method, **how)
-object_store.call = killed
+object_upload.call = killed
 with object_store.OBJECTS.taking_name(placed(sys.argv[1])) as new:
     new.part.write_bytes(bytes(6 << 20))
 """
@@ -292,7 +293,7 @@ with object_store.OBJECTS.taking_name(placed(sys.argv[1])) as new:
 
 def uploads(place: ObjectName) -> list[Any]:
     """The uploads of an object that are not finished."""
-    return [entry for entry in object_store._uploads(place, place.key) if entry[0] == place.key]
+    return [entry for entry in object_upload.uploads_of(place, place.key) if entry[0] == place.key]
 
 
 def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -301,7 +302,7 @@ def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.
     assert done.returncode == -9
     assert OBJECTS.kind(place) == ""
     assert len(uploads(place)) == 1
-    monkeypatch.setattr(object_store, "SINGLE", 5 << 20)
+    monkeypatch.setattr(object_upload, "SINGLE", 5 << 20)
     with OBJECTS.taking_name(place) as new:
         assert uploads(place) == []
         new.part.write_bytes(bytes(6 << 20))
@@ -313,7 +314,7 @@ def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.
 
 def test_a_large_upload_is_under_conditions_too(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of two writers of many parts the second is told, that an upload that fails is aborted, and no lock stays."""
-    monkeypatch.setattr(object_store, "SINGLE", 5 << 20)
+    monkeypatch.setattr(object_upload, "SINGLE", 5 << 20)
 
     def write(content: bytes) -> None:
         with OBJECTS.taking_name(place) as late:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,6 +68,15 @@ class FolderStore:
     def taking_name(self, place: Path, batch: Batch | None = None) -> AbstractContextManager[NewFile[Path]]:
         """Lend a temporary name beside it; the file reaches the disk before it is renamed."""
         return target.taking_name(place, batch)
+
+    def batch(self, places: Sequence[Path]) -> target.Batch:  # noqa: ARG002 - what is there is replaced, whatever it is
+        """Return what has files reach the disk together."""
+        return target.Batch()
+
+    def check_each(self, places: Sequence[Path]) -> None:
+        """Check all targets."""
+        for place in places:
+            self.check_target(place)
 
     def check_empty(self, place: Path) -> None:
         """Check that a path is an empty folder, or does not exist."""

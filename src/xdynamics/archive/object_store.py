@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -21,18 +21,27 @@ from weakref import WeakValueDictionary, finalize
 
 from xdynamics.archive.lease import leased
 from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call, pieces_of, worded
+from xdynamics.archive.object_upload import (
+    LOCK,
+    ObjectBatch,
+    are_alive,
+    at_once,
+    head_of,
+    lock_of,
+    stamp_of,
+    uploaded,
+    uploads_of,
+)
 from xdynamics.archive.place import ObjectName
-from xdynamics.archive.store import FOLDER, Held, LockedError, NewFile, TakenError
+from xdynamics.archive.store import FOLDER, Held, LockedError, NewFile
 from xdynamics.archive.temporary_files import TemporaryFile, sweep
 from xdynamics.faults import ArchiveError, InputError
 
 if TYPE_CHECKING:
     from xdynamics.model import Model
 
-SINGLE = 1 << 26  # bytes up to which a file is uploaded in one call
-MOST_PARTS = 9000
 AGAIN = 60.0  # s after which a folder is searched for uploads of dead processes again
-BUILDING, LOCK, WRITER = ".building", ".lock", "xdynamics-writer"
+BUILDING = ".building"
 
 
 class ObjectStore:
@@ -65,7 +74,7 @@ class ObjectStore:
     def kind(self, place: ObjectName) -> str | None:
         """Return whether there is an object (None), others whose names begin so (a directory), or nothing."""
         with _telling(place, "cannot be read"):
-            if place.key and _head(place) is not None:
+            if place.key and head_of(place) is not None:
                 return None
             return FOLDER if self._is_folder(place) else ""
 
@@ -77,7 +86,7 @@ class ObjectStore:
     def stamp(self, place: ObjectName) -> str | None:
         """Return the ETag of an object."""
         with _telling(place, "cannot be read"):
-            return _stamp_of(_head(place))
+            return stamp_of(head_of(place))
 
     def names(self, folder: ObjectName) -> list[ObjectName]:
         """List objects and folders."""
@@ -112,10 +121,10 @@ class ObjectStore:
             If it cannot be read, is another version, or the disk of temporary files has no room for it.
         """
         with _telling(place, "cannot be read"):
-            head = _head(place)
+            head = head_of(place)
         if head is None:
             raise InputError(f"'{place}' does not exist")
-        found = str(_stamp_of(head))
+        found = str(stamp_of(head))
         if stamp is not None and found != stamp:
             raise ArchiveError(f"'{place}' is another file than the one that was opened; open it again")
         with self._fetching:
@@ -133,7 +142,7 @@ class ObjectStore:
         return Path(tempfile.gettempdir()) / place.name
 
     @contextmanager
-    def taking_name(self, place: ObjectName, batch: Any = None) -> Iterator[NewFile[ObjectName]]:  # noqa: ARG002 - each by itself
+    def taking_name(self, place: ObjectName, batch: ObjectBatch | None = None) -> Iterator[NewFile[ObjectName]]:
         """Lend a local temporary file, and upload it whole in the end.
 
         Raises
@@ -143,20 +152,31 @@ class ObjectStore:
         ArchiveError
             If it cannot be uploaded.
         """
+        if time.monotonic() - self._cleared.get(place.parent, -AGAIN) >= AGAIN:
+            self.clear(place.parent)
+        if batch is not None:
+            yield batch.add(_temporary(place), place)
+            return
         before = self.stamp(place) if place.key else None
         if before is None and self._is_folder(place):
             raise InputError(f"'{place}' is a directory; name a file in it, like '{place / 'run.nc'}'")
-        if time.monotonic() - self._cleared.get(place.parent, -AGAIN) >= AGAIN:
-            self.clear(place.parent)
         with _temporary(place) as part:
             new = NewFile(part.path, place)
             yield new
             try:
-                _upload(part.path, new.name, before if new.name == place else self.stamp(new.name))
+                uploaded(part.path, new.name, before if new.name == place else self.stamp(new.name))
             except InputError as error:
                 if not new.keeps:
                     raise
                 raise type(error)(f"{error}; the whole file is kept as '{_kept(part.path, new.name)}'") from None
+
+    def check_each(self, places: Sequence[ObjectName]) -> None:
+        """Check all targets, several at once."""
+        at_once(self.check_target, places)
+
+    def batch(self, places: Sequence[ObjectName]) -> ObjectBatch:
+        """Return what uploads several files together, which are under conditions on what is there now."""
+        return ObjectBatch(places, self.stamp)
 
     def check_empty(self, place: ObjectName) -> None:
         """Check that nothing is in a folder, but what a dead process left half-built."""
@@ -177,7 +197,7 @@ class ObjectStore:
                 with _telling(place, "cannot be written"):
                     call(mark, "put_object", Key=mark.key, Body=b"", IfNoneMatch="*")
                 for file in sorted(Path(built).iterdir()):
-                    _upload(file, place / file.name, None)
+                    uploaded(file, place / file.name, None)
             self.remove(mark)
 
     def made_folder(self, place: ObjectName) -> ObjectName:
@@ -221,14 +241,11 @@ class ObjectStore:
         self._cleared[folder] = time.monotonic()
         sweep(Path(tempfile.gettempdir()))
         with suppress(RefusedError):
-            for key, upload in _uploads(folder, f"{folder.key}/".lstrip("/")):
+            uploads = uploads_of(folder, f"{folder.key}/".lstrip("/"))
+            for key, upload in uploads if uploads and not are_alive(folder) else ():
                 place = ObjectName(folder.bucket, key)
-                with suppress(LockedError), leased(_lock_of(place), place):
+                with suppress(LockedError), leased(lock_of(place), place):
                     call(folder, "abort_multipart_upload", Key=key, UploadId=upload)
-
-
-def _lock_of(place: ObjectName) -> ObjectName:
-    return place.with_name(f".{place.name}{LOCK}")
 
 
 def _pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
@@ -241,12 +258,6 @@ def _pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
         if not page.get("IsTruncated"):
             return
         more = {"ContinuationToken": page["NextContinuationToken"]}
-
-
-def _uploads(place: ObjectName, prefix: str) -> list[tuple[str, str]]:
-    """List the unfinished uploads of objects whose names begin so."""
-    uploads = call(place, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
-    return [(str(entry["Key"]), str(entry["UploadId"])) for entry in uploads]
 
 
 @contextmanager
@@ -319,83 +330,6 @@ def _fill(file: Any, place: ObjectName, stamp: str, size: int) -> None:
         file.write(piece)
     if file.tell() != size:
         raise RefusedError("IncompleteRead", "")
-
-
-def _upload(part: Path, place: ObjectName, before: str | None) -> None:
-    """Upload a file under the condition that what is there is what was there before.
-
-    An answer that was lost is looked for: each upload bears a mark of its own.
-
-    Raises
-    ------
-    TakenError
-        If another process was faster.
-    ArchiveError
-        If the store refuses, or does not answer.
-    """
-    mark = secrets.token_hex(16)
-    about = {"Key": place.key, "Metadata": {WRITER: mark}}
-    condition = {"IfNoneMatch": "*"} if before is None else {"IfMatch": before}
-    try:
-        if part.stat().st_size <= SINGLE:
-            call(place, "put_object", Body=part.read_bytes(), **about, **condition)
-        else:
-            with leased(_lock_of(place), place):
-                _upload_parts(part, place, about, condition, before)
-    except RefusedError as error:
-        with suppress(RefusedError):
-            if (_head(place) or {}).get("Metadata", {}).get(WRITER) == mark:
-                return
-        if error.is_taken or (before is not None and error.is_absent):
-            raise TakenError(
-                f"'{place}' was {'removed' if error.is_absent else 'written'} by another process meanwhile, and is left as"
-                " it is; name another file, or call again to replace it"
-            ) from None
-        raise worded(place, "cannot be written", error) from None
-
-
-def _upload_parts(
-    part: Path, place: ObjectName, about: dict[str, Any], condition: dict[str, str], before: str | None
-) -> None:
-    """Upload a large file part by part; other uploads of the object are of dead processes, as its lock is held here."""
-    for key, upload in _uploads(place, place.key):
-        if key == place.key:
-            call(place, "abort_multipart_upload", Key=key, UploadId=upload)
-    upload = str(call(place, "create_multipart_upload", **about)["UploadId"])
-    try:
-        size = max(SINGLE, -(-part.stat().st_size // MOST_PARTS))
-        parts: list[dict[str, Any]] = []
-        with part.open("rb") as file:
-            while content := file.read(size):
-                number = len(parts) + 1
-                answer = call(place, "upload_part", Key=place.key, UploadId=upload, PartNumber=number, Body=content)
-                parts.append({"PartNumber": number, "ETag": answer["ETag"]})
-        _check_stamp(place, before)  # some stores know the conditions of a whole object only
-        done = {"Key": place.key, "UploadId": upload, "MultipartUpload": {"Parts": parts}}
-        call(place, "complete_multipart_upload", **done, **condition)
-    except BaseException:
-        with suppress(RefusedError):
-            call(place, "abort_multipart_upload", Key=place.key, UploadId=upload)
-        raise
-
-
-def _check_stamp(place: ObjectName, stamp: str | None) -> None:
-    if stamp != _stamp_of(_head(place)):
-        raise RefusedError("PreconditionFailed", "")
-
-
-def _stamp_of(head: dict[str, Any] | None) -> str | None:
-    return None if head is None else str(head["ETag"])
-
-
-def _head(place: ObjectName) -> dict[str, Any] | None:
-    """Ask what is under a name; None if there is nothing."""
-    try:
-        return call(place, "head_object", Key=place.key)
-    except RefusedError as error:
-        if error.is_absent:
-            return None
-        raise
 
 
 OBJECTS = ObjectStore()

@@ -6,7 +6,7 @@ store another (`object_store`); `stores.store_of` says which one a place is of.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -70,6 +70,19 @@ class Held:
     copy: Any = field(default=None, compare=False)
 
 
+class FileBatch(Protocol):
+    """Files that take their names together, as far as their store allows: none of them before `take_names`."""
+
+    def __enter__(self) -> FileBatch:
+        """Begin."""
+
+    def __exit__(self, *error: object) -> None:
+        """Remove the files that have not taken their names."""
+
+    def take_names(self) -> None:
+        """Give all files their names; if that fails, the error says which have theirs."""
+
+
 class Store(Protocol[Name]):
     """Files by name, each whole or not at all. Every fault is one line that names the place, the cause and the remedy."""
 
@@ -107,6 +120,12 @@ class Store(Protocol[Name]):
         writers one is told by `TakenError`, where the store can tell them apart. Files of a `batch` reach the disk
         together, where that is faster.
         """
+
+    def batch(self, places: Sequence[Name]) -> FileBatch:
+        """Return what gives files of these places their names together."""
+
+    def check_each(self, places: Sequence[Name]) -> None:
+        """Check all targets, as `check_target` does; several at once where each waits for an answer."""
 
     def check_empty(self, place: Name) -> None:
         """Check that a place is an empty folder, or does not exist."""

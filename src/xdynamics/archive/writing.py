@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,12 @@ from xdynamics import record
 from xdynamics.archive.integrity import standing
 from xdynamics.archive.integrity_checks import compare
 from xdynamics.archive.netcdf_library import alone, opened
-from xdynamics.archive.place import GIVEN, Given, Place, placed
+from xdynamics.archive.place import GIVEN, Given, Place, placed, real
 from xdynamics.archive.sandboxed_reading import examined, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.stores import check_target, made_folder, store_of
-from xdynamics.archive.target import Batch
+from xdynamics.archive.store import FileBatch
+from xdynamics.archive.stores import made_folder, store_of
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
@@ -102,14 +102,15 @@ def save_many(
     """Write runs to netCDF4 files, which reach the disk together: faster than one by one if the disk is slow to answer.
 
     All are written beside their names, one synchronisation of the file system follows, and all are renamed,
-    `MOST_AT_ONCE` at a time. Each name has its old file or the new one, whole, at any moment.
+    `MOST_AT_ONCE` at a time. Each name has its old file or the new one, whole, at any moment. Objects of a store are sent
+    several at once, and take their names when all are there: if one cannot be sent, none has changed.
 
     Parameters
     ----------
     runs : mapping of str to xarray.Dataset, or iterable of xarray.Dataset
         By name, or in the order of the paths; checked as `save` does, all of them before anything is written.
     paths : iterable of str or Path, or a folder
-        A file for each run; or a folder, made if it does not exist, for files ``NAME.nc`` for runs by name, and
+        A file for each run; or a folder, made if it does not exist, or ``"s3://bucket/folder"``, for files ``NAME.nc`` for runs by name, and
         ``000000.nc``, ``000001.nc``, … for others.
     compress : bool, optional
         As in `save`.
@@ -124,7 +125,8 @@ def save_many(
     InputError
         If a Dataset is no run record or was edited, two have one name, or names and runs are not equally many.
     ArchiveError
-        If a file cannot be written; of those that were to reach the disk with it, none has changed.
+        If a file cannot be written; of those that were to reach the disk with it, none has changed. Of objects that were
+        all sent it says how many have their names, should the store fail between the first name and the last.
     """
     if not isinstance(compress, bool | None):
         raise InputError(f"compress is {compress!r}, needs true or false")
@@ -135,11 +137,15 @@ def save_many(
     ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]
     written: list[Place] = []
     for first in range(0, len(ready), MOST_AT_ONCE):
-        with Batch() as batch:
-            written += [
-                _written(run, path, compress=compress, batch=batch) for run, path in ready[first : first + MOST_AT_ONCE]
-            ]
-            batch.take_names()
+        part = ready[first : first + MOST_AT_ONCE]
+        with ExitStack() as stack:
+            batches = {
+                store: stack.enter_context(store.batch([path for _, path in part if store_of(path) is store]))
+                for store in dict.fromkeys(store_of(path) for _, path in part)
+            }
+            written += [_written(run, path, compress=compress, batch=batches[store_of(path)]) for run, path in part]
+            for batch in batches.values():
+                batch.take_names()
     return written
 
 
@@ -155,9 +161,9 @@ def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
         files = [placed(entry) for entry in paths]
     if len(files) != len(named):
         raise InputError(f"there are {len(named)} runs and {len(files)} paths; give one for each, or a folder")
-    for path in files:
-        check_target(path)
-    resolved = [path.resolve() if isinstance(path, Path) else path for path in files]
+    for store in dict.fromkeys(map(store_of, files)):
+        store.check_each([path for path in files if store_of(path) is store])
+    resolved = [real(path) for path in files]
     duplicates = (
         [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
     )
@@ -173,7 +179,7 @@ def _checked(run: xr.Dataset, place: Place, derived: str | None) -> xr.Dataset:
     return run
 
 
-def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: Batch | None = None) -> Place:
+def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: FileBatch | None = None) -> Place:
     with new_file(path, batch) as writer:
         writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
@@ -245,7 +251,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 
 @contextmanager
-def new_file(path: Place, batch: Batch | None = None, *, keeps: bool = False) -> Iterator[Writer]:
+def new_file(path: Place, batch: FileBatch | None = None, *, keeps: bool = False) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name, in the end `Writer.path`.
 
     A run that ended badly does not take the name of an archive of one that ended well, but one beside it. With `keeps`, a

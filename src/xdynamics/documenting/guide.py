@@ -57,6 +57,8 @@ STORES = (
     "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is verified and read.",
     "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
     "the second is told, and nothing is lost. A lock that its process does not renew is free after a minute.",
+    "xd.save_many(runs, 's3://bucket/runs') sends several files at once, and names them when all are there: if one cannot be",
+    "sent, none has changed; if the store fails between the first name and the last, the error says how many have theirs.",
 )
 STARTER = """\
 # A driven pendulum. `xdynamics help model` lists all sections, `xdynamics help forces` every key of one.

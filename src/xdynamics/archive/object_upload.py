@@ -1,0 +1,242 @@
+"""Uploads: of one file, whole and under a condition, and of several that take their names together."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from xdynamics.archive.lease import leased
+from xdynamics.archive.object_calls import RefusedError, call, client, worded
+from xdynamics.archive.place import ObjectName
+from xdynamics.archive.store import LockedError, NewFile, TakenError
+from xdynamics.archive.temporary_files import TemporaryFile
+from xdynamics.faults import InputError
+
+SINGLE = 1 << 26  # bytes up to which a file is uploaded in one call
+MOST_PARTS = 9000
+AT_ONCE = 16  # calls of a store at a time
+LOCK, WRITER, BATCH = ".lock", "xdynamics-writer", ".batch-"
+Entry = TypeVar("Entry")
+Answer = TypeVar("Answer")
+
+
+def uploaded(part: Path, place: ObjectName, before: str | None) -> None:
+    """Upload a file under the condition that what is there is what was there before.
+
+    An answer that was lost is looked for: each upload bears a mark of its own.
+
+    Raises
+    ------
+    TakenError
+        If another process was faster.
+    ArchiveError
+        If the store refuses, or does not answer.
+    """
+    upload = Upload(part, place, before)
+    with upload.understood():
+        if part.stat().st_size <= SINGLE:
+            call(place, "put_object", Body=part.read_bytes(), **upload.about, **upload.condition)
+            return
+        with leased(lock_of(place), place):
+            for key, other in uploads_of(place, place.key):  # of dead processes, as the lock is held here
+                if key == place.key:
+                    call(place, "abort_multipart_upload", Key=key, UploadId=other)
+            try:
+                upload.send()
+                upload.complete()
+            except BaseException:
+                upload.abort()
+                raise
+
+
+class Upload:
+    """A file on its way to a store, part by part: there is nothing to be seen of it before it is complete.
+
+    Attributes
+    ----------
+    part : Path
+    place : ObjectName
+    before : str, optional
+        What was there when its writing began.
+    """
+
+    def __init__(self, part: Path, place: ObjectName, before: str | None) -> None:
+        self.part, self.place, self.before = part, place, before
+        self._mark, self._id, self._parts = secrets.token_hex(16), "", list[dict[str, Any]]()
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The object's name, and the mark of this upload."""
+        return {"Key": self.place.key, "Metadata": {WRITER: self._mark}}
+
+    @property
+    def condition(self) -> dict[str, str]:
+        """The condition that what is there is what was there before."""
+        return {"IfNoneMatch": "*"} if self.before is None else {"IfMatch": self.before}
+
+    def send(self) -> None:
+        """Send all parts."""
+        self._id = str(call(self.place, "create_multipart_upload", **self.about)["UploadId"])
+        size = max(SINGLE, -(-self.part.stat().st_size // MOST_PARTS))
+        about = {"Key": self.place.key, "UploadId": self._id}
+        with self.part.open("rb") as file:
+            while content := file.read(size):
+                number = len(self._parts) + 1
+                answer = call(self.place, "upload_part", PartNumber=number, Body=content, **about)
+                self._parts.append({"PartNumber": number, "ETag": answer["ETag"]})
+
+    def complete(self) -> None:
+        """Give the object its name, if there still is what was there before."""
+        if self.before != stamp_of(head_of(self.place)):  # some stores know the conditions of a whole object only
+            raise RefusedError("PreconditionFailed", "")
+        done = {"Key": self.place.key, "UploadId": self._id, "MultipartUpload": {"Parts": self._parts}}
+        call(self.place, "complete_multipart_upload", **done, **self.condition)
+
+    def abort(self) -> None:
+        """Drop what was sent."""
+        if self._id:
+            with suppress(RefusedError):
+                call(self.place, "abort_multipart_upload", Key=self.place.key, UploadId=self._id)
+
+    @contextmanager
+    def understood(self) -> Iterator[None]:
+        """Put what the store refuses into words, unless the object is there and only the answer was lost."""
+        try:
+            yield
+        except RefusedError as error:
+            with suppress(RefusedError):
+                if (head_of(self.place) or {}).get("Metadata", {}).get(WRITER) == self._mark:
+                    return
+            if error.is_taken or error.code == "NoSuchUpload" or (self.before is not None and error.is_absent):
+                raise TakenError(
+                    f"'{self.place}' was {'removed' if error.is_absent else 'written'} by another process meanwhile, and is"
+                    " left as it is; name another file, or call again to replace it"
+                ) from None
+            raise worded(self.place, "cannot be written", error) from None
+
+
+class ObjectBatch:
+    """Files that take their names together: all are sent, several at once, and only then completed one and all.
+
+    Before the first is complete nothing is to be seen of any, and if one cannot be sent none is. A store completes each by
+    itself: if one of them fails then, the others have their names.
+
+    Parameters
+    ----------
+    places : sequence of ObjectName
+    stamp : callable
+        Returns what is under a name.
+    """
+
+    def __init__(self, places: Sequence[ObjectName], stamp: Callable[[ObjectName], str | None]) -> None:
+        self._stamp, self._parts, self._files = stamp, ExitStack(), list[NewFile[ObjectName]]()
+        self._before: Mapping[ObjectName, str | None] = dict(zip(places, at_once(stamp, places), strict=True))
+
+    def __enter__(self) -> ObjectBatch:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._parts.close()
+
+    def add(self, part: AbstractContextManager[TemporaryFile], place: ObjectName) -> NewFile[ObjectName]:
+        """Take a temporary file, to be written and then uploaded, until the batch is over."""
+        self._files.append(NewFile(self._parts.enter_context(part).path, place))
+        return self._files[-1]
+
+    def take_names(self) -> None:
+        """Upload all files.
+
+        Raises
+        ------
+        InputError
+            If that fails; it says how many files have their names.
+        """
+        uploads = [Upload(new.part, new.name, self._stamp_before(new.name)) for new in self._files]
+        with ExitStack() as locks:
+            for folder in dict.fromkeys(upload.place.parent for upload in uploads):
+                locks.enter_context(leased(folder / f"{BATCH}{secrets.token_hex(8)}{LOCK}", folder))
+            self._through(uploads, Upload.send, "none of {1} files has its name, nothing is changed")
+            said = "{0} of {1} files have their names, under the others nothing is changed"
+            self._through(uploads, Upload.complete, said)
+        self._files.clear()
+
+    def _stamp_before(self, name: ObjectName) -> str | None:
+        return self._before[name] if name in self._before else self._stamp(name)
+
+    def _through(self, uploads: Sequence[Upload], step: Callable[[Upload], None], said: str) -> None:
+        """Take all uploads through a step; if one fails, drop all that are not complete, and say what is so."""
+        faults: list[InputError | None] = [None] * len(uploads)
+        done = False
+        try:
+            faults = at_once(partial(_fault_of, step), uploads)
+            done = not any(faults)
+        finally:
+            if not done:
+                at_once(Upload.abort, uploads)
+        for fault in faults:
+            if fault is not None:
+                raise type(fault)(f"{fault}; {said.format(faults.count(None), len(faults))}")
+
+
+def _fault_of(step: Callable[[Upload], None], upload: Upload) -> InputError | None:
+    """Take an upload through a step; return why it failed."""
+    try:
+        with upload.understood():
+            step(upload)
+    except InputError as error:
+        return error
+    return None
+
+
+def at_once(function: Callable[[Entry], Answer], entries: Sequence[Entry]) -> list[Answer]:
+    """Call a function for several entries at a time, each of which waits for a store; return what it returns, in order."""
+    if len(entries) < 2:
+        return [*map(function, entries)]
+    client()  # made once, not in each thread
+    with ThreadPoolExecutor(min(AT_ONCE, len(entries))) as pool:
+        return [*pool.map(function, entries)]
+
+
+def are_alive(folder: ObjectName) -> bool:
+    """Whether a process is uploading several files into a folder; the locks of those that died are removed."""
+    prefix = (folder / BATCH).key
+    locks = call(folder, "list_objects_v2", Prefix=prefix).get("Contents") or []
+    alive = False
+    for entry in locks:
+        try:
+            with leased(ObjectName(folder.bucket, str(entry["Key"])), folder):
+                pass
+        except LockedError:
+            alive = True
+    return alive
+
+
+def lock_of(place: ObjectName) -> ObjectName:
+    """Name the lock of an object."""
+    return place.with_name(f".{place.name}{LOCK}")
+
+
+def uploads_of(place: ObjectName, prefix: str) -> list[tuple[str, str]]:
+    """List the unfinished uploads of objects whose names begin so."""
+    uploads = call(place, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
+    return [(str(entry["Key"]), str(entry["UploadId"])) for entry in uploads]
+
+
+def stamp_of(head: dict[str, Any] | None) -> str | None:
+    """Return what distinguishes an object from another under its name."""
+    return None if head is None else str(head["ETag"])
+
+
+def head_of(place: ObjectName) -> dict[str, Any] | None:
+    """Ask what is under a name; None if there is nothing."""
+    try:
+        return call(place, "head_object", Key=place.key)
+    except RefusedError as error:
+        if error.is_absent:
+            return None
+        raise
