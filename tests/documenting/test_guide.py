@@ -25,7 +25,20 @@ from xdynamics.simulation.scipy_interface import MOST_NAMED
 
 @pytest.mark.parametrize(
     "topic",
-    ["model", "language", "shapes", "units", "record", "cluster", "files", "json", "solve", "stores", *SECTIONS],
+    [
+        "model",
+        "language",
+        "shapes",
+        "units",
+        "record",
+        "cluster",
+        "archives",
+        "files",
+        "json",
+        "solve",
+        "stores",
+        *SECTIONS,
+    ],
 )
 def test_topics(topic: str) -> None:
     """Assert that every topic has lines, and each section all its keys with what they take."""

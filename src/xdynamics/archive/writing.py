@@ -30,6 +30,7 @@ from xdynamics.model.text_limits import parsed
 from xdynamics.record.kinds import is_evidence, left_out_atols
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
+    AT,
     COMPRESSION,
     DERIVED,
     DERIVED_FROM,
@@ -38,6 +39,7 @@ from xdynamics.schema import (
     ORIGIN,
     SELECTION,
     SELECTION_OF,
+    STEPS,
     SWEEP,
 )
 
@@ -214,6 +216,11 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     if not isinstance(getattr(run, "attrs", None), Mapping) or not hasattr(run, "variables"):
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
     run = as_recorded(run)
+    if AT in run.dims and STEPS not in run.dims and EVIDENCE not in run.attrs and "solver_interpolation" in run.attrs:
+        raise InputError(
+            "these are states at times that were asked for, and no run: the run itself is archived by"
+            " simulate(…, times=…, path='run.nc'); states.to_netcdf('states.nc') keeps these alone, without digests"
+        )
     if derived is None:
         record.check(run, whole=False)
     result = standing(run)

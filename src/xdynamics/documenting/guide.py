@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from xdynamics import schema
+from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.expressions.tree import FUNCTIONS
@@ -215,6 +216,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "record": _record,
         "cluster": CLUSTER.splitlines,
         "solve": SOLVE.splitlines,
+        "archives": ARCHIVES_PAGE.splitlines,
         "files": FILES.splitlines,
         "json": JSON_PAGE.splitlines,
         "stores": lambda: STORES,

@@ -1,0 +1,114 @@
+"""What `xdynamics help archives` says of xarray and of archives is what they do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+
+TIMES = "0:2:5 s"
+NESTED = {"combine": "nested", "concat_dim": "run"}
+
+
+def ball(g: float = 9.81) -> xd.Model:
+    """A ball that falls past a mark."""
+    return xd.Model(
+        name="Ball",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg", "g": f"{g} m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        events={"mark": {"function": "y", "direction": "falling"}},
+        initial={"y": "10 m", "v_y": "0 m s-1"},
+        run={"method": "rk4", "step": "125 ms", "until": "2 s"},
+    )
+
+
+def quoted(beginning: str) -> str:
+    """Return the message between backticks on the page that begins so, as a pattern."""
+    texts = re.findall(r"`([^`]+)`", ARCHIVES_PAGE)
+    found = next(text for text in texts if text.startswith(beginning))
+    return re.escape(" ".join(found.split()).removeprefix("AlignmentError: "))
+
+
+def test_rows_by_time() -> None:
+    """Assert rows of a span, one row, and both rows of an event, and the KeyError that the page quotes."""
+    run = xd.simulate(ball())
+    assert run.sel(time=slice(0.5, 1.0)).time.values.tolist() == [0.5, 0.625, 0.75, 0.875, 1.0]
+    assert float(run.sel(time=1.0).y.squeeze()) == float(run.dynamics.at("1 s").y[0])
+    assert run.sel(time=float(run.event_time[0])).sizes["step"] == 2
+    with pytest.raises(KeyError, match=quoted("not all values")):
+        run.sel(time=1.01)
+    assert float(run.dynamics.at(1.01).y[0]) == pytest.approx(10.0 - 9.81 / 2.0 * 1.01**2, rel=1e-12)
+
+
+def test_what_xarray_refuses_by_time() -> None:
+    """Assert the refusals that the page names: the nearest row where a time has two, and interpolation."""
+    run = xd.simulate(ball())
+    with pytest.raises(pd_error(), match=quoted("Reindexing only")):
+        run.sel(time=1.01, method="nearest")
+    with pytest.raises(ValueError, match="time"):
+        run.interp(time=[1.01])
+
+
+def pd_error() -> type[Exception]:
+    """Return what pandas raises of an index with one value twice."""
+    from pandas.errors import InvalidIndexError
+
+    return InvalidIndexError
+
+
+def test_runs_of_one_shape_are_put_together_by_xarray(tmp_path: Path) -> None:
+    """Assert that without a preprocess runs with as many rows are along a new dimension, each with its bits."""
+    runs = [xd.simulate(ball(g), path=tmp_path / f"{g}.nc") for g in (9.7, 9.8, 9.9)]
+    with xr.open_mfdataset(str(tmp_path / "*.nc"), **NESTED) as together:
+        assert together.y.dims == ("run", "step")
+        assert together.y.values.tobytes() == np.stack([run.y.values for run in runs]).tobytes()
+        assert together.g.values.tolist() == [9.7, 9.8, 9.9]
+
+
+def test_sweeps_at_times_are_put_together_by_xarray(tmp_path: Path) -> None:
+    """Assert the same of catalogues that keep a quantity at times and no log, with a common axis."""
+    found = [
+        xd.sweep(ball(), {"g": "9:10:3 m s-2"}, keep=["y"], times=TIMES, method=method, path=tmp_path / method)
+        for method in ("rk4", "midpoint")
+    ]
+    with xr.open_mfdataset([tmp_path / name / "catalogue.nc" for name in ("rk4", "midpoint")], **NESTED) as together:
+        assert together.y.dims == ("run", "g", "at")
+        assert together.y.values.tobytes() == np.stack([one.y.values for one in found]).tobytes()
+
+
+def test_runs_of_other_shapes_are_sampled(tmp_path: Path) -> None:
+    """Assert the AlignmentError that the page quotes, and that its two remedies give the states of each run."""
+    steps = ["100 ms", "125 ms"]
+    runs = [xd.simulate(ball(), step=step, path=tmp_path / f"{step}.nc") for step in steps]
+    with pytest.raises(xr.AlignmentError, match=quoted("AlignmentError")):
+        xr.open_mfdataset(str(tmp_path / "*.nc"), **NESTED)
+    at = [xd.sample(run, TIMES).y.values for run in runs]
+    with xr.open_mfdataset(str(tmp_path / "*.nc"), **NESTED, preprocess=lambda run: xd.sample(run, TIMES)) as together:
+        assert together.y.values.tobytes() == np.stack(at).tobytes()
+    xd.sweep(ball(), {"step": steps}, keep=["log"], path=tmp_path / "grid")
+    assert xd.open_logs(tmp_path / "grid", TIMES).y.values.tobytes() == np.stack(at).tobytes()
+
+
+def test_states_at_times_are_no_run(tmp_path: Path) -> None:
+    """Assert that saving them names what archives the run, and what keeps them alone."""
+    states = xd.simulate(ball(), times=TIMES)
+    with pytest.raises(xd.InputError, match=r"states at times .* no run: .* path='run.nc'\); states.to_netcdf"):
+        xd.save(states, tmp_path / "states.nc")
+    states.to_netcdf(tmp_path / "states.nc")
+    with xr.open_dataset(tmp_path / "states.nc") as kept:
+        assert kept.y.values.tobytes() == states.y.values.tobytes()
+
+
+def test_every_line_fits_and_names_what_there_is() -> None:
+    """Assert that what the page names of the package is there."""
+    names = {*re.findall(r"xd\.(\w+)", ARCHIVES_PAGE)}
+    assert names == {"open_run", "save", "sample", "sweep", "open_logs"} <= {*dir(xd)}
+    assert max(map(len, ARCHIVES_PAGE.splitlines())) <= 130
