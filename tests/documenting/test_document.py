@@ -83,15 +83,21 @@ def test_the_same_in_markdown(bundled: Path, tmp_path: Path) -> None:
     text = xd.document(bundled, tmp_path / "report.md").read_text()
     assert [line for line in text.split("\n") if line.startswith("## ")] == [
         "## What it has to pass",
-        "## The model",
-        "## The method",
-        "## Convergence",
         "## The budget",
         "## The run",
+        "## Convergence",
+        "## The model",
+        "## The method",
         "## The method's ledger",
         "## Made again",
+        "## The method's equations",
     ]
     assert r"\ddot{y}" in text
+    result, figure, coefficients = (
+        text.index(part) for part in ("301 ± 20 m", "](data:image/png", "## The method's equations")
+    )
+    assert result < figure < text.index("## The model") < coefficients
+    assert "h*" not in text[:coefficients]
     blocks = re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE)
     assert len(blocks) >= 7
     for block in blocks:

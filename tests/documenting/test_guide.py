@@ -35,6 +35,7 @@ from xdynamics.simulation.scipy_interface import MOST_NAMED
         "archives",
         "files",
         "json",
+        "words",
         "solve",
         "stores",
         *SECTIONS,

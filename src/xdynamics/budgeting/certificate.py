@@ -18,12 +18,14 @@ from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
+from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.evidence.stages import Stage, Task, lazy
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
+from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVIDENCE, flags
 
 if TYPE_CHECKING:
@@ -278,6 +280,8 @@ def lines_of(certificate: xr.Dataset) -> list[str]:
     lines += place_of(certificate)
     rows = zip(certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True)
     lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
+    if "level_verdict" in certificate:
+        lines.append(f"levels    {in_words(words_of(certificate['level_verdict'])[0])}")
     lines.append(f"model     sha256 {certificate.attrs['model_digest']}; method {certificate.attrs['solver_method']}")
     lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
     return lines

@@ -16,6 +16,7 @@ from xdynamics.documenting.blocks import CodeBlock, PageSection, PictureBlock, T
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
 from xdynamics.documenting.equations import of_model
 from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
@@ -69,13 +70,14 @@ def document(folder: Given, path: Given) -> Place:
         model = Model.from_text(str(certificate["model_toml"].values))
         sections = [
             _result(certificate),
-            PageSection("The model", list(of_model(model))),
-            _method(run),
-            _convergence(certificate),
             _budget(certificate, _picture(bundle / CERTIFICATE)),
             _run(run, _picture(bundle / RUN)),
+            _convergence(certificate),
+            PageSection("The model", list(of_model(model))),
+            _method(run),
             _ledger(ledger),
             _again(certificate, bundle),
+            _equations(run),
         ]
         title = str(certificate.attrs["title"]).removeprefix("certificate of ")
         text = FORMATS[path.suffix.lower()](
@@ -132,10 +134,20 @@ def _method(run: xr.Dataset) -> PageSection:
         "The method",
         [
             Words(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
-            Words(f"{attributes['solver_update_order']}."),
+            Words(f"Outcome: {attributes['run_outcome_text']}."),
+        ],
+    )
+
+
+def _equations(run: xr.Dataset) -> PageSection:
+    """The update with its coefficients, which few read and nobody should have to pass."""
+    attributes = run.attrs
+    return PageSection(
+        "The method's equations",
+        [
+            Words(f"{attributes['solver_update_order']}.", str(attributes["solver_method"])),
             CodeBlock("\n".join(str(attributes["solver_update_equations"]).split("; "))),
             Words(f"After {attributes['solver_reference']}."),
-            Words(f"Outcome: {attributes['run_outcome_text']}."),
         ],
     )
 
@@ -151,7 +163,7 @@ def _convergence(certificate: xr.Dataset) -> PageSection:
             certificate[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True
         )
     ]
-    verdict = words_of(certificate["level_verdict"])[0].replace("_", " ")
+    verdict = in_words(words_of(certificate["level_verdict"])[0])
     unit_suffix = "" if certificate[varied].attrs["units"] == "1" else f" ({certificate[varied].attrs['units']})"
     header = [
         f"{varied.replace('_', ' ')}{unit_suffix}",

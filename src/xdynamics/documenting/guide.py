@@ -9,6 +9,7 @@ from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
+from xdynamics.documenting.words_page import words_page
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
@@ -214,6 +215,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "shapes": shapes_page,
         "units": _units,
         "record": _record,
+        "words": words_page,
         "cluster": CLUSTER.splitlines,
         "solve": SOLVE.splitlines,
         "archives": ARCHIVES_PAGE.splitlines,

@@ -1,0 +1,26 @@
+"""What each verdict on the convergence of a number means, in words."""
+
+from __future__ import annotations
+
+from xdynamics.evidence.refining.convergence import VERDICTS
+
+IN_WORDS = (
+    "differences of levels fall at the method's order, so that the limit and its uncertainty follow from that order",
+    "differences fall, but not yet at the method's order: none is relied on, and the uncertainty is wider for it",
+    "levels differ by no more than rounding: finer ones would tell nothing more",
+    "locating events, or a switch that steps went over, is as uncertain as levels are apart: the uncertainty has it",
+    "the number between steps is as uncertain as levels are apart: the uncertainty has it",
+    "differences do not fall, or a value is missing: finer levels are needed before anything is said of the number",
+)
+MEANINGS = dict(zip(VERDICTS, IN_WORDS, strict=True))
+
+
+def in_words(verdict: str) -> str:
+    """Return a verdict with its meaning.
+
+    Examples
+    --------
+    >>> in_words("roundoff")
+    'roundoff: levels differ by no more than rounding: finer ones would tell nothing more'
+    """
+    return f"{verdict.replace('_', ' ')}: {MEANINGS[verdict]}"
