@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,37 @@ def test_what_xarray_refuses_by_time() -> None:
         run.sel(time=1.01, method="nearest")
     with pytest.raises(ValueError, match="time"):
         run.interp(time=[1.01])
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda run: run.sel(time=1.01),
+        lambda run: run.sel({"time": 1.01}, method="nearest"),
+        lambda run: run.interp(time=1.01),
+        lambda run: run.y.sel(time=1.01),
+        lambda run: run.y.interp(time=1.01),
+    ],
+    ids=["sel", "nearest", "interp", "sel of a variable", "interp of a variable"],
+)
+def test_errors_by_time_name_what_gives_states(ask: Callable[[xr.Dataset], object]) -> None:
+    """Assert that the error keeps its kind and message, and has a note with the call, which gives the state."""
+    run = xd.simulate(ball())
+    with pytest.raises((KeyError, ValueError, pd_error())) as refused:
+        ask(run)
+    (note,) = refused.value.__notes__
+    call = re.findall(r"run(\.dynamics\.at\(.*?\))", note)[0]
+    assert call == ".dynamics.at(1.01)"
+    assert run.dynamics.at(1.01).sizes["at"] == 1
+
+
+def test_other_errors_have_no_note() -> None:
+    """Assert that neither another dimension nor another Dataset with a time is spoken of."""
+    run, other = xd.simulate(ball()), xr.Dataset(coords={"time": [0.0, 1.0]})
+    for ask in (lambda: run.sel(step="x"), lambda: other.sel(time=0.5)):
+        with pytest.raises((KeyError, ValueError, TypeError)) as refused:
+            ask()
+        assert not getattr(refused.value, "__notes__", [])
 
 
 def pd_error() -> type[Exception]:

@@ -14,6 +14,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
 from xdynamics.interchange.solution import Solution, solution
+from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 teach()  # whoever imported pint-xarray too
 show_pages()
+show_time_notes()
 
 ENDS = ("lower", "upper")
 OF_STATES = ("coordinate", "velocity", "state", "acceleration")
