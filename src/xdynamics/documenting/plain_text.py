@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node
 from xdynamics.expressions.simplification import printed_simply
-from xdynamics.faults import InputError
+from xdynamics.faults import InputError, spoken
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.parts import Function
@@ -30,12 +30,17 @@ COUNTED = (
 
 
 def lines_of(model: Model) -> Iterator[str]:
-    """Summarise a checked model: its parts, motion, events, start and time scales."""
+    """Summarise a checked model: its parts, motion, events, start and time scales; elements as people write them."""
+    return map(spoken, _lines(model))
+
+
+def _lines(model: Model) -> Iterator[str]:
     yield from at_rest(model.statement.at_rest)
     counts = [(len(getattr(model, kind)), kind) for kind in COUNTED]
     counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counted}; every name is known and every unit fits"
-    yield from equations(model)
+    yield from _motion(model)
+    yield from _occasions(model)
     starts = (f"{name} = {quantity}" for name, quantity in model.initial.items())
     yield f"start     {', '.join(starts)}{f', regime {model.regime}' if model.regime else ''}"
     yield from _scales(model)
@@ -49,8 +54,7 @@ def at_rest(velocities: Sequence[str]) -> Iterator[str]:
 
 def equations(model: Model) -> Iterator[str]:
     """Print the motion, forces, definitions, rates, events, contacts and frictions of a model, each in a line."""
-    yield from _motion(model)
-    yield from _occasions(model)
+    yield from map(spoken, (*_motion(model), *_occasions(model)))
 
 
 def _motion(model: Model) -> Iterator[str]:

@@ -46,10 +46,7 @@ def printed_simply(node: Node) -> str:
 def _sum(node: Node) -> Node:
     """Write a sum of products, without those that are 0."""
     tree: Node = _ZERO
-    for sign, term in _terms(node):
-        product = _Product()
-        product.take(term)
-        product.coefficient *= sign
+    for product in _together([_Product.of(sign, term) for sign, term in _terms(node)]):
         if tree == _ZERO:
             tree = product.written()
         elif product.coefficient != 0:
@@ -57,6 +54,14 @@ def _sum(node: Node) -> Node:
             product.coefficient = abs(product.coefficient)
             tree = Binary(operator, tree, product.written())
     return tree
+
+
+def _together(products: list[_Product]) -> list[_Product]:
+    """Add up a sum of whole numbers alone."""
+    if not all(product.is_whole and not product.above and not product.below for product in products):
+        return products
+    total = sum((product.coefficient for product in products), Fraction(0))
+    return [_Product(total)] if max(abs(total.numerator), total.denominator) <= LARGEST_WHOLE else products
 
 
 def _terms(node: Node, sign: int = 1) -> Iterator[tuple[int, Node]]:
@@ -86,6 +91,13 @@ class _Product:
     below: list[Node] = field(default_factory=list)
     is_whole: bool = True
 
+    @classmethod
+    def of(cls, sign: int, node: Node) -> _Product:
+        """Return a term of a sum as a product."""
+        product = cls(Fraction(sign))
+        product.take(node)
+        return product
+
     def take(self, node: Node, *, inverse: bool = False) -> None:
         """Multiply by a node, or divide by it."""
         if isinstance(node, Negative):
@@ -100,7 +112,10 @@ class _Product:
                 self.take(link.right, inverse=inverse != (link.operator == "/"))
         else:
             inner = simplified(node)
-            (self.below if inverse else self.above).append(inner)
+            if isinstance(inner, Number | Negative) and inner != node:
+                self.take(inner, inverse=inverse)
+            else:
+                (self.below if inverse else self.above).append(inner)
 
     def _scale(self, number: Fraction, node: Number, *, inverse: bool) -> None:
         """Multiply the coefficient by a number, or divide it; one that would get too many digits is a factor as it is."""
