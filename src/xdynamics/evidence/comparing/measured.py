@@ -314,11 +314,13 @@ def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip:
     text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
     try:
         sheet = Sheet.of(path.name, as_table(path.name, text, reading))
-        _check_titles(sheet, known)
-        titles, left_out = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known)
+        named = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known) if sheet.has_titles else None
     except InputError as error:
         begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
         raise InputError(f"{error}; the file begins {begin}; {REMEDY}") from None
+    if named is None:
+        raise InputError(_without_titles(sheet, known))
+    titles, left_out = named
     rows = sheet.numbers([*titles], skip=skip)
     if not rows:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
@@ -329,15 +331,14 @@ def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip:
     return _sorted_out(f"'{path.name}'", columns_read, left_out)
 
 
-def _check_titles(sheet: Sheet, known: Sequence[str] | None) -> None:
-    """Refuse a file of numbers alone, with titles that would do."""
-    if sheet.has_titles:
-        return
+def _without_titles(sheet: Sheet, known: Sequence[str] | None) -> str:
+    """Return the message for a file of numbers alone, with titles that would do."""
     words = [*(known or ()), *(f"name_{n}" for n in range(1, len(sheet.header)))][: len(sheet.header) - 1]
     example = ",".join(["t [s]", *(f"{word} [unit]" for word in words)])
-    raise InputError(
-        f"'{sheet.name}' has no titles, its first line has numbers alone; give one for each of its {len(sheet.header)}"
-        f" columns, like --header '{example}', in Python reading={{'header': '{example}'}}"
+    return (
+        f"'{sheet.name}' has no titles, it begins {shown(sheet.separator.join(sheet.header))}; give one for each of its"
+        f" {len(sheet.header)} columns, like --header '{example}', in Python reading={{'header': '{example}'}}; --skip N"
+        " leaves out lines before them"
     )
 
 
