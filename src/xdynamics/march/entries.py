@@ -206,7 +206,7 @@ def states_inside(
             for i in range(parameters.shape[1]):
                 run.p[i] = parameters[current, i]
         s = (time - t) / (t1 - t)  # h is not t1 - t to the bit, and at t1 the step has to be the whole one
-        run.now[0].regime = np.int64(steps[5, k])
+        run.now[0].regime, run.now[0].step = np.int64(steps[5, k]), h
         for i in range(run.touches.shape[0]):
             run.touches[i].state = np.int64(steps[7 + i, k])
         enter(run, t, states, k, steps[6, k] != 0.0)

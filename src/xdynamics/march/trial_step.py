@@ -77,10 +77,12 @@ propose_apart = apart(propose)
 
 @shared
 def usual_step(run: Run) -> float:
-    """Return the length of a step that nothing cuts."""
+    """Return the length of a step that nothing cuts; where a recorded step is repeated, its own."""
     now, plan = run.now[0], run.plan[0]
-    if plan.adaptive or plan.step_size > 0.0:
-        return now.step if plan.adaptive else plan.step_size
+    if not plan.adaptive and plan.step_size > 0.0:
+        return plan.step_size
+    if plan.adaptive or run.steps.shape[0] == 0:
+        return now.step
     return run.steps[min(now.grid, run.steps.shape[0] - 1)]
 
 
