@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -154,3 +156,35 @@ def test_rows_longer_than_the_stack_holds() -> None:
     assert run.sizes["step"] == steps + 1
     assert np.abs(run.u.values[-1] - u).max() < 1e-13
     assert np.abs(run.v_u.values[-1] - v).max() < 1e-13
+
+
+def test_a_log_of_states_holds_little_else() -> None:
+    """Assert that a run of 100,000 sites takes its log and some 120 numbers a site, and keeps no state twice."""
+    n = 100_000
+    model = xd.Model.from_text(CHAIN.format(n=n))
+    xd.simulate(model, log="states", until="0.05 s")
+    tracemalloc.start()
+    try:
+        run = xd.simulate(model, log="states", until="1 s")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    log = 2 * 8 * n * run.sizes["step"]
+    assert peak < log + 140e6  # of which 44 MB are zeros that nothing touches
+    assert run.end_memory.size < 10 * n
+
+
+def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that elements, and a march of them, for which there is no memory, are refused with both figures."""
+    text = CHAIN.format(n=1_000_000)
+    wide = text.replace("[relations", "column = 1_000_000\n[relations").replace(
+        'dims = ["site"]', 'dims = ["site", "column"]'
+    )
+    with pytest.raises(xd.ModelError, match=r"'u': has 1000000000000 elements along site, column, which take 240 TB"):
+        xd.Model.from_text(wide)
+    model = xd.Model.from_text(text)
+    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 5e8)
+    with pytest.raises(
+        xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes over .* 400 MB of memory"
+    ):
+        xd.simulate(model)

@@ -151,7 +151,8 @@ class _IntervalPrinter:
         self._first: list[tuple[int, ...]] = []  # of numbers and parameters alone, which a march does not change
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
-        self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+        named = constants(layout.model) if layout.watched else ()  # of nothing that is watched no name is asked for
+        self._constants = {name: i for i, name in enumerate(named)}
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
         self._moving = self._variables() if layout.watched else {}
         self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
@@ -171,7 +172,7 @@ class _IntervalPrinter:
         ]
         count, first = len(self._places), len(self._first)
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
-        moving = {*self._layout.used, *self._layout.reactions}
+        moving = {*self._layout.used, *self._layout.reactions} if watched else set[str]()
         of_time = tuple(not (detector.sampled or model.reads(detector.function) & moving) for detector in watched)
         return Enclosing(
             rows,

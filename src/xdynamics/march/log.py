@@ -19,6 +19,7 @@ from xdynamics.model.assemblies import slots_of, together
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which huge pages pay: a row then spans more pages than the processor's TLB holds
+_WIDEST = 1 << 17  # columns from which a row more is a megabyte
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
 PIECES = 128  # of a table that one flag distinguishes
@@ -111,8 +112,14 @@ def has_room(run: Run) -> bool:
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
         and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
         and now.events - base.events + events + run.plan[0].together <= run.log_events.shape[0]
-        and now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1]
+        and (now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1] or leaves_samples(run))
     )
+
+
+@compiled
+def leaves_samples(run: Run) -> bool:
+    """Whether force samples are counted and not kept, since no column of the record shows them."""
+    return run.log_samples.shape[1] == 0
 
 
 @compiled
@@ -175,13 +182,15 @@ def note_samples(run: Run, row: int) -> None:
     now, plan, samples = run.now[0], run.plan[0], run.log_samples
     width = samples.shape[0] - 2
     first = now.samples - run.base[0].samples
+    now.samples += plan.samples
+    if leaves_samples(run):
+        return
     for stage in range(plan.samples):
         samples[0, first + stage] = run.samples[stage * width]
         samples[1, first + stage] = row
         samples[2, first + stage] = stage + 1
         for i in range(1, width):
             samples[2 + i, first + stage] = run.samples[stage * width + i]
-    now.samples += plan.samples
 
 
 @shared
@@ -191,13 +200,15 @@ def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
     if plan.samples == 0:
         return
     at, used = now.samples - run.base[0].samples, plan.used
+    now.samples += 1
+    if leaves_samples(run):
+        return
     samples[0, at], samples[1, at], samples[2, at] = t, row, 0
     for i in range(used):
         samples[3 + i, at] = state[i]
     evaluated = samples.shape[0] - 3 - used
     for i in range(evaluated):
         samples[3 + used + i, at] = state[state.shape[0] - evaluated + i]
-    now.samples += 1
 
 
 def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
@@ -209,12 +220,16 @@ def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
     return owner if isinstance(owner, mmap.mmap) else None
 
 
-def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False) -> Log:
-    """Return an empty log for `rows` rows, with `sampled` force samples a step; if `apart`, substeps are trials too."""
+def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, samples_kept: bool = True) -> Log:
+    """Return an empty log for `rows` rows, with `sampled` force samples a step, whether these are kept or counted alone.
+
+    If `apart`, substeps are trials too.
+    """
     events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
-    rows = (rows + 4) | 1
+    rows = rows + 2 if layout.row.size > _WIDEST else (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
+    samples = samples if samples_kept else 0
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
     event_rows = (min(rows, 4_000) if events else 0) + events + together(layout.model)

@@ -36,11 +36,12 @@ PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
 LOOK = 0.5  # s between two checks where steps are slow
 LARGEST_BLOCK = 1 << 24
 MOST_WITNESSES = 50
+FEWEST_WITNESSES, WITNESSED_NUMBERS = 4, 1 << 21  # of them where a state has many numbers
 SHORTEST_PART = 1 << 12
 FIRST_PART = 1 << 6  # rows, where the clock matters and the time of one is unknown
 FIRST_BLOCK = 1 << 9  # rows, where their number is unknown
 THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
-RECYCLED_NUMBERS = 1 << 22  # of a block that is filled again and again, where rows are wide
+RECYCLED_NUMBERS = 1 << 21  # of a block that is filled again and again, where rows are wide
 COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each in memory that goes back to the system
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
@@ -144,13 +145,13 @@ class March:
         thinning = self.thinning
         if rows is None and (thinning or self.settings.partial):
             most = THINNED_BLOCK if thinning else COPIED_BLOCK
-            rows = min(most, max(2, RECYCLED_NUMBERS // self.layout.row.size))
+            rows = min(most, max(1, RECYCLED_NUMBERS // self.layout.row.size))
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard():
             while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
                 if rows is None or len(kept) < 2:
-                    log = allocate(self.layout, size, sampled=int(self.run.plan[0].samples), apart=self.settings.apart)
+                    log = self._log(size)
                     kept = [*kept, log] if rows else []
                 else:
                     log = kept[0]  # the older one
@@ -162,6 +163,13 @@ class March:
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
+
+    def _log(self, rows: int) -> Log:
+        """Return an empty log."""
+        sampled, settings = int(self.run.plan[0].samples), self.settings
+        # what is left out row by row is chosen from whole rows
+        kept = settings.keeps_samples or self.thinning is not None
+        return allocate(self.layout, rows, sampled=sampled, apart=settings.apart, samples_kept=kept)
 
     def rest(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""
@@ -269,10 +277,10 @@ class March:
             )
         self.witnesses, self.errors = witnesses, errors
 
-    @staticmethod
-    def stride(rows: int) -> int:
-        """Return the spacing of the witnesses of a number of rows."""
-        return 1 << max(0, (rows // MOST_WITNESSES).bit_length())
+    def stride(self, rows: int) -> int:
+        """Return the spacing of the witnesses of a number of rows; of wide ones there are fewer."""
+        most = max(FEWEST_WITNESSES, min(MOST_WITNESSES, WITNESSED_NUMBERS // self.layout.used.size))
+        return 1 << max(0, (rows // most).bit_length())
 
     def _look_at_the_end(self, block: LogBlock) -> None:
         """Find out, while the log is available, which event stopped the run, what was not finite, where it rested."""

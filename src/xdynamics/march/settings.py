@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
-from xdynamics.keywords import FULL
+from xdynamics.keywords import FULL, STATES
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
 from xdynamics.methods.steppers import EXACT, JACOBIANS
@@ -21,6 +21,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import sampled
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
@@ -238,6 +239,16 @@ class Settings:
     def partial(self) -> bool:
         """Whether rows or columns of the log are left out of the record."""
         return self.keep_every > 1 or self.log != FULL
+
+    @property
+    def keeps_states(self) -> bool:
+        """Whether the record has the state of every row."""
+        return self.keep_every == 1 and self.log in (FULL, STATES)
+
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether the record may have columns of force samples."""
+        return self.log == FULL or (self.log != STATES and any(name.startswith(sampled("")) for name in self.log))
 
     def located_within(self, asked: Quantity | None) -> float:
         """Return a time tolerance, s: the requested one, or by default that of all events."""

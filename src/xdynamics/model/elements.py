@@ -35,6 +35,7 @@ from xdynamics.model.parts import (
 )
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
+from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, at, dims_of, gradient, written
 from xdynamics.shapes.blocks import Blocks
@@ -43,6 +44,8 @@ from xdynamics.shapes.naming import DOT, parted
 from xdynamics.shapes.trees import expanded, total
 from xdynamics.units import Dimension, Quantity, Unit, constant
 
+NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
+FEW_ELEMENTS = 100_000  # which always fit
 Place = Mapping[str, int]
 Part = TypeVar("Part")
 
@@ -57,7 +60,27 @@ def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
         dims |= dict.fromkeys((name, rate(name)), state.dims)
     dims |= {name: values.dims for name, values in statement.arrays.items()}
     dims |= {name: drive.dims for name, drive in statement.drives.items()}
+    for name in (*statement.coordinates, *statement.states, *statement.arrays):
+        with ledger.entry(f"'{name}'"):
+            check_room(dims[name], shapes)
     return _of_expressions(statement, replace(shapes, dims={name: own for name, own in dims.items() if own}), ledger)
+
+
+def check_room(dims: tuple[str, ...], shapes: Shapes) -> None:
+    """Refuse a quantity whose elements could not be marched in the memory that can be had, before they are made.
+
+    Raises
+    ------
+    InputError
+        With the number of elements, what they take, and what there is.
+    """
+    size = math.prod(shapes.extent(dim).size for dim in dims)
+    needed = NUMBERS_OF_ELEMENT * 8.0 * size
+    if size > FEW_ELEMENTS and needed > (room := ROOM * free_memory()):
+        raise InputError(
+            f"has {size} elements along {', '.join(dims)}, which take {size_text(needed)} to march, and"
+            f" {size_text(room)} of memory can be had; take fewer"
+        )
 
 
 def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Shapes:

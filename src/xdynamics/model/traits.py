@@ -37,10 +37,11 @@ def traits_of(model: Model) -> dict[Trait, str]:
         traits[Trait.PYTHON_FORCES] = f"function {', '.join(item.name for item in model.python_forces)}"
     if reactions(model):
         traits[Trait.CONTACTS] = ", ".join(item.owner for item in reactions(model))
-    velocities = {velocity(name) for name in model.coordinates}
-    motion = velocities | set(model.coordinates)
-    states = set(model.states)
-    for label, names_read in _right_hand_side(model):
+    asked, rates = _right_hand_side(model), bool(model.states)
+    # names of elements are many, and made where something reads them
+    coordinates = set(model.coordinates) if asked or rates else set[str]()
+    velocities, states = set(map(velocity, coordinates)), set(model.states)
+    for label, names_read in asked:
         if fault := names_read & velocities:
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
         if fault := names_read & states:
@@ -49,11 +50,11 @@ def traits_of(model: Model) -> dict[Trait, str]:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
-    moved = motion | states
-    for name, state in model.states.items():
+    moved = velocities | coordinates | states
+    for name in model.states:
         if Trait.COUPLED_STATES in traits:  # the first is told; a field has a rate for each of its elements
             break
-        if fault := model.reads(state.rate) & moved:
+        if fault := model.reads(model.states[name].rate) & moved:
             traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_listed(fault)}"
     return traits
 

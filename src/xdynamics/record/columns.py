@@ -121,7 +121,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     entries += dimensions(march.model)
     entries += passed(march)
     names, numbers = numbers_at_end(march.run)
-    if march.settings.partial:  # rows by which a march is judged, and which its record may leave out
+    if not march.settings.keeps_states:  # rows by which a march is judged, and which its record leaves out
         names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses)
         if march.errors.size:
             names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.errors)

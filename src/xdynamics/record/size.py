@@ -10,10 +10,9 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.march import March
+from xdynamics.runtime.free_memory import ROOM, UNITS, free_memory, size_text
 
-UNITS = {"B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 SMALL = 1e6  # bytes of a log that always fit, so that the free memory is not looked up
-ROOM = 0.8  # of the free memory, which one log may take
 
 
 def bytes_of_row(layout: Layout, samples: int) -> int:
@@ -51,37 +50,6 @@ def memory_asked(memory: str | float | None) -> float | None:
     return size
 
 
-def free_memory() -> float:
-    """Return how many bytes of memory this process can have: what the system says is available, or its own limit."""
-    available = float("inf")
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        available = next(1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration, ValueError):  # no Linux: nothing is known
-        pass
-    try:
-        import resource
-
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        used = 4096.0 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        available = min(available, limit - used) if limit != resource.RLIM_INFINITY else available
-    except (ImportError, OSError, ValueError):
-        pass
-    return max(available, 0.0)
-
-
-def size_text(size: float) -> str:
-    """Write a size in words.
-
-    Examples
-    --------
-    >>> size_text(1.5e9), size_text(3.2e15), size_text(12.0)
-    ('1.5 GB', '3.2e+03 TB', '12 B')
-    """
-    unit = next((name for name in reversed(UNITS) if size >= UNITS[name]), "B")
-    return f"{size / UNITS[unit]:.2g} {unit}"
-
-
 def check_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
     """Check before a march that its log will fit; with adaptive steps the number of rows is unknown, and nothing is checked.
 
@@ -98,6 +66,7 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     InputError
         With the number of rows, the room that they take and the room that is available.
     """
+    _check_march(march)
     allowed, rows = memory_asked(memory), march.expected_rows
     if rows is None:
         return
@@ -124,4 +93,22 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
         raise InputError(
             f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
             " step or an earlier end"
+        )
+
+
+def _check_march(march: March) -> None:
+    """Check that a march itself has room: its states with two blocks of its log, then what its method solves."""
+    layout, room = march.layout, ROOM * free_memory()
+    needed = 8.0 * (3 * layout.record.size + 8 * layout.used.size + 6 * layout.row.size)
+    if needed < SMALL:
+        return
+    try:
+        solved = 8.0 * march.law.memory if needed <= room else 0.0
+    except MemoryError:
+        solved = room
+    if needed + solved > room:
+        remedy = "fewer elements, or a method that solves no equations" if solved else "fewer elements"
+        raise InputError(
+            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes over"
+            f" {size_text(max(needed, solved))}, and {size_text(room)} of memory can be had; take {remedy}"
         )

@@ -170,7 +170,8 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     rows = kept.sizes[STEPS] if march.thinning is None else int(kept[STEP_NUMBER.name][-1]) + 1
     if march.thinning:
         march.thinning.stand_behind(kept.sizes[STEPS])
-    if march.settings.partial:
+    recalled = WITNESSES in memory.split() or not march.settings.keeps_states
+    if recalled:
         memory, numbers = _recall_witnesses(march, memory, numbers, rows)
     go_on(march.run, memory, numbers)
     now = march.now
@@ -186,7 +187,7 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         march.misplaced = np.array([entry.name in far for entry in march.layout.watched])
     _recall_passed(kept, march)
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
-    if march.settings.partial:
+    if recalled:
         return
     stride = march.stride(rows)
     columns = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}

@@ -13,7 +13,7 @@ from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.refining.convergence import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.refining.study import Study
-from xdynamics.record.size import ROOM, free_memory, size_text
+from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.units import unit_suffix
 
 Floats = NDArray[np.float64]
