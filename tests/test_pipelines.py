@@ -152,10 +152,7 @@ def test_reports_of_what_cannot_be_reported(tmp_path: Path) -> None:
 
 
 def test_records_drawn_together(tmp_path: Path) -> None:
-    """Assert that only refinements of one thing, or diagnoses, are drawn together."""
-    run = xd.simulate(particle("F"), method="rk4", step=0.1, until=1.0)
-    with pytest.raises(xd.InputError, match="several records are drawn together if all are refinements"):
-        xd.plot({"a": run, "b": run})
+    """Assert that of evidence only refinements of one thing, or diagnoses, are drawn together."""
     by_step, by_tolerance = (
         xd.refine(particle("F*cos(t/second)"), method="dop853", until=1.0, **one)
         for one in ({"steps": [0.2, 0.1]}, {"rtols": [1e-4, 1e-6]})

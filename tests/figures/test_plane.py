@@ -110,7 +110,7 @@ def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
         return [-0.04 * y[0] + 1e4 * y[1] * y[2], 0.04 * y[0] - 1e4 * y[1] * y[2] - 3e7 * y[1] ** 2, 3e7 * y[1] ** 2]
 
     run = xd.solve(reaction, (0, 1e5), [1.0, 0.0, 0.0], "Radau", rtol=1e-6, atol=1e-9)
-    assert {axis.get_xscale() for axis in xd.plot(run).axes if axis.get_visible()} == {"log"}
+    assert {axis.get_xscale() for axis in xd.plot(run, panels="all").axes if axis.get_visible()} == {"log"}
     assert xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))).axes[0].get_xscale() == "linear"
 
 
@@ -132,7 +132,7 @@ def test_panels_and_variables_that_are_chosen(orbit: xr.Dataset) -> None:
     assert xd.plot(orbit, only="a_x").axes[0].get_ylabel() == "a_x (m s⁻²)"
     with pytest.raises(xd.InputError, match="only has 'speed'; there are plane, trajectory"):
         xd.plot(orbit, only=["speed"])
-    with pytest.raises(xd.InputError, match="only and beside are for figures of a run"):
+    with pytest.raises(xd.InputError, match="only, panels and beside are for figures of a run"):
         xd.plot(xd.refine(xd.Model.from_toml(MODELS / "pendulum.toml"), steps=["20 ms", "10 ms"], at=["1 s"]), only="x")
 
 
@@ -143,7 +143,7 @@ def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
     other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
     axes = xd.plot(orbit, only=["x"], beside=[path, other]).axes[0]
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["x", "Kepler ellipse of eccentricity 0.6, by euler_cromer", "measured, bench.csv"]
+    assert labels == ["dop853, rtol 1e-07", "euler_cromer, step 0.02 s", "measured, bench.csv"]
     points = next(line for line in axes.lines if line.get_marker() == "+")
     assert points.get_ydata() == pytest.approx([0.4, -0.629])
     (tmp_path / "other.csv").write_text("time [s],q [m]\n0,1\n")
@@ -241,10 +241,22 @@ def test_units_in_print(units: str, shown: str) -> None:
 def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
     """Assert that other orbits stand in the plane and beside the energy, by name."""
     other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")
-    for axes in xd.plot(orbit, only=["plane", "energy"], beside=other).axes:
-        assert [text.get_text() for text in axes.get_legend().get_texts()] == [
-            "Kepler ellipse of eccentricity 0.6, by euler_cromer"
-        ]
+    named = ["dop853, rtol 1e-07", "euler_cromer, step 0.02 s"]
+    for axes in xd.plot([orbit, other]).axes:
+        labels = [text.get_text() for text in axes.get_legend().get_texts()]
+        count = 2 if axes.get_title(loc="left").startswith(("trajectory", "velocity", "phase")) else 1
+        assert labels[:: count or 1] if count == 1 else len(labels) == 4
+        assert (labels if count == 1 else [label.split(", ", 1)[1] for label in labels[::2]]) == named
+    given = xd.plot({"exact": orbit, "first order": other}, only=["plane", "energy", "phase", "steps"])
+    assert [axes.get_legend().get_texts()[0].get_text() for axes in given.axes] == [
+        "exact",
+        "x, exact",
+        "exact",
+        "exact",
+    ]
+    for wrong, said in (([], "got no record"), ([1], "got int, needs Datasets")):
+        with pytest.raises(xd.InputError, match=said):
+            xd.plot(wrong)
     with pytest.raises(xd.InputError, match="the run has no plane to be seen in; name it"):
         xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s"), only="plane")
 
@@ -252,7 +264,7 @@ def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
 def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
     """Assert that panels which would lie on one another are refused with the remedy, and one alone fits."""
     with pytest.raises(
-        xd.InputError, match="size 4x3 leaves 2 by 0.75 inches for each of 7 panels, needs 2.4 by 1.6; draw fewer"
+        xd.InputError, match="size 4x3 leaves 2 by 1.5 inches for each of 4 panels, needs 2.4 by 1.6; draw fewer"
     ):
         xd.plot(orbit, size=(4, 3))
     assert tuple(xd.plot(orbit, only="plane", size=(4, 3)).get_size_inches()) == (4.0, 3.0)

@@ -52,6 +52,12 @@ def _opened(name: str) -> xr.Dataset:
 )
 @click.option("--only", metavar="NAMES", help="Draw only these panels or variables, like 'plane,energy,x'.")
 @click.option(
+    "--panels",
+    type=click.Choice(["few", "all"]),
+    default="few",
+    help="Of a run: the four that one looks at first (few), or all, with steps, errors, and how events were located.",
+)
+@click.option(
     "--with",
     "beside",
     multiple=True,
@@ -62,14 +68,22 @@ def _opened(name: str) -> xr.Dataset:
 @click.option("--dpi", type=int, default=130, help="Dots per inch of a PNG (130).")
 @click.option("--dark", is_flag=True, help="Draw on a dark background.")
 def plot(
-    archive: str, output: str | None, only: str | None, beside: tuple[str, ...], size: str | None, dpi: int, dark: bool
+    archive: str,
+    output: str | None,
+    only: str | None,
+    panels: str,
+    beside: tuple[str, ...],
+    size: str | None,
+    dpi: int,
+    dark: bool,
 ) -> None:
-    """Draw a run: the plane, trajectory, velocity, contacts, drives, energy, steps; of a sweep's folder maps of its members."""
+    """Draw a run: its motion, energy, contacts and drives, with the events; of a sweep's folder maps of its members."""
     from xdynamics.figures import plot as draw
 
     names = None if only is None else [name.strip() for name in only.split(",")]
     output = output or _beside(archive, ".png")
-    draw(_opened(archive), output, only=names, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
+    given = _opened(archive)
+    draw(given, output, only=names, panels=panels, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
 
 

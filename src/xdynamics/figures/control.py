@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.lines import over_the_run
 from xdynamics.figures.marks import COLOURS, timed, words
@@ -18,11 +19,12 @@ if TYPE_CHECKING:
 PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_uncertainty": "uncertainty"}
 
 
-def steps(run: xr.Dataset, axes: Axes) -> None:
+def steps(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """Draw the steps on a logarithmic scale; an event's second row has none."""
     size, time = run["step_size"].values, run["time"].values
     rows = _positive(size)
-    axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label="accepted")
+    axes.plot(time[rows], size[rows], ".", color=COLOURS[5], markersize=2.5, label=words(beside.own or "accepted"))
+    _beside(beside, "step_size", axes)
     attributes = run["trial_reason"].attrs
     reasons = np.array(attributes["flag_meanings"].split()) if attributes["role"] == "flag" else np.zeros(0, "U")
     failed = np.atleast_1d(attributes["flag_values"])[reasons == "error_test"] if reasons.size else reasons
@@ -38,6 +40,7 @@ def steps(run: xr.Dataset, axes: Axes) -> None:
             markeredgewidth=0.8,
             label="rejected by the error test",
         )
+    if len(rejected) or beside.own:
         axes.legend(fontsize=8, frameon=False)
     if len(rows):
         axes.set_yscale("log")
@@ -46,17 +49,30 @@ def steps(run: xr.Dataset, axes: Axes) -> None:
     axes.set_title("step used to reach each state", loc="left", fontsize=10)
 
 
-def errors(run: xr.Dataset, axes: Axes) -> None:
+def errors(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
     """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
     norm, time = run["error_norm"].values, run["time"].values
     rows = _positive(norm)
-    axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5)
+    axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5, label=words(beside.own))
+    if _beside(beside, "error_norm", axes):
+        axes.legend(fontsize=8, frameon=False)
     axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
     if len(rows):
         axes.set_yscale("log")
     axes.set(xlabel=timed(run["time"]), ylabel="scaled local error (1)")
     over_the_run(run, axes)
     axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
+
+
+def _beside(beside: Beside, name: str, axes: Axes) -> bool:
+    """Draw the positive values of other runs; return whether there are any."""
+    found = [(label, record) for label, record in beside.records if name in record]
+    for k, (label, record) in enumerate(found):
+        values = record[name].values
+        rows = _positive(values)
+        colour = COLOURS[(k + 3) % len(COLOURS)]
+        axes.plot(record["time"].values[rows], values[rows], ".", color=colour, markersize=2.5, label=words(label))
+    return bool(found)
 
 
 def _positive(values: NDArray[np.float64]) -> NDArray[np.int64]:

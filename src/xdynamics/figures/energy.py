@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes
-from xdynamics.figures.lines import DASHES, Beside, over_the_run, straight
+from xdynamics.figures.lines import DASHES, over_the_run, straight
 from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
 from xdynamics.schema import ENERGIES
 
@@ -27,10 +28,14 @@ def is_exchanged(run: xr.Dataset) -> bool:
 
 
 def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
-    """Draw kinetic, potential and total energy if energy is exchanged, otherwise how the total departs from its start."""
+    """Draw kinetic, potential and total energy if energy is exchanged, otherwise how the total departs from its start.
+
+    Of several runs the total is drawn alone.
+    """
     units, energy = run["total_energy"].attrs["units"], run["total_energy"].values
+    others = [other for other in beside.others if "total_energy" in other.columns]
     axes.set_xlabel(timed(run["time"]))
-    if is_exchanged(run):
+    if is_exchanged(run) and not others:
         names = [name for name in ENERGIES if name in run]
         for colour, name in zip(COLOURS, names, strict=False):
             times, (values,) = drawn(run, name)
@@ -40,23 +45,20 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
         axes.legend(fontsize=8, frameon=False)
         shade_regimes(run, axes)
         return
+    less = not is_exchanged(run)
     times, (values,) = drawn(run, "total_energy", exact=True)
-    axes.plot(times, values - energy[0], color=COLOURS[1], linewidth=1.0)
-    for k, (label, columns) in enumerate(beside):
-        if "total_energy" in columns:
-            times, values, _ = columns["total_energy"]
-            axes.plot(
-                times,
-                values - values[0],
-                DASHES[k % len(DASHES)],
-                color=COLOURS[(k + 2) % len(COLOURS)],
-                linewidth=1.0,
-                label=words(label),
-            )
-            axes.legend(fontsize=8, frameon=False)
-    axes.set(ylabel=words(f"E - E(0) ({units})"))
+    label = words(beside.own) if others else None
+    axes.plot(times, values - less * energy[0], color=COLOURS[0 if others else 1], linewidth=1.0, label=label)
+    for k, other in enumerate(others):
+        times, values, _ = other.columns["total_energy"]
+        colour, dashes = COLOURS[(k + 1) % len(COLOURS)], DASHES[k % len(DASHES)]
+        axes.plot(times, values - less * values[0], dashes, color=colour, linewidth=1.2, label=words(other.label))
+    if others:
+        axes.legend(fontsize=8, frameon=False)
+    axes.set(ylabel=words(f"{'E - E(0)' if less else 'E'} ({units})"))
     note = straight(run, "total_energy", exact=True)
-    axes.set_title(words(f"total energy less its start, {float(energy[0]):.6g} {units}{note}"), loc="left", fontsize=10)
+    start = f" less its start, {float(energy[0]):.6g} {units}" if less else ""
+    axes.set_title(words(f"total energy{start}{note}"), loc="left", fontsize=10)
     over_the_run(run, axes)
 
 

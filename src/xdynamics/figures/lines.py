@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, has_chords, moments
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
 from xdynamics.model import Model
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
-# what is drawn beside a run: of each its label, and by variable times, values in the run's unit, and uncertainties
-Beside = Sequence[tuple[str, Mapping[str, tuple[Floats, Floats, Floats | None]]]]
 
 FEW_ROWS = 400  # up to which every accepted state is a dot
 LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 MOST_DOTS = 20_000  # of a section
+TRANSIENT = 5  # one in so many periods of a section is its transient
+FEWEST_PERIODS = 50  # of a section whose first ones are left out
 MOST_LINES = 6  # in one panel; more are a map
 COLUMNS = 800  # of a map
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
@@ -54,15 +54,16 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
             values, line = wrapped(values, units), torn(line, units)
         if run.sizes[STEPS] < FEW_ROWS:
             axes.plot(time, values, ".", color=colour, markersize=4)
-        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(name))
-    overlaid = _overlay(names, beside, axes)
+        label = words(beside.own_label(name, len(names)))
+        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=label)
+    overlaid = _overlay(run, names, beside, axes)
     label = _joined(names) if what != CONTACTS else "force"
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
-    mark_events(run, names, axes)
+    marked = mark_events(run, names, axes)
     over_the_run(run, axes)
-    _legend(axes, names, beside=overlaid)
+    _legend(axes, names, beside=overlaid or marked)
 
 
 def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
@@ -70,16 +71,18 @@ def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
     return "; straight between rows" if has_chords(run, *names, exact=exact) else ""
 
 
-def _overlay(names: list[str], beside: Beside, axes: Axes) -> bool:
+def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> bool:
     """Draw the same variables of other runs and measurements."""
-    overlaid = False
-    for k, (label, columns) in enumerate(beside):
+    overlaid, around = False, wraps(run)
+    for k, other in enumerate(beside.others):
         for i, name in enumerate(names):
-            if name not in columns:
+            if name not in other.columns:
                 continue
             colour = COLOURS[(i + (k + 1) * len(names)) % len(COLOURS)]
-            times, values, doubts = columns[name]
-            text = words(f"{name}, {label}" if len(names) > 1 else label)
+            times, values, doubts = other.columns[name]
+            text = words(f"{name}, {other.label}" if len(names) > 1 else other.label)
+            if name in around:
+                values = (torn if doubts is None else wrapped)(values, str(run[name].attrs["units"]))
             if doubts is None:
                 axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=text)
             else:
@@ -115,28 +118,37 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     axes.set_title(f"{what}, {len(names)} of them{straight(run, *names)}", loc="left", fontsize=10)
 
 
-def driven(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Draw the values of measured tables along the run."""
-    model = model_of(run, None)
-    time = run["time"].values
-    tables = dict(zip(model.drives, tables_of(model), strict=True))
-    for colour, name in zip(cycled(names), names, strict=True):
-        drive = model.drives[name]
-        of_time = drive.argument == "t"
-        if of_time:  # its own points too, which no step may have met
-            points = tables[name][0][(tables[name][0] > time[0]) & (tables[name][0] < time[-1])]
-            at = argument = np.union1d(moments(run), points)
-        else:
-            at, (argument,) = drawn(run, drive.argument)
-            argument = argument * float(model.units[drive.argument].factor)
-        values = looked_up(tables[name], argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
-        axes.plot(at, values, color=colour, linewidth=1.1, label=words(f"{name}({drive.argument})"))
-    axes.set(
-        xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({model.drives[names[0]].table.value_unit.text})")
-    )
+def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
+    """Draw the values of measured tables along the run, and along others."""
+    drives = model_of(run, None).drives
+    for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
+        for i, name in enumerate(names):
+            if (found := _along(record, name)) is None:
+                continue
+            colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
+            text = ", ".join(filter(None, (f"{name}({drives[name].argument})", label)))
+            axes.plot(*found, dashes, color=colour, linewidth=1.1, label=words(text))
+    axes.set(xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
     over_the_run(run, axes)
-    _legend(axes, names)
+    _legend(axes, names, beside=bool(beside.own))
+
+
+def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
+    """Return times and values of a measured table along a run; None if its model has no such table."""
+    if "model_toml" not in run or name not in (model := model_of(run, None)).drives:
+        return None
+    drive, time = model.drives[name], run["time"].values
+    table = dict(zip(model.drives, tables_of(model), strict=True))[name]
+    of_time = drive.argument == "t"
+    if of_time:  # its own points too, which no step may have met
+        points = table[0][(table[0] > time[0]) & (table[0] < time[-1])]
+        at = argument = np.union1d(moments(run), points)
+    else:
+        at, (argument,) = drawn(run, drive.argument)
+        argument = argument * float(model.units[drive.argument].factor)
+    values: Floats = looked_up(table, argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
+    return at, values
 
 
 def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
@@ -145,19 +157,23 @@ def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
     return [name for name in names if name in run and is_whole(run.attrs) and run[name].values.any()]
 
 
-def impact_needles(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+def impact_needles(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
     """Draw the impulses of impacts as needles at their times."""
-    time = run["event_time"].values
-    for colour, name in zip(cycled(names), names, strict=True):
-        values = run[name].values
-        shown = values != 0.0
-        axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
-        axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(name.removeprefix("event_")))
+    for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
+        for i, name in enumerate(names):
+            if name not in record or "event_time" not in record:
+                continue
+            colour = COLOURS[(i + k * len(names)) % len(COLOURS)]
+            time, values = record["event_time"].values, record[name].values
+            shown = values != 0.0
+            text = label if label and len(names) == 1 else ", ".join(filter(None, (name.removeprefix("event_"), label)))
+            axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
+            axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(text))
     axes.axhline(0.0, color="#777777", linewidth=0.8)
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
     axes.set_title("impulses of impacts", loc="left", fontsize=10)
     over_the_run(run, axes)
-    _legend(axes, names)
+    _legend(axes, names, beside=bool(beside.own))
 
 
 def turn(units: str) -> float:
@@ -184,23 +200,37 @@ def wraps(run: xr.Dataset) -> tuple[str, ...]:
     return model_of(run, None).pictured.wrap if "model_toml" in run else ()
 
 
-def section(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Draw the Poincaré section: velocities against positions, once per period."""
+def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
+    """Draw the Poincaré section: velocities against positions, once per period, without those of the transient."""
     model = model_of(run, None)
-    time = run["time"].values
-    states = sample(run, strobes(model, float(time[0]), float(time[-1])), functions=model.functions)
-    for colour, name in zip(cycled(names), names, strict=True):
-        units = str(run[name].attrs["units"])
-        position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
-        axes.plot(position, states[velocity(name)].values, ".", color=colour, markersize=2.5, label=words(name))
+    times = settled(strobes(model, float(run["time"][0]), float(run["time"][-1])))
+    for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
+        if "model_toml" not in record or not {*names} <= {*record.variables}:
+            continue
+        its_model, time = model_of(record, None), record["time"].values
+        its_times = settled(strobes(its_model, float(time[0]), float(time[-1])))
+        states = sample(record, its_times, functions=its_model.functions)
+        for i, name in enumerate(names):
+            units = str(run[name].attrs["units"])
+            position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
+            text = label if label and len(names) == 1 else ", ".join(filter(None, (name, label)))
+            colour = COLOURS[(i + k * len(names)) % len(COLOURS)]
+            speeds = states[velocity(name)].values
+            axes.plot(position, speeds, ".", color=colour, markersize=2.5, label=words(text))
+    speed_names = [velocity(coordinate) for coordinate in names]
     axes.set(
         xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"),
-        ylabel=words(
-            f"{_joined([velocity(coordinate) for coordinate in names])} ({run[velocity(names[0])].attrs['units']})"
-        ),
+        ylabel=words(f"{_joined(speed_names)} ({run[speed_names[0]].attrs['units']})"),
     )
-    axes.set_title(f"Poincare section, {states.sizes['at']} periods of {_period(model):.6g}", loc="left", fontsize=10)
-    _legend(axes, names)
+    count = strobes(model, float(run["time"][0]), float(run["time"][-1])).size
+    left_out = f" after {count - times.size}" if count > times.size else ""
+    axes.set_title(f"Poincare section, {times.size} periods of {_period(model):.6g}{left_out}", loc="left", fontsize=10)
+    _legend(axes, names, beside=bool(beside.own))
+
+
+def settled(times: Floats) -> Floats:
+    """Leave out the first fifth of the periods of a section, in which a motion settles; all of few are kept."""
+    return times[times.size // TRANSIENT :] if times.size >= FEWEST_PERIODS else times
 
 
 def strobes(model: Model, start: float, end: float) -> Floats:
@@ -214,17 +244,22 @@ def _period(model: Model) -> float:
     return float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
 
 
-def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
+def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
     """Draw velocities against positions."""
     around = wraps(run)
-    for colour, name in zip(cycled(names), names, strict=True):
-        _, (line, speeds) = drawn(run, name, velocity(name))
-        start = line[:1]
-        if name in around:
-            units = str(run[name].attrs["units"])
-            start, line = wrapped(start, units), torn(line, units)
-        axes.plot(line, speeds, color=colour, linewidth=1.0, label=words(name))
-        axes.plot(start, speeds[:1], "o", color=colour, markersize=4)
+    for i, name in enumerate(names):
+        _, lines = drawn(run, name, velocity(name))
+        found = [(beside.own_label(name, len(names)), lines)]
+        for other in beside.others:
+            label = f"{name}, {other.label}" if len(names) > 1 else other.label
+            found += [(label, pair)] if (pair := other.together(name, velocity(name))) is not None else []
+        for k, (label, (line, speeds)) in enumerate(found):
+            start, units = line[:1], str(run[name].attrs["units"])
+            if name in around:
+                start, line = wrapped(start, units), torn(line, units)  # noqa: PLW2901
+            colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
+            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label))
+            axes.plot(start, speeds[:1], "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(
         xlabel=words(f"{_joined(names)} ({units})"),
@@ -232,7 +267,7 @@ def phase(run: xr.Dataset, names: list[str], axes: Axes) -> None:
     )
     note = straight(run, *names, *(velocity(name) for name in names))
     axes.set_title(f"phase portrait (dot: start){note}", loc="left", fontsize=10)
-    _legend(axes, names)
+    _legend(axes, names, beside=bool(beside.own))
 
 
 def cycled(names: list[str]) -> list[str]:

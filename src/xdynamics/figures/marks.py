@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -10,21 +11,22 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.faults import escaped
+from xdynamics.figures.placing import EVENT
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.kinds import is_whole
 from xdynamics.schema import contact_force, friction_force
-from xdynamics.shapes import spoken
+from xdynamics.shapes import parted, spoken
 from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_LABELLED = 12
+MOST_NAMED = 6  # kinds of events at their marks
+MOST_MARKED = 40  # events in a panel, from where on a legend names them
+MOST_IN_LEGEND = 8  # kinds of events
+MOST_BORDERS = 12  # of regimes that are named
 MOST_BANDS = 400  # of regimes; what changes more often is not distinguished
 SHORTEST_NAMED = 0.08  # of the span, for a regime to be named in its band
-CROWDED = 0.2  # of the span: names nearer than this to the one before stand above it, or below it near the top
-RIGHT = 0.85  # of the span, from where on they stand to the left
-TOP = 0.75  # of a panel, from where on names stand below
 MARKERS = {
     "impact": "v",
     "rest": "s",
@@ -88,7 +90,7 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
         place = flags.index(int(regime[first]))
         end = time[min(last, len(time) - 1)]
         axes.axvspan(time[first], end, color=COLOURS[place % len(COLOURS)], alpha=0.07, linewidth=0)
-        if len(edges) <= MOST_LABELLED and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
+        if len(edges) <= MOST_BORDERS and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
             axes.annotate(
                 words(names[place]),
                 ((time[first] + end) / 2, 1.0),
@@ -101,58 +103,70 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
             )
 
 
-def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> None:
-    """Mark every event on the line that it concerns, with a marker for each kind, and name its first occurrence."""
-    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
-        return  # of a selection, the rows that events name are those of the run
-    if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
-        return
+def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
+    """Mark every event on the line that it concerns; at the first of each kind stand its name and how many there are.
+
+    Returns
+    -------
+    bool
+        Whether there are so many that a legend names them.
+    """
+    if not _has_rows_of_events(run):
+        return False
     rows, times = run["event_row_before"].values, run["time"].values
-    if not np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values):
-        return  # rows were left out since
     detectors, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
-    happened = [name if kind in PLAIN else f"{name} {kind}" for name, kind in zip(detectors, kinds, strict=True)]
+    pairs = [*zip(detectors, kinds, strict=True)]
+    if len({*pairs}) > MOST_NAMED:  # elements of one event together
+        pairs = [(parted(name)[0], kind) for name, kind in pairs]
+    happened = [name if kind in PLAIN else f"{name} {kind}" for name, kind in pairs]
+    lines = {name: run[_line_of_event(run, name, names)].values for name in {*detectors}}
+    heights = np.array([lines[name][row] for name, row in zip(detectors, rows, strict=True)])
+    counts, is_many = Counter(happened), len(happened) > MOST_MARKED
     labels: dict[
         int, list[str]
-    ] = {}  # by the row at which something happens first: what happens at once is named at once
-    for n, what in enumerate(dict.fromkeys(happened)):
+    ] = {}  # by the event that is the first of its kind, or by what happened at once before it
+    for n, (what, count) in enumerate(counts.items()):
         chosen = np.array([name == what for name in happened])
         first = int(np.flatnonzero(chosen)[0])
-        line = run[_line_of_event(run, detectors[first], names)].values
         marker = MARKERS.get(kinds[first], "ovsD^P*X"[n % 8])
-        axes.plot(
-            times[rows[chosen]],
-            line[rows[chosen]],
-            marker,
-            color=INK(),
-            markersize=4.5,
-            markerfacecolor="none",
-            zorder=3,
+        (marks,) = axes.plot(times[rows[chosen]], heights[chosen], marker, color=INK(), markersize=4.5, zorder=3)
+        marks.set_markerfacecolor("none")
+        if is_many:
+            marks.set_label(words(counted(what, count)) if n < MOST_IN_LEGEND else "")
+            continue
+        place = next(
+            (event for event in labels if (rows[event], heights[event]) == (rows[first], heights[first])), first
         )
-        if n < MOST_LABELLED:
-            labels.setdefault(int(rows[first]), []).append(what)
-    _name(run, labels, names, axes)
-
-
-def _name(run: xr.Dataset, labels: dict[int, list[str]], names: list[str], axes: Axes) -> None:
-    """Write names beside markers, above one another where they would lie on one another."""
-    time = run["time"].values
-    span, before, level = float(time[-1] - time[0]), -np.inf, 0
-    for row, texts in sorted(labels.items()):
-        level = level + 1 if time[row] - before < CROWDED * span else 0
-        before = time[row]
-        value = float(run[_line_of_event(run, texts[0].split()[0], names)][row])
-        low, high = axes.get_ylim()
-        shift = -13 - 9 * level if value > low + TOP * (high - low) else 5 + 9 * level
-        last = span > 0.0 and time[row] - time[0] > RIGHT * span  # or the name would leave the frame
+        if n <= MOST_NAMED:
+            more = f"and {len(counts) - n} more kinds"
+            labels.setdefault(place, []).append(counted(what, count) if n < MOST_NAMED else more)
+    for event, texts in labels.items():
+        text = words(", ".join(texts))
         axes.annotate(
-            words(", ".join(texts)),
-            (time[row], value),
-            textcoords="offset points",
-            fontsize=7.5,
-            xytext=(-6 if last else 5, shift),
-            ha="right" if last else "left",
+            text, (times[rows[event]], heights[event]), (5, 5), textcoords="offset points", fontsize=7.5, gid=EVENT
         )
+    return is_many
+
+
+def _has_rows_of_events(run: xr.Dataset) -> bool:
+    """Whether events and their rows are there: of a selection, the rows that events name are those of the run."""
+    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+        return False
+    if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
+        return False
+    rows, times = run["event_row_before"].values, run["time"].values
+    return np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values)  # else rows were left out
+
+
+def counted(what: str, count: int) -> str:
+    """Name what happens once, and count what happens more often.
+
+    Examples
+    --------
+    >>> counted("floor impact", 23)
+    'floor impact ×23'
+    """
+    return what if count == 1 else f"{what} ×{count}"
 
 
 def _line_of_event(run: xr.Dataset, detector: str, names: list[str]) -> str:

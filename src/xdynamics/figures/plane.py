@@ -15,9 +15,10 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
+from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import between, thinned
-from xdynamics.figures.lines import DASHES, MOST_NAMED, Beside, straight
-from xdynamics.figures.marks import COLOURS, INK, words
+from xdynamics.figures.lines import DASHES, MOST_NAMED, straight
+from xdynamics.figures.marks import COLOURS, INK, counted, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.record.flag_words import words_of
@@ -133,6 +134,7 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         colour = COLOURS[k % len(COLOURS)]
         rows = np.union1d(thinned(body.x, times=body.times), thinned(body.y, times=body.times))
         label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
+        label = words(beside.own) if beside.own and not body.body and k == 0 else label
         axes.plot(body.x[rows], body.y[rows], "-", color=colour, linewidth=1.1, label=label)
         axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
@@ -152,17 +154,19 @@ def left_out(view: list[BodyPath]) -> str:
 
 
 def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
-    """Draw where other runs have the same coordinates."""
-    for k, (label, columns) in enumerate(beside):
-        for body in view:
-            if body.across in columns and body.up in columns:
-                (times, x, doubts), (others, y, _) = columns[body.across], columns[body.up]
-                here = (
-                    (np.interp(times, others, y), "+")
-                    if doubts is not None
-                    else (np.interp(times, others, y), DASHES[k % len(DASHES)])
-                )
-                axes.plot(x, *here, color=COLOURS[(k + 1) % len(COLOURS)], linewidth=1.2, alpha=0.8, label=words(label))
+    """Draw where other runs have the same bodies, and measurements of their coordinates."""
+    for k, other in enumerate(beside.others, 1):
+        if other.record is None:
+            found = [other.together(body.across, body.up) for body in view]
+        else:
+            first = view[0]
+            ways = [each for each in views(other.record) if (each[0].across, each[0].up) == (first.across, first.up)]
+            found = [[path.x, path.y] for path in ways[0][: len(view)]] if ways else []
+        style = "+" if other.record is None else DASHES[(k - 1) % len(DASHES)]
+        for j, pair in enumerate(line for line in found if line is not None):
+            colour = COLOURS[(k + j) % len(COLOURS)]
+            label = words(other.label) if j == 0 else None
+            axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8, label=label)
 
 
 def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
@@ -173,6 +177,7 @@ def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     names = np.array([parted(name)[0] for name in words_of(run["event_detector"])])
     for k, name in enumerate(dict.fromkeys(names)):
         times = run["event_time"].values[names == name]
+        label = words(counted(name, len(times)))
         times = times[:: max(1, len(times) // MOST_MARKS)]
         for body in view:
             inside = times[(times >= body.times[0]) & (times <= body.times[-1])]
@@ -184,7 +189,7 @@ def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
                 markersize=3.5,
                 markerfacecolor="none",
                 markeredgewidth=0.7,
-                label=words(name) if body is view[0] else None,
+                label=label if body is view[0] else None,
             )
     _legend(view, axes)
 

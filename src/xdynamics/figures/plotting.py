@@ -12,6 +12,8 @@ from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overla
 from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.record import of_elements
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.unfolding import unfold
 from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
@@ -27,21 +29,22 @@ PAGES = {
 
 @of_elements
 def plot(
-    record: xr.Dataset | Mapping[str, xr.Dataset],
+    record: xr.Dataset | Sequence[xr.Dataset] | Mapping[str, xr.Dataset],
     path: Given | None = None,
     *,
     only: str | Sequence[str] | None = None,
     beside: Any = (),
+    panels: str = run.FEW,
     size: tuple[float, float] | None = None,
     dpi: int = DPI,
     dark: bool = False,
 ) -> Figure:
-    """Draw a run (every coordinate, velocity, force, energy and step) or the findings of evidence.
+    """Draw a run (its motion, energy, what drives or touches, with the events) or the findings of evidence.
 
     Parameters
     ----------
-    record : xarray.Dataset, or mapping of str to xarray.Dataset
-        A run record, or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
+    record : xarray.Dataset, sequence of these, or mapping of str to these
+        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
         refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
         the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
         stretch are kept, and what is at events.
@@ -52,6 +55,8 @@ def plot(
         variables that are drawn alone; forces, accelerations and observables are drawn where they are named.
     beside : Dataset, path or sequence of these, optional
         Of a run: other runs and measured data, drawn over the same variables.
+    panels : {"few", "all"}
+        Of a run: the four at most that one looks at first, or all, with those of steps, errors, and how events were located.
     size : pair of float, inches, optional
     dpi : int
         Dots per inch, for PNG.
@@ -66,30 +71,54 @@ def plot(
     if path is not None:
         check_path(placed(path))
     wanted = [only] if isinstance(only, str) else only
-    record = _computed(record, wanted)
-    if hasattr(record, "attrs"):
-        kind = str(record.attrs.get(EVIDENCE, ""))
-        if kind and kind not in PAGES:
-            raise InputError(f"a {kind} has no figure; `xdynamics show` prints what it found")
-        page, title = PAGES.get(kind, run.PAGE), str(record.attrs.get("title", "run"))
-    else:
-        page, title = overlay.PAGE, f"{', '.join(record)}, side by side"
     others = (
         [beside] if isinstance(beside, GIVEN) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]
     )
-    if page is not run.PAGE and (only is not None or others):
-        raise InputError("only and beside are for figures of a run")
+    given, others, names = _first_of(record, others)
+    given, *others = [unfold(each) if model_dimensions(each) else each for each in (given, *others)]
+    given = _computed(given, wanted)
+    if hasattr(given, "attrs"):
+        kind = str(given.attrs.get(EVIDENCE, ""))
+        if kind and kind not in PAGES:
+            raise InputError(f"a {kind} has no figure; `xdynamics show` prints what it found")
+        page, title = PAGES.get(kind, run.PAGE), str(given.attrs.get("title", "run"))
+        if page is run.PAGE and others:
+            title = title.removesuffix(f", by {given.attrs.get('solver_method')}")
+    else:
+        page, title = overlay.PAGE, f"{', '.join(given)}, side by side"
+    if page is not run.PAGE and (only is not None or others or panels != run.FEW):
+        raise InputError("only, panels and beside are for figures of a run")
+    if panels not in run.AMOUNTS:
+        raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
     _check(size, dpi)
-    options: dict[str, Any] = {"only": wanted, "beside": others} if page is run.PAGE else {}
-    panels, foot = page.panels_of(record, **options), page.foot_of(record)
-    if len(panels) > page.most_panels:
-        foot = f"the first {page.most_panels} of {len(panels)} panels; {foot}"
-        panels = panels[: page.most_panels]
+    options = {"only": wanted, "beside": others, "amount": panels, "names": names} if page is run.PAGE else {}
+    drawn, foot = page.panels_of(given, **options), page.foot_of(given)
+    if len(drawn) > page.most_panels:
+        foot = f"the first {page.most_panels} of {len(drawn)} panels; {foot}"
+        drawn = drawn[: page.most_panels]
     with lit(dark=dark):
-        figure = sheet(panels, title, foot, page.height_of(len(panels)), size)
+        figure = sheet(drawn, title, foot, page.height_of(len(drawn)), size)
         if path is not None:
             write(figure, placed(path), dpi)
     return figure
+
+
+def _first_of(record: Any, beside: list[Any]) -> tuple[Any, list[Any], list[str]]:
+    """Part several runs into the first one and those beside it, with the names that they were given."""
+    if hasattr(record, "attrs") or not isinstance(record, Sequence | Mapping) or isinstance(record, str):
+        return record, beside, []
+    names = [str(name) for name in record] if isinstance(record, Mapping) else []
+    several = [*record.values()] if isinstance(record, Mapping) else [*record]
+    if not several:
+        raise InputError("plot got no record, needs one at least")
+    if any(not hasattr(each, "attrs") for each in several):
+        raise InputError(f"plot got {', '.join(type(each).__name__ for each in several)}, needs Datasets")
+    if any(each.attrs.get(EVIDENCE) for each in several):
+        kinds = dict.fromkeys(str(each.attrs.get(EVIDENCE, "run")) for each in several)
+        if not names:
+            raise InputError(f"several of {', '.join(kinds)} are drawn together by names, {{'name': record, …}}")
+        return record, beside, []
+    return several[0], [*several[1:], *beside], names if len(several) > 1 and not beside else []
 
 
 def _computed(record: Any, wanted: Sequence[str] | None) -> Any:

@@ -11,6 +11,7 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
 from xdynamics.figures import control, energy, lattice, lines, plane
+from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.record import check
@@ -36,10 +37,21 @@ KINDS = (
     "events",
 )
 
+# kinds in the order in which they are chosen for a sheet of few panels: what a person came for
+FIRST = ("plane", "trajectory", "section", "energy", "contact", "drive", "state", "velocity", "profile", "phase")
+FEW, ALL = AMOUNTS = ("few", "all")  # of panels
+MOST = 4  # panels, where few are drawn
+
 Keyed = tuple[str, list[str], Panel]  # what kind of panel, which variables, how it is drawn
 
 
-def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequence[Any] = ()) -> list[Panel]:
+def panels_of(
+    run: xr.Dataset,
+    only: Sequence[str] | None = None,
+    beside: Sequence[Any] = (),
+    amount: str = ALL,
+    names: Sequence[str] = (),
+) -> list[Panel]:
     """Return the panels of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
 
     Between rows that are far apart lines go through states of the run's own method, recomputed from the record, and
@@ -53,6 +65,10 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
         Kinds of panels, or names of variables, to be drawn alone.
     beside : sequence of Dataset or path, optional
         Other runs and measurements, drawn over the same variables.
+    amount : {"few", "all"}
+        Of panels; few are four at most.
+    names : sequence of str
+        Of the run and of each that is beside it; by default what differs.
 
     Raises
     ------
@@ -66,10 +82,9 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     wanted = None if only is None else [*only]
     if wanted is not None:
         _check_wanted(run, wanted)
-    overlays = [beside_of(run, source, wanted) for source in beside]
-    panels = [
-        panel for kind, names, panel in _panels(run, overlays, wanted) if wanted is None or {kind, *names} & {*wanted}
-    ]
+    overlays = beside_of(run, beside, wanted, names)
+    keyed = [each for each in _panels(run, overlays, wanted) if wanted is None or {each[0], *each[1]} & {*wanted}]
+    panels = [panel for _, _, panel in (_chosen(keyed) if wanted is None and amount == FEW else keyed)]
     if not panels and wanted == ["plane"]:
         raise InputError(
             'the run has no plane to be seen in; name it in the model: [figure] plane = ["l*sin(theta)",'
@@ -85,8 +100,21 @@ def panels_of(run: xr.Dataset, only: Sequence[str] | None = None, beside: Sequen
     return panels
 
 
+def _chosen(panels: list[Keyed]) -> list[Keyed]:
+    """Return what a person came for, in reading order: the first panel of each kind, then the second ones."""
+    seen: dict[str, int] = {}
+    ranks = []
+    has_plane = any(kind == "plane" for kind, _, _ in panels)
+    for place, (kind, names, _) in enumerate(panels):
+        is_map = has_plane and len(names) > lines.MOST_LINES  # bodies are seen better in the plane, from each side
+        seen[kind] = seen.get(kind, 0) + 1
+        if kind in FIRST:
+            ranks.append((is_map, seen[kind], FIRST.index(kind), place))
+    return [panels[place] for place in sorted(place for *_, place in sorted(ranks)[:MOST])] or panels
+
+
 def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
-    drawable = {name for _, names, _ in _panels(run, []) for name in names} | {*_others(run)}
+    drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
     if unknown := [word for word in wanted if word not in (*KINDS, *drawable)]:
         raise InputError(f"only has '{unknown[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(drawable))}")
 
@@ -98,7 +126,7 @@ def foot_of(run: xr.Dataset) -> str:
     return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}{kept}"
 
 
-def _panels(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:
+def _panels(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
     for view in plane.views(run):
         yield "plane", [], partial(plane.draw, run, view, beside)
@@ -107,7 +135,7 @@ def _panels(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None 
     yield from _of_march(run, beside)
 
 
-def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
+def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
     """Yield coordinates, velocities, first-order states, and variables asked for by name."""
     coordinates = _with_role(run, "coordinate")
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
@@ -121,31 +149,31 @@ def _of_motion(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | No
         yield "profile", names, panel
 
 
-def _of_forces(run: xr.Dataset, beside: lines.Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
+def _of_forces(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
     """Yield forces and impulses of contacts, drives, and velocities against positions."""
     coordinates = _with_role(run, "coordinate")
     pressed = [name for name in _with_role(run, "reaction") if run[name].values.any()]
     for names in _by_unit(run, _wanted_names("contact", pressed, wanted)):
         yield "contact", names, partial(lines.against_time, run, names, lines.CONTACTS, beside)
     for names in _by_unit(run, lines.impulses(run, coordinates)):
-        yield "contact", [], partial(lines.impact_needles, run, names)
+        yield "contact", [], partial(lines.impact_needles, run, names, beside)
     for names in _drives(run):
-        yield "drive", names, partial(lines.driven, run, names)
+        yield "drive", names, partial(lines.driven, run, names, beside)
     for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
         if len(names) <= lines.MOST_LINES:
-            yield "phase", [], partial(lines.phase, run, names)
+            yield "phase", [], partial(lines.phase, run, names, beside)
             if _is_driven(run):
-                yield "section", [], partial(lines.section, run, names)
+                yield "section", [], partial(lines.section, run, names, beside)
 
 
-def _of_march(run: xr.Dataset, beside: lines.Beside) -> Iterator[Keyed]:
+def _of_march(run: xr.Dataset, beside: Beside) -> Iterator[Keyed]:
     """Yield energies, steps, errors, and how well events were located."""
     if _drawn(run, "total_energy"):
         yield "energy", ["total_energy"], partial(energy.draw, run, beside)
     if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
-        yield "steps", ["step_size"], partial(control.steps, run)
+        yield "steps", ["step_size"], partial(control.steps, run, beside)
     if _drawn(run, "error_norm"):
-        yield "errors", ["error_norm"], partial(control.errors, run)
+        yield "errors", ["error_norm"], partial(control.errors, run, beside)
     if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*control.PARTS} <= set(run.variables):
         yield "events", [], partial(control.locations, run)
 

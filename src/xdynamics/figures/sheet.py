@@ -15,6 +15,7 @@ from xdynamics.archive.place import Place
 from xdynamics.archive.stores import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.figures.marks import typeset, words
+from xdynamics.figures.placing import settle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,6 +105,7 @@ def sheet(
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
+    settle(figure)
     return figure
 
 

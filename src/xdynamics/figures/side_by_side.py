@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from xdynamics.archive import open_run
 from xdynamics.archive.place import GIVEN, placed
 from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
+from xdynamics.figures.companions import Beside, Companion, labels_of
 from xdynamics.figures.curves import drawn
 from xdynamics.figures.excerpt import drawn_of
 from xdynamics.model.drives import SKIP
@@ -22,32 +24,55 @@ from xdynamics.schema import STEPS
 from xdynamics.units import parse_unit
 
 Floats = NDArray[np.float64]
-Columns = Mapping[str, tuple[Floats, Floats, Floats | None]]
 
 
-def beside_of(run: xr.Dataset, source: Any, wanted: Sequence[str] | None = None) -> tuple[str, Columns]:
-    """Return the label and the columns of another run or of measured data, in the units of the run.
+def beside_of(
+    run: xr.Dataset, sources: Sequence[Any], wanted: Sequence[str] | None = None, names: Sequence[str] = ()
+) -> Beside:
+    """Return other runs and measured data in the units of a run, named by what differs.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    sources : sequence of Dataset, path or table
+    wanted : sequence of str, optional
+        What is drawn.
+    names : sequence of str
+        Of the run and of each source, if they were given.
 
     Raises
     ------
     InputError
-        If it has no variable in common with the run, or one of another kind of unit.
+        If one has no variable in common with the run, or one of another kind of unit.
     """
+    companions = [_companion(run, source, wanted) for source in sources]
+    if not companions:
+        return Beside()
+    records = [run, *(each.record for each in companions if each.record is not None)]
+    labels = iter(labels_of(records) if len(records) > 1 else ["computed"])
+    own = names[0] if names else next(labels)
+    if names:
+        return Beside(own, tuple(replace(each, label=name) for each, name in zip(companions, names[1:], strict=True)))
+    return Beside(own, tuple(each if each.record is None else replace(each, label=next(labels)) for each in companions))
+
+
+def _companion(run: xr.Dataset, source: Any, wanted: Sequence[str] | None) -> Companion:
     if isinstance(source, GIVEN) and placed(source).suffix.lower() == ".nc":
         source = open_run(source)
-    label, series = _measured(run, source) if is_measured(source) else _of_run(drawn_of(source, wanted))
-    columns = {}
+    record = None if is_measured(source) else drawn_of(source, wanted)
+    label, series = _measured(run, source) if record is None else _of_run(record)
+    columns, factors = {}, {}
     for name, (times, values, doubts, units) in series.items():
         if name not in run or run[name].dims != (STEPS,):
             continue
         own, theirs = (parse_unit(text) for text in (str(run[name].attrs["units"]), units))
         if own.dimension != theirs.dimension:
             raise InputError(f"'{name}' of {label} is in '{units}', the run has it in '{own.text}'")
-        factor = float(theirs.factor / own.factor)
+        factors[name] = factor = float(theirs.factor / own.factor)
         columns[name] = (times, values * factor, None if doubts is None else doubts * factor)
     if not columns:
         raise InputError(f"{label} has nothing that the run has; there are {', '.join(series) or 'none'}")
-    return label, columns
+    return Companion(label, columns, record, factors)
 
 
 def _measured(run: xr.Dataset, source: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:

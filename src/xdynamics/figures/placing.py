@@ -1,0 +1,200 @@
+"""Legends and names of events, where nothing is drawn: in free places of the axes, or beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Points = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+EVENT = "event"  # the mark of names that are placed here
+CELL = 4.0  # pixels of the side of a cell, which is taken or free
+REACH = 70.0  # pixels from a mark to its name
+CROSSED = 6.0  # pixels further, that a name goes rather than lie on one more cell with a line
+FAINT = 0.1  # opacity up to which a patch is a background
+MARK = np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]) * CELL  # pixels, that a marker takes
+MOST_ROUNDS = 3  # of placing legends
+FAR = 1e4  # pixels, from where on nothing is seen
+
+
+def settle(figure: Figure) -> None:
+    """Move legends and the names of events into free places; a legend without one stands beside its axes.
+
+    Names that nobody could read, since others lie there, are hidden: their marks stay.
+    """
+    shown = [axes for axes in figure.axes if axes.get_visible() and (axes.get_legend() or _names(axes))]
+    if not shown:
+        return
+    figure.draw_without_rendering()
+    for _ in range(MOST_ROUNDS):
+        moved = [_is_beside(axes) for axes in shown]
+        if not any(moved):
+            break
+        figure.draw_without_rendering()  # the axes are smaller now, and legends inside of them lie elsewhere
+    for axes in shown:
+        if names := _names(axes):
+            _place_names(axes, names)
+
+
+def _names(axes: Axes) -> list[Any]:
+    return [text for text in axes.texts if text.get_gid() == EVENT]
+
+
+@dataclass
+class _Ground:
+    """Which cells of some axes are taken.
+
+    Attributes
+    ----------
+    x, y : float
+        Pixels of its lower left corner.
+    taken : ndarray of bool, shape (rows, columns)
+    """
+
+    x: float
+    y: float
+    taken: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, axes: Axes) -> _Ground:
+        """Return the ground of some axes with all that is drawn on it but their legend and names of events."""
+        box = axes.bbox
+        size = max(1, int(box.height / CELL)), max(1, int(box.width / CELL))
+        ground = cls(box.x0, box.y0, np.zeros(size, bool))
+        for line in axes.lines:
+            points = line.get_transform().transform(np.asarray(line.get_xydata(), float))
+            if line.get_linestyle() not in ("None", " ", ""):
+                ground.take(dense(points))
+            for shift in MARK if line.get_marker() not in ("None", None, "", " ") else ():
+                ground.take(points + shift)
+        for collection in axes.collections:
+            ground.take_collection(collection)
+        for patch in axes.patches:
+            if (patch.get_alpha() or 1.0) > FAINT:
+                ground.take_box(patch.get_window_extent())
+        for text in axes.texts:
+            if text.get_gid() != EVENT and text.get_visible():
+                ground.take_box(text.get_window_extent())
+        if axes.images:
+            ground.taken[:] = True
+        return ground
+
+    def take(self, points: Points) -> None:
+        """Take the cells of points."""
+        points = points[np.isfinite(points).all(axis=-1)]
+        columns, rows = ((points - (self.x, self.y)) / CELL).astype(int).T if len(points) else np.zeros((2, 0), int)
+        inside = (rows >= 0) & (columns >= 0) & (rows < self.taken.shape[0]) & (columns < self.taken.shape[1])
+        self.taken[rows[inside], columns[inside]] = True
+
+    def take_box(self, box: Any) -> None:
+        """Take the cells of a box in pixels."""
+        left, right = (int(max(0.0, (edge - self.x) / CELL)) for edge in (box.x0, box.x1))
+        low, high = (int(max(0.0, (edge - self.y) / CELL)) for edge in (box.y0, box.y1))
+        self.taken[low : high + 1, left : right + 1] = True
+
+    def take_collection(self, collection: Any) -> None:
+        """Take what a collection draws: a mesh everything, an area its columns, needles and points themselves."""
+        kind = type(collection).__name__
+        if kind == "QuadMesh":
+            self.taken[:] = True
+            return
+        if kind == "PathCollection":
+            self.take(collection.get_offset_transform().transform(np.ma.filled(collection.get_offsets(), np.nan)))
+            return
+        for path in collection.get_paths():
+            if not len(path.vertices):
+                continue
+            points = dense(collection.get_transform().transform(path.vertices))
+            self.take(points)
+            if kind in ("PolyCollection", "FillBetweenPolyCollection"):
+                column = ((points[:, 0] - self.x) / CELL).astype(int)
+                for place in np.unique(column):
+                    edges = points[column == place, 1]
+                    middle = self.x + (place + 0.5) * CELL
+                    heights = np.arange(edges.min(), edges.max(), CELL)
+                    self.take(np.stack([np.full(heights.size, middle), heights], axis=-1))
+
+    def counts(self, width: float, height: float) -> Counts:
+        """Return how many cells are taken under a box in pixels, for each place of its lower left cell."""
+        rows, columns = int(np.ceil(height / CELL)) + 1, int(np.ceil(width / CELL)) + 1
+        if rows > self.taken.shape[0] or columns > self.taken.shape[1]:
+            return np.zeros((0, 0), np.int64)
+        sums = np.pad(self.taken.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        found: Counts = (
+            sums[rows:, columns:] - sums[:-rows, columns:] - sums[rows:, :-columns] + sums[:-rows, :-columns]
+        )
+        return found
+
+
+def dense(points: Points) -> Points:
+    """Return points along lines, so near that no cell between two of them is missed."""
+    points = np.clip(points, -FAR, FAR)
+    if len(points) < 2:
+        return points
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(*steps.T)
+    counts = np.where(np.isfinite(lengths), np.ceil(lengths / CELL * 1.5), 0.0).astype(np.int64) + 1
+    segment = np.repeat(np.arange(len(steps)), counts)
+    part = (np.arange(segment.size) - (np.cumsum(counts) - counts)[segment]) / counts[segment]
+    return np.concatenate([points[segment] + part[:, None] * steps[segment], points[-1:]])
+
+
+def _is_beside(axes: Axes) -> bool:
+    """Place the legend of some axes; return whether it went beside them, which makes them smaller."""
+    legend = axes.get_legend()
+    if legend is None or (box := legend.get_window_extent()).x0 >= axes.bbox.x1 - CELL:
+        return False
+    ground = _Ground.of(axes)
+    free = np.argwhere(ground.counts(box.width + CELL, box.height + CELL) == 0)
+    legend.borderaxespad = 0.0
+    if not len(free):
+        insets = [inset.get_tightbbox() for inset in axes.child_axes]
+        right = max([axes.bbox.x1, *(inset.x1 for inset in insets if inset is not None)])
+        legend.set_loc("upper left")
+        legend.set_bbox_to_anchor(((right - axes.bbox.x0) / axes.bbox.width + 0.02, 1.0), transform=axes.transAxes)
+        return True
+    # the corner it is nearest to, the upper right one first
+    from_corner = np.minimum(free, free.max(axis=0) - free).sum(axis=-1) + 1e-3 * (free.max(axis=0) - free).sum(axis=-1)
+    row, column = free[int(np.argmin(from_corner))]
+    x, y = (column + 0.5) * CELL / axes.bbox.width, (row + 0.5) * CELL / axes.bbox.height
+    legend.set_loc("lower left")
+    legend.set_bbox_to_anchor((x, y), transform=axes.transAxes)
+    return False
+
+
+def _place_names(axes: Axes, names: list[Any]) -> None:
+    """Put each name into the free place nearest to its mark; across as few lines as possible if there is none."""
+    ground = _Ground.of(axes)
+    others = _Ground(ground.x, ground.y, np.zeros_like(ground.taken))
+    for text in axes.texts:
+        if text.get_gid() != EVENT and text.get_visible():
+            others.take_box(text.get_window_extent())
+    if (legend := axes.get_legend()) is not None:
+        for each in (ground, others):
+            each.take_box(legend.get_window_extent())
+    scale = axes.figure.dpi / 72.0
+    for name in sorted(names, key=lambda text: axes.transData.transform(text.xy)[0]):
+        box, mark = name.get_window_extent(), axes.transData.transform(name.xy)
+        crossed, hidden = (each.counts(box.width, box.height) for each in (ground, others))
+        left = ground.x + CELL * np.arange(crossed.shape[1])
+        low = ground.y + CELL * np.arange(crossed.shape[0])
+        across = np.maximum(0.0, np.maximum(left - mark[0], mark[0] - left - box.width))
+        up = np.maximum(0.0, np.maximum(low - mark[1], mark[1] - low - box.height))
+        away = np.hypot(across[None, :], up[:, None])
+        costs = np.where((hidden == 0) & (away < REACH), away + CROSSED * crossed, np.inf)
+        if not costs.size or not np.isfinite(costs.min()):
+            name.set_visible(False)
+            continue
+        row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
+        x, y = float(left[column]) + CELL / 2, float(low[row]) + CELL / 2
+        name.set(ha="left", va="bottom", position=((x - mark[0]) / scale, (y - mark[1]) / scale))
+        for each in (ground, others):
+            each.take_box(name.get_window_extent())

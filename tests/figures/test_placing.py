@@ -1,0 +1,109 @@
+"""Panels that one looks at first; legends and names of events where nothing is drawn."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import xdynamics as xd
+from cases.command_line import call
+from cases.problems import MODELS
+from xdynamics.figures.placing import EVENT, dense, settle
+
+SHORT = {"rocket_c6": {}, "moving_table": {"until": "1 s"}, "ball_in_box": {}, "block_on_incline": {}}
+
+
+@pytest.fixture(scope="module")
+def figures() -> dict[str, Any]:
+    """Figures of short runs with many events, few, and several lines."""
+    return {
+        name: xd.plot(xd.simulate(xd.Model.from_toml(MODELS / f"{name}.toml"), **more)) for name, more in SHORT.items()
+    }
+
+
+def visible(figure: Any) -> list[Any]:
+    return [axes for axes in figure.axes if axes.get_visible()]
+
+
+def test_a_figure_has_four_panels_and_all_if_asked(tmp_path: Path, figures: dict[str, Any]) -> None:
+    """Assert motion, drives, fuel of a rocket; motion, contact and energy of a ball on a table; and the rest on request."""
+    begins = [[axes.get_title(loc="left").split(",")[0] for axes in visible(figure)] for figure in figures.values()]
+    assert begins[0] == ["trajectory", "velocity", "first-order state", "measured drives along the run"]
+    assert begins[1] == ["trajectory", "velocity", "contact and friction", "energy"]
+    run = xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))
+    assert len(visible(xd.plot(run, panels="all"))) == 6
+    xd.save(run, tmp_path / "run.nc")
+    assert call("plot", tmp_path / "run.nc", "--panels", "all").exit_code == 0
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    with pytest.raises(xd.InputError, match="panels is 'most'; there are few, all"):
+        xd.plot(run, panels="most")
+
+
+def test_legends_lie_on_no_line(figures: dict[str, Any]) -> None:
+    """Assert that no point of a line or needle is under a legend, in the layout that is written."""
+    legends = 0
+    for figure in figures.values():
+        figure.canvas.draw()
+        for axes in visible(figure):
+            if axes.get_legend() is None:
+                continue
+            legends += 1
+            box = axes.get_legend().get_window_extent()
+            for line in axes.lines:
+                points = line.get_transform().transform(line.get_xydata())
+                points = dense(points) if line.get_linestyle() not in ("None", "") else points
+                assert not box.count_contains(points[np.isfinite(points).all(axis=1)])
+    assert legends >= 5
+
+
+def test_names_of_events_lie_on_no_other(figures: dict[str, Any]) -> None:
+    """Assert that names are inside their axes and near their marks, and that many events are counted in a legend."""
+    names = 0
+    for figure in figures.values():
+        figure.canvas.draw()
+        for axes in visible(figure):
+            texts = [text for text in axes.texts if text.get_visible() and text.get_gid() == EVENT]
+            boxes = [text.get_window_extent() for text in texts]
+            names += len(boxes)
+            assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+            for box in boxes:
+                assert axes.bbox.x0 - 1 <= box.x0 <= box.x1 <= axes.bbox.x1 + 5
+    assert names > 12
+    box = visible(figures["ball_in_box"])[1]
+    labels = [text.get_text() for text in box.get_legend().get_texts()]
+    assert labels == ["x", "y", "ceiling impact ×30", "right impact ×10", "floor impact ×30", "left impact ×10"]
+
+
+def test_a_legend_without_room_stands_beside_its_axes() -> None:
+    """Assert that axes full of lines keep their legend outside, and those with a free corner inside."""
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    full, half = figure.subplots(1, 2)
+    x = np.linspace(0.0, 1.0, 4000)
+    full.plot(x, np.sin(1e3 * x), label="everywhere")
+    half.plot(x, x, label="along the diagonal")
+    for axes in (full, half):
+        axes.legend()
+    settle(figure)
+    figure.canvas.draw()
+    assert full.get_legend().get_window_extent().x0 >= full.bbox.x1
+    assert half.get_legend().get_window_extent().x1 <= half.bbox.x1
+
+
+def test_many_kinds_are_counted() -> None:
+    """Assert that of nine kinds of events six have names, and the others a number."""
+    model = xd.Model(
+        name="marks",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "0 m", "v_x": "1 m s-1"},
+        events={f"mark{k}": {"function": f"x - {k}*metre", "action": "record"} for k in range(1, 10)},
+    )
+    run: xr.Dataset = xd.simulate(model, method="rk4", step="0.1 s", until="10 s")
+    texts = [text.get_text() for text in xd.plot(run, only="x").axes[0].texts]
+    assert texts == [*(f"mark{k}" for k in range(1, 7)), "and 3 more kinds"]
