@@ -20,6 +20,7 @@ from xdynamics.budgeting.budget_request import _check, _declared
 from xdynamics.budgeting.budget_summary import lines_of
 from xdynamics.budgeting.budget_variables import draws_as, terms_as
 from xdynamics.budgeting.fit_summary import lines_of as fit_in_lines
+from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
 from xdynamics.budgeting.multistart import drawn_starts, grown, search, searches
@@ -231,6 +232,7 @@ class Line:
     times: np.ndarray = field(default_factory=lambda: np.linspace(0.0, 1.0, 50))
     fails: bool = False
     shares: list[float] = field(default_factory=list)
+    loss: Loss = field(default_factory=Loss)
 
     def looked(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and slopes of a + b t against 2 + 3 t, with a residue of 0.1 that no line takes away."""

@@ -15,8 +15,9 @@ from scipy.stats import chi2
 
 import xdynamics as xd
 from xdynamics.budgeting import residuals
-from xdynamics.budgeting.fit_problem import Asked, Fitting, with_slopes
-from xdynamics.budgeting.fitting import _bounds, _covariance, _fitted, _scales
+from xdynamics.budgeting.fit_problem import Asked, Fitting, Number, with_slopes
+from xdynamics.budgeting.fit_records import bounds_of, scales_of
+from xdynamics.budgeting.fitting import _covariance, _fitted
 from xdynamics.budgeting.multistart import Search
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.units import Unit, parse_unit
@@ -124,7 +125,7 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
     assert asked.within(0.39).sum() == 4
     assert asked.within(0.4).sum() == 6
     assert asked.within(1.0).all()
-    problem = Fitting(asked, np.array([2.0, 0.5]))
+    problem = Fitting.alone(asked, np.array([2.0, 0.5]))
     scaled, t = np.array([1.5, 4.0]), asked.data.times
     rows, slopes = np.concatenate([3.0 * t + 8.0, np.full(5, 3.0)]), np.zeros((10, 2))
     slopes[:5, 0], slopes[5:, 0], slopes[:5, 1] = t, 1.0, 12.0
@@ -175,7 +176,7 @@ def test_residuals_are_tested_quantity_by_quantity_in_the_order_of_time() -> Non
     asked = Asked(own.model, own.names, Measured("bench", times, parse_unit("s"), noise, doubts), own.quantities, {})
     signs = np.concatenate([np.where(times < 10, 1.0, -1.0), np.tile([1.0, -1.0], 10)])
     search = Search("", np.zeros(2), np.zeros(2), 40.0, 1, True, "", signs)
-    found = Fitting(asked, np.ones(2)).tested(search)
+    found = Fitting.alone(asked, np.ones(2)).tested(search)
     assert (found.adequate, found.text[:36]) == (False, "residuals are not in a random order ")
     assert found.chi_square_probability == pytest.approx(float(chi2.sf(40.0, 38)))
 
@@ -184,28 +185,29 @@ def test_sizes_and_bounds_of_numbers() -> None:
     """Assert a number's own size, else half of what bounds leave, its uncertainty, or one; and bounds in its own unit."""
     own = by_hand()
     asked = Asked(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
-    free = np.full(4, np.inf)
+    free, alone = np.full(4, np.inf), ((asked,), [*map(Number, asked.names)])
     start = np.array([asked.declared(name).value for name in asked.names])
     assert start.tolist() == [2.0, 0.0, 0.0, 0.0]
-    assert _scales(asked, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
-    low, high = _bounds(asked, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})
+    assert scales_of(*alone, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
+    low, high = bounds_of(*alone, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})
     assert low.tolist() == [2.0, -1000.0, -np.inf, 0.0]
     assert high.tolist() == pytest.approx([1000.0, 3000.0, np.inf, 5.0])
-    assert _scales(asked, start, low, high).tolist() == [2.0, 2000.0, 3.0, 2.5]
+    assert scales_of(*alone, start, low, high).tolist() == [2.0, 2000.0, 3.0, 2.5]
     for ends in ((2.0, 2.0), (3.0, 1.0), (2.1, 3.0), (0.0, 1.9), (0.0, 1.0, 5.0)):
         with pytest.raises(xd.InputError, match="need the lowest, then the highest, and 2.0 mm s-1 between them"):
-            _bounds(asked, {"a": ends})
+            bounds_of(*alone, {"a": ends})
 
 
 def test_a_covariance_is_the_inverse_of_the_normal_matrix() -> None:
     """Assert it and the condition of columns of one length by hand, and who is named where columns tell the same."""
     asked, slopes = by_hand(), np.array([[3.0, 0.0], [4.0, 2.0]])
-    covariance, condition = _covariance(asked, slopes)
+    alone = Fitting.alone(asked, np.ones(2))
+    covariance, condition = _covariance(alone, slopes)
     assert covariance == pytest.approx(np.linalg.inv(slopes.T @ slopes))
     assert condition == pytest.approx(math.sqrt(1.8 / 0.2))  # columns of length 1 at an angle whose cosine is 0.8
     with pytest.raises(xd.InputError, match="do not change with 'b'"):
-        _covariance(asked, np.array([[3.0, 0.0], [4.0, 0.0]]))
-    three = Asked(asked.model, ("a", "b", "c"), asked.data, asked.quantities, {})
+        _covariance(alone, np.array([[3.0, 0.0], [4.0, 0.0]]))
+    three = Fitting.alone(Asked(asked.model, ("a", "b", "c"), asked.data, asked.quantities, {}), np.ones(3))
     for off, said in ((1e-9, "do not tell a and c apart"), (3e-8, None)):
         columns = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2 * off]])
         if said is None:
@@ -262,7 +264,10 @@ def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
     result = xd.fit(model, bench, ["v_y"], method="rk4", step="10 ms", until="0.3 s")
     fitted = xd.Model.from_text(str(result.model_toml.values))
     assert fitted.initial["v_y"].value == float(result.estimate[0]) == pytest.approx(-2.0, rel=1e-3)
-    assert fitted.uncertain["v_y"].uncertainty == float(result.standard_uncertainty[0]) > 0.0
+    spread = fitted.uncertain["v_y"].spread  # of 20 degrees of freedom: that of Student's t is wider than its scale
+    assert spread is not None
+    assert (spread.distribution, spread.degrees_of_freedom) == ("t", 20.0)
+    assert spread.standard.value == pytest.approx(float(result.standard_uncertainty[0]) * math.sqrt(20 / 18), rel=1e-12)
     assert fitted.digest == result.attrs["fitted_digest"]
 
 

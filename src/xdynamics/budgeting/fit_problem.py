@@ -1,14 +1,15 @@
-"""The problem of a fit: measured data, what is to be found, and the runs that both are compared with."""
+"""The problem of a fit: measured records, what is to be found, and the runs that both are compared with."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.multistart import Search
 from xdynamics.budgeting.residuals import Tested, tested
 from xdynamics.evidence.comparing.measured import Measured
@@ -19,19 +20,17 @@ from xdynamics.sweeping.axes import FOR_INITIAL
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import Quantity, Unit, unit_suffix
 
-if TYPE_CHECKING:
-    pass
-
 Floats = NDArray[np.float64]
 
 SHIFT = 1e-3  # relative to a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
+SHARED = -1  # in the place of a record's number
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Which numbers of a model are fitted to which data.
+    """One measured record: which numbers of a model are fitted to it.
 
     Attributes
     ----------
@@ -40,9 +39,11 @@ class Asked:
         Parameters and initial values.
     data : Measured
     quantities : dict of str to Unit
-        Measured quantities, in the model's own units.
+        Measured quantities, in the model's own units; of a record of event times, ``event_time_floor``.
     settings : dict
         Settings of `simulate`.
+    label : str
+        Name of the record, where there are several.
     """
 
     model: Model
@@ -50,6 +51,7 @@ class Asked:
     data: Measured
     quantities: dict[str, Unit]
     settings: dict[str, Any]
+    label: str = ""
 
     def declared(self, name: str) -> Quantity:
         """Return the declared value of a parameter or initial value."""
@@ -85,7 +87,7 @@ class Asked:
         Raises
         ------
         InputError
-            If a run ends before all times and `whole` is set; otherwise those values are nan.
+            If a run ends before all times, or has too few events, and `whole` is set; otherwise those values are nan.
         """
         import xarray as xr
 
@@ -95,27 +97,46 @@ class Asked:
             )
             for i, name in enumerate(self.names)
         }
-        times, inverse = np.unique(self.data.times, return_inverse=True)
+        numbers = self.data.occurrences
+        times, places = (np.zeros(0), numbers - 1) if numbers.size else np.unique(self.data.times, return_inverse=True)
         members = sweep(
             self.model,
             {"fitted": columns},
             keep=list(self.quantities),
-            times=times,
             members_per_task=len(values),
+            **({"occurrences": int(numbers.max())} if numbers.size else {"times": times}),
             **self.settings,
         )
         marched = unfold(members.compute())
-        rows = np.concatenate([marched[name].values[:, inverse] for name in self.quantities], axis=1)
+        rows = np.concatenate(
+            [marched[name].values.reshape(len(values), -1)[:, places] for name in self.quantities], axis=1
+        )
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            parameter_values = ", ".join(
-                f"{name} = {float(value)!r}" for name, value in zip(self.names, values[k], strict=True)
-            )
-            raise InputError(
-                f"with {parameter_values} the run ends as '{marched.run_outcome.values[k]}' at t ="
-                f" {float(marched.end_time[k])!r}{unit_suffix(self.model.time_unit)}, before all that was measured"
-            )
+            raise InputError(self._missing(values[k], rows[k], marched.isel(fitted=k)))
         return rows
+
+    def _missing(self, values: Floats, row: Floats, member: Any) -> str:
+        """Return the message for a run in which something measured does not happen."""
+        numbers = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(self.names, values, strict=True))
+        end = f"'{member.run_outcome.values}' at t = {float(member.end_time)!r}{unit_suffix(self.model.time_unit)}"
+        if not self.data.occurrences.size:
+            return f"with {numbers} the run ends as {end}, before all that was measured"
+        place = int(np.flatnonzero(~np.isfinite(row))[0])
+        name = [*self.quantities][place // self.data.occurrences.size]
+        return (
+            f"with {numbers} the run, which ends as {end}, has no occurrence"
+            f" {int(self.data.occurrences[place % self.data.occurrences.size])} of '{name.removeprefix('event_time_')}',"
+            " which was measured: begin nearer, or end the run later by until"
+        )
+
+
+@dataclass(frozen=True)
+class Number:
+    """A fitted number: a parameter or initial value of all records, or a record's own."""
+
+    name: str
+    record: int = SHARED
 
 
 @dataclass(frozen=True)
@@ -124,12 +145,41 @@ class Fitting:
 
     Attributes
     ----------
-    asked : Asked
+    records : tuple of Asked
+        Each of them has the names of its numbers, in their order here.
+    numbers : tuple of Number
     scales : ndarray, shape (n,)
+    loss : Loss
     """
 
-    asked: Asked
+    records: tuple[Asked, ...]
+    numbers: tuple[Number, ...]
     scales: Floats
+    loss: Loss = field(default_factory=Loss)
+
+    @classmethod
+    def alone(cls, asked: Asked, scales: Floats) -> Fitting:
+        """Return the problem of one record."""
+        return cls((asked,), tuple(map(Number, asked.names)), scales)
+
+    def places(self, record: int) -> list[int]:
+        """Return the places of a record's numbers among all."""
+        return [i for i, number in enumerate(self.numbers) if number.record in (SHARED, record)]
+
+    @property
+    def told(self) -> bool:
+        """Whether the data have uncertainties."""
+        return bool(self.records[0].data.uncertainties)
+
+    @property
+    def weights(self) -> Floats:
+        """One over the uncertainty of each measured value, records concatenated."""
+        return np.concatenate([asked.weights for asked in self.records])
+
+    @property
+    def measured(self) -> Floats:
+        """All measured values, records concatenated."""
+        return np.concatenate([asked.measured for asked in self.records])
 
     def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, for the data up to a share of their time.
@@ -139,31 +189,51 @@ class Fitting:
         InputError
             If a run ends before all times, or there are not more values than fitted numbers.
         """
-        asked, used = self.asked, self.asked.within(share)
-        if np.count_nonzero(used) <= scaled.size:
-            raise InputError(f"{np.count_nonzero(used)} numbers are too few")
-        values, slopes = with_slopes(asked, scaled * self.scales, self.scales)
-        weights = asked.weights[used]
-        return (values[used] - asked.measured[used]) * weights, slopes[used] * weights[:, None] * self.scales
+        used = [asked.within(share) for asked in self.records]
+        count = sum(map(np.count_nonzero, used))
+        if count <= scaled.size:
+            raise InputError(f"{count} numbers are too few")
+        residuals, slopes = [], []
+        for k, (asked, selected) in enumerate(zip(self.records, used, strict=True)):
+            places, weights = self.places(k), asked.weights[selected]
+            values, steep = with_slopes(asked, (scaled * self.scales)[places], self.scales[places])
+            rows = np.zeros((weights.size, scaled.size))
+            rows[:, places] = steep[selected] * weights[:, None] * self.scales[places]
+            residuals.append((values[selected] - asked.measured[selected]) * weights)
+            slopes.append(rows)
+        return np.concatenate(residuals), np.concatenate(slopes)
 
     def squares(self, scaled: Floats, share: float) -> Floats:
-        """Return the sums of squares of many starts over a share of the time; infinite if a run ends before."""
-        selected, rows = self.asked.within(share), self.asked.computed(scaled * self.scales, whole=False)
-        sums = np.sum((((rows - self.asked.measured) * self.asked.weights) ** 2)[:, selected], axis=1)
+        """Return what is made small at many starts, over a share of the time; infinite if a run ends before."""
+        sums = np.zeros(len(scaled))
+        for k, asked in enumerate(self.records):
+            places = self.places(k)
+            rows = asked.computed(scaled[:, places] * self.scales[places], whole=False)
+            residuals = ((rows - asked.measured) * asked.weights)[:, asked.within(share)]
+            sums += np.sum(self.loss.sizes(residuals), axis=1)
         return np.where(np.isfinite(sums), sums, np.inf)
 
     def tested(self, search: Search) -> Tested:
-        """Test the residuals at the end of a search."""
-        asked, residual = self.asked, search.residual
-        order = np.argsort(asked.data.times, kind="stable")
-        rows, measured = (
-            list(np.split(array, len(asked.quantities))) for array in (residual / asked.weights, asked.measured)
-        )
-        has_uncertainties = bool(asked.data.uncertainties)
-        freedom = residual.size - search.end.size
-        return tested(
-            float(residual @ residual), freedom, [array[order] for array in rows], measured, known=has_uncertainties
-        )
+        """Test the residuals at the end of a search; of a robust loss, those that are no outliers."""
+        rows, measured = list[Floats](), list[Floats]()
+        residual = search.residual
+        for asked, ends in zip(self.records, np.cumsum([asked.measured.size for asked in self.records]), strict=True):
+            size = asked.measured.size
+            part, order = residual[ends - size : ends], np.argsort(asked.data.times, kind="stable")
+            for row, values in zip(
+                np.split(part / asked.weights, len(asked.quantities)),
+                np.split(asked.measured, len(asked.quantities)),
+                strict=True,
+            ):
+                rows.append(row[order])
+                measured.append(values)
+        good = residual[~self.outlying(residual)]
+        return tested(float(good @ good), good.size - search.end.size, rows, measured, known=self.told)
+
+    def outlying(self, residual: Floats) -> NDArray[np.bool_]:
+        """Return which weighted residuals are outliers: of a robust loss, over three standard deviations."""
+        outlying: NDArray[np.bool_] = np.abs(residual) > 3.0 * self.loss.spread
+        return outlying & (self.loss.name != "linear")
 
 
 def with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:

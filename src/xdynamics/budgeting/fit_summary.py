@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -13,20 +13,24 @@ from xdynamics.units.digits import digits
 if TYPE_CHECKING:
     import xarray as xr
 
+FEW = 30  # degrees of freedom, below which the normal distribution is not said to be that of estimates
+OUTLIER = "outlier_"
 STRONG = 0.9  # correlations above this are reported
 
 
 def lines_of(fit: xr.Dataset) -> Iterator[str]:
     """Summarise estimates, their uncertainties, the quality of the fit, and strong correlations."""
-    names, units = fit["parameter_name"].values.astype(str), fit["parameter_units"].values.astype(str)
+    units = fit["parameter_units"].values.astype(str).tolist()
+    names = [f"{name} of {record}" if record else name for name, record in named(fit)]
     for i, name in enumerate(names):
         value, uncertainty = float(fit["estimate"][i]), float(fit["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(fit["at_bound"][i]) else ""
         yield (
-            f"{name:<10}{value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard"
+            f"{name:<9} {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard"
             f" uncertainty){bound}"
         )
+    yield from _intervals(fit, names, units)
     square, freedom = float(fit.attrs["chi_square"]), int(fit.attrs["degrees_of_freedom"])
     if isfinite(square):
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
@@ -42,6 +46,9 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
             f"verdict   {word}:"
             f" {fit.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
         )
+    if outliers := [name for name in fit.data_vars if str(name).startswith(OUTLIER) and (fit[name] == 1).any()]:
+        said = ", ".join(f"{int((fit[name] == 1).sum())} of {str(name).removeprefix(OUTLIER)}" for name in outliers)
+        yield f"outliers  {said}, over three standard deviations off, which count less"
     if "start" in fit.dims and fit.sizes["start"] > 1:
         best = int(np.argmin(fit["start_square"].values))
         yield (f"searches  {fit.sizes['start']}, the best of them number {best + 1}: {fit['start_rule'].values[best]}")
@@ -54,6 +61,29 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
     )
     if not int(fit.attrs["converged"]):
         yield "doubt     the search did not come to an end: estimates are where it stopped"
+
+
+def named(fit: xr.Dataset) -> list[tuple[str, str]]:
+    """Return the names of what was found, each with the record whose own it is; empty if all share it."""
+    names = fit["parameter_name"].values.astype(str).tolist()
+    records = fit["parameter_record"].values.astype(str).tolist() if "parameter_record" in fit else [""] * len(names)
+    return list(zip(names, records, strict=True))
+
+
+def _intervals(fit: xr.Dataset, names: Sequence[str], units: Sequence[str]) -> Iterator[str]:
+    """Say intervals where they are not what one standard uncertainty says: of profiles, of few values."""
+    profile = fit.attrs.get("intervals") == "profile"
+    few = not isfinite(float(fit.attrs["chi_square"])) and int(fit.attrs["degrees_of_freedom"]) < FEW
+    if "interval" not in fit or not (profile or few):
+        return
+    how = "by the profile of the sum of squares" if profile else "by Student's t"
+    for name, unit, (low, high), deviation in zip(
+        names, units, fit["interval"].values, fit["standard_uncertainty"].values, strict=True
+    ):
+        ends = " to ".join(
+            f"{end:.{digits(end, uncertainty=deviation)}g}" if isfinite(end) else "no end" for end in (low, high)
+        )
+        yield f"interval  {name}: {ends}{'' if unit == '1' else f' {unit}'}, {float(fit.attrs['coverage']):g} {how}"
 
 
 def _judged(square: float, freedom: int) -> str:

@@ -2,74 +2,154 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.fit_problem import SHARED, Fitting
+from xdynamics.budgeting.fit_records import record_of
+from xdynamics.budgeting.losses import LINEAR
 from xdynamics.budgeting.multistart import Search
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.schema import AT
-
-if TYPE_CHECKING:
-    pass
-
-from xdynamics.budgeting.fit_problem import Asked
+from xdynamics.model import Model
+from xdynamics.schema import AT, AT_TIME, BOUNDS
 
 Floats = NDArray[np.float64]
 
-PARAMETER, OTHER = "parameter", "other"
+PARAMETER, OTHER, RECORD = "parameter", "other", "record"
 ROLE = "fit"
 START = "start"
 
 
-def estimates_as(asked: Asked, best: Search, values: Floats, deviations: Floats, correlation: Floats) -> dict[str, Any]:
+class Estimates(Protocol):
+    """What was found, in the units of the numbers."""
+
+    @property
+    def values(self) -> Floats:
+        """Estimates, shape (n,)."""
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard uncertainties."""
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlations, shape (n, n)."""
+
+    @property
+    def intervals(self) -> Floats:
+        """Ends of intervals, shape (n, 2)."""
+
+
+def estimates_as(problem: Fitting, best: Search, found: Estimates, coverage: float) -> dict[str, Any]:
     """Return the estimates with their uncertainties and correlations as variables."""
-    units = [asked.declared(name).unit.text for name in asked.names]
-    return {
-        "parameter_name": ((PARAMETER,), np.array(asked.names), about("1", "what was found", "name")),
+    numbers = problem.numbers
+    units = [record_of(problem.records, number).declared(number.name).unit.text for number in numbers]
+    interval = f"interval that holds the true value with a probability of {coverage:g}, in parameter_units"
+    variables = {
+        "parameter_name": (
+            (PARAMETER,),
+            np.array([number.name for number in numbers]),
+            about("1", "what was found", "name"),
+        ),
         "parameter_units": (
             (PARAMETER,),
             np.array(units),
             about("1", "unit of the estimate and its uncertainty", "units"),
         ),
-        "estimate": ((PARAMETER,), values, about("1", "value that fits best, in parameter_units", ROLE)),
+        "estimate": ((PARAMETER,), found.values, about("1", "value that fits best, in parameter_units", ROLE)),
         "standard_uncertainty": (
             (PARAMETER,),
-            deviations,
+            found.deviations,
             about("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
         ),
+        "interval": ((PARAMETER, BOUNDS), found.intervals, about("1", interval, ROLE) | {"coverage": coverage}),
         "at_bound": (
             (PARAMETER,),
             best.bounded.astype(np.int8),
             about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
         ),
-        "correlation": ((PARAMETER, OTHER), correlation, about("1", "correlation of the estimates", ROLE)),
+        "correlation": ((PARAMETER, OTHER), found.correlation, about("1", "correlation of the estimates", ROLE)),
     }
+    if len(problem.records) > 1:
+        owners = ["" if number.record == SHARED else problem.records[number.record].label for number in numbers]
+        variables["parameter_record"] = (
+            (PARAMETER,),
+            np.array(owners),
+            about("1", "record that has the number for itself; empty where all share it", "name"),
+        )
+    return variables
 
 
-def residuals_as(asked: Asked, computed: Floats) -> dict[str, Any]:
-    """Return what was measured, what the fitted model has there, and the difference, as variables."""
-    n = len(asked.data.times)
-    observed, weights = asked.measured, asked.weights
+def records_as(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any]:
+    """Return the times of all records, which record each is of, and the fitted models as variables."""
+    records = problem.records
+    texts, said = (
+        [model.to_toml() for model in fitted],
+        "the fitted model as TOML, uncertain and correlated by what was found",
+    )
+    times = np.concatenate([asked.data.times for asked in records])
+    variables: dict[str, Any] = {
+        AT_TIME: ((AT,), times, about(records[0].model.time_unit.text, "time of measurement", "time")),
+        "model_toml": (
+            (RECORD,) if len(texts) > 1 else (),
+            np.array(texts if len(texts) > 1 else texts[0]),
+            about("1", said, "model"),
+        ),
+    }
+    if len(records) > 1:
+        which = np.repeat(np.arange(len(records)), [asked.data.times.size for asked in records])
+        variables["record_name"] = (
+            (RECORD,),
+            np.array([asked.label for asked in records]),
+            about("1", "name of the record", "name"),
+        )
+        variables["at_record"] = ((AT,), which, about("1", "record that a measurement is of, from 0", "index"))
+    if any(asked.data.occurrences.size for asked in records):
+        numbers = [
+            asked.data.occurrences if asked.data.occurrences.size else np.zeros(asked.data.times.size, int)
+            for asked in records
+        ]
+        variables["at_occurrence"] = (
+            (AT,),
+            np.concatenate(numbers),
+            about("1", "which occurrence of its event was timed, from 1; 0 where a value was measured", "index"),
+        )
+    return variables
+
+
+def residuals_as(problem: Fitting, residual: Floats) -> dict[str, Any]:
+    """Return what was measured, what the fitted model has there, and the difference, as variables.
+
+    Where there are several records, a quantity that one of them has not is nan along its rows.
+    """
     variables: dict[str, Any] = {}
-    for k, (name, unit) in enumerate(asked.quantities.items()):
-        part = slice(k * n, (k + 1) * n)
-        variables |= {
-            f"measured_{name}": ((AT,), observed[part], about(unit.text, f"{name} as measured", "measured")),
-            name: ((AT,), computed[part], about(unit.text, f"{name} as the fitted model has it", "computed")),
-            f"residual_{name}": (
-                (AT,),
-                observed[part] - computed[part],
-                about(unit.text, f"{name}, measured minus computed", "residual"),
-            ),
-        }
-        if asked.data.uncertainties:
-            variables[f"measured_uncertainty_{name}"] = (
-                (AT,),
-                1.0 / weights[part],
-                about(unit.text, f"standard uncertainty of {name} as measured", "uncertainty"),
-            )
+    rows = sum(asked.data.times.size for asked in problem.records)
+    outlying = problem.outlying(residual)
+    first, place = 0, 0
+    for asked in problem.records:
+        n, observed, weights = asked.data.times.size, asked.measured, asked.weights
+        for k, (name, unit) in enumerate(asked.quantities.items()):
+            part, whole = slice(k * n, (k + 1) * n), slice(place + k * n, place + (k + 1) * n)
+            difference = -residual[whole] / weights[part]
+            columns = {
+                f"measured_{name}": (observed[part], f"{name} as measured", "measured"),
+                name: (observed[part] - difference, f"{name} as the fitted model has it", "computed"),
+                f"residual_{name}": (difference, f"{name}, measured minus computed", "residual"),
+            }
+            if problem.told:
+                said = f"standard uncertainty of {name} as measured"
+                columns[f"measured_uncertainty_{name}"] = (1.0 / weights[part], said, "uncertainty")
+            if problem.loss.name != LINEAR:
+                said = f"1 where {name} is off by over three standard deviations, and counts less"
+                columns[f"outlier_{name}"] = (outlying[whole].astype(float), said, ROLE)
+            for key, (values, about_it, role) in columns.items():
+                units = "1" if key.startswith("outlier_") else unit.text
+                column = variables.setdefault(key, ((AT,), np.full(rows, np.nan), about(units, about_it, role)))
+                column[1][first : first + n] = values
+        first, place = first + n, place + observed.size
     return variables
 
 

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.fit_problem import Asked, Fitting
-from xdynamics.budgeting.fit_variables import estimates_as, residuals_as, searches_as
-from xdynamics.budgeting.multistart import Search, searches
+from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of
+from xdynamics.budgeting.fit_variables import estimates_as, records_as, residuals_as, searches_as
+from xdynamics.budgeting.intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
+from xdynamics.budgeting.losses import LINEAR, loss_named, spread_of
+from xdynamics.budgeting.multistart import Search, search, searches
 from xdynamics.budgeting.residuals import Tested
-from xdynamics.evidence.comparing.measured import measured
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.observables import comparable
-from xdynamics.faults import AccuracyWarning, InputError, Ledger, warn, written
-from xdynamics.march.configuration import settings_for
+from xdynamics.evidence.evidence_dataset import exhibit
+from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
 from xdynamics.model.parts import Fitted, Parameter
-from xdynamics.model.uncertainty import Spread
-from xdynamics.record.columns import columns_of
-from xdynamics.record.element_attributes import of_wholes
-from xdynamics.schema import AT, AT_TIME
-from xdynamics.sweeping.axes import numbers_of
+from xdynamics.model.uncertainty import STUDENT, Spread
 from xdynamics.sweeping.sweep import plain
-from xdynamics.units import Quantity, parse_unit, unit_suffix
+from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,14 +32,20 @@ Floats = NDArray[np.float64]
 
 STARTS = 8  # most searches
 ALIKE = 1e-8  # ratio to the largest singular value below which columns are dependent
+FEW = 30  # degrees of freedom, below which a variance that residuals tell makes Student's t of estimates
+RESCALED = 20  # most searches after which the spread of good residuals does not change any more
 
 
 def fit(
-    model: Model,
+    model: Model | Mapping[str, Model],
     data: Any,
-    parameters: Sequence[str],
+    parameters: Sequence[str] = (),
     *,
+    own: Sequence[str] | None = None,
     bounds: Mapping[str, Sequence[Any]] | None = None,
+    loss: str = LINEAR,
+    intervals: str = COVARIANCE,
+    coverage: float = 0.95,
     gaps: str = "refuse",
     reading: Mapping[str, Any] | None = None,
     starts: int = STARTS,
@@ -55,12 +57,18 @@ def fit(
 
     Parameters
     ----------
-    model : Model
-        The search begins at its own values.
-    data : str, Path, DataFrame or Dataset
-        Measured data as for `compare`: ``time [ms],x [mm],u(x) [mm]``.
+    model : Model, or mapping of str to Model
+        The search begins at its own values. A model for each record, by the records' names, where what is known of them
+        differs: ``{"light": model, "heavy": model.replace(parameters={"m": "2 kg"})}``.
+    data : str, Path, DataFrame or Dataset, or a list or mapping of them
+        Measured data as for `compare`: ``time [ms],x [mm],u(x) [mm]``; or times of events, ``event_time_floor [s]``, one
+        row for each occurrence from the first on, or as a column ``occurrence [1]`` says. Several records are fitted at
+        once; a mapping names them.
     parameters : sequence of str
-        Parameters and initial values to be fitted: ``"k"``, of a quantity with dimensions all elements, or ``"k[2]"``.
+        Parameters and initial values to be fitted: ``"k"``, of a quantity with dimensions all elements, or ``"k[2]"``. All
+        records share them.
+    own : sequence of str, optional
+        Parameters and initial values of which each record has a value of its own.
     gaps : {"refuse", "skip"}
         Whether rows of the data in which a number is missing are refused or skipped; columns that the model does not
         have are skipped.
@@ -68,6 +76,13 @@ def fit(
         How a file is read that does not say it, as for `compare`.
     bounds : mapping of str to (lowest, highest), optional
         ``{"k": ("0 N m-1", "10 N m-1")}``.
+    loss : {"linear", "soft_l1", "huber", "cauchy"}
+        How much a residual counts: all but the first let outliers move the estimates no more than good values do.
+    intervals : {"covariance", "profile"}
+        Whether `interval` is as wide as the covariance says, or as the sum of squares does where one number is held and the
+        others are fitted again.
+    coverage : float
+        Probability with which an interval holds the true value.
     starts : int
         Largest number of searches: from the model's own values, over growing parts of the time, and from the best of 96
         starts drawn about the model's own values or between bounds. Searching stops once residuals are no more than
@@ -83,12 +98,13 @@ def fit(
     -------
     xarray.Dataset
         Along `parameter`: `parameter_name`, `parameter_units`, `estimate` and `standard_uncertainty` in these,
-        `at_bound`, and with `other` the `correlation`. Along `at` the measured values, those of the fitted model, and
+        `interval` (along `bound`), `at_bound`, and with `other` the `correlation`; `parameter_record` of several records. Along `at` the measured values, those of the fitted model, and
         the `residual_…`. Along `start` every search: `start_rule`, `start_value`, `start_estimate`, `start_square` (the
         weighted sum of squares at its end), `start_converged`. Attributes `chi_square_probability`, `runs_probability`
         and `adequate`: 1 where the residuals are no more than noise; otherwise there is a warning, and budgets refuse
         the fitted model unless told otherwise. `model_toml` is the fitted model with the uncertainties and correlations
-        of its parameters; pass ``Model.from_text(str(found.model_toml.values))`` on to `error_budget`.
+        of its parameters; pass ``Model.from_text(str(found.model_toml.values))`` on to `error_budget`; it is along `record`
+        where records have numbers or models of their own. Robust losses mark an `outlier_…`.
 
     Raises
     ------
@@ -101,7 +117,9 @@ def fit(
     Trust-region reflective least squares by `scipy.optimize.least_squares` (Branch, Coleman, Li 1999,
     doi:10.1137/S1064827595289108), slopes by central differences of fourth order, all copies marched side by side. The
     covariance is the inverse of J^T W J; without uncertainties of the data it is scaled by the residuals' variance
-    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5). Residuals are tested by chi-square
+    (Bevington, Robinson, Data Reduction and Error Analysis, 2003, section 8.5), and intervals are Student's t; of a robust
+    loss it is that of an M-estimate (Huber 1981, Robust Statistics, 7.6.8), whose scale is the median size of the residuals
+    where the data have no uncertainties. Residuals are tested by chi-square
     where the data have uncertainties, and by the number of their runs of one sign (Wald, Wolfowitz 1940). Errors of the
     march itself are not included: choose steps or tolerances that keep them small compared with the residuals.
 
@@ -121,167 +139,140 @@ def fit(
             "a fit is a search, and how many runs it marches is known only once it ends: compute it, and give the model of"
             " its model_toml to stages with compute=False"
         )
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InputError(f"starts is {starts!r}, needs a whole number from 1 on")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
-    asked = _asked(
-        model,
-        data,
-        parameters,
-        gaps,
-        reading,
-        {name: plain(name, entry) for name, entry in settings.items() if entry is not None},
-    )
-    start = np.array([asked.declared(name).value for name in asked.names])
-    low, high = _bounds(asked, bounds or {})
-    problem = Fitting(asked, _scales(asked, start, low, high))
-    scales, results, test = problem.scales, list[Search](), None
+    _check_choices(starts, seed, loss, intervals, coverage)
+    march = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
+    records, numbers = records_of(model, data, parameters, own, gaps, reading, march)
+    start = np.array([record_of(records, number).declared(number.name).value for number in numbers])
+    low, high = bounds_of(records, numbers, bounds or {})
+    scales = scales_of(records, numbers, start, low, high)
+    problem = Fitting(records, numbers, scales)
+    if problem.told:
+        problem = replace(problem, loss=loss_named(loss))
+    results, test = list[Search](), None
     for entry in searches(problem, start / scales, low / scales, high / scales, starts, seed):
         results.append(entry)
         if entry.converged and len(results) == 1:
-            _covariance(asked, entry.slopes)  # raises for indeterminate parameters before searching on
+            _covariance(problem, entry.slopes)  # raises for indeterminate parameters before searching on
         if entry.converged and (test := problem.tested(entry)).adequate:
             break
     best = min(results, key=lambda entry: entry.square)
     if not np.isfinite(best.square):
         raise InputError(results[0].stopped)
+    if loss != problem.loss.name:
+        problem, best = _rescaled(problem, best, loss, low / scales, high / scales)
     test = problem.tested(best)
-    evidence = _dataset(problem, results, best, test, seed)
+    choice = Choice(intervals, coverage, low / scales, high / scales, seed)
+    evidence = _dataset(problem, results, best, test, choice)
     if not (test.adequate and best.converged):
+        name = records[0].model.name
         reason = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
-        warn(f"the fit of '{model.name}' to {asked.data.name} is not adequate: {reason}", AccuracyWarning)
+        warn(f"the fit of '{name}' to {_named(problem)} is not adequate: {reason}", AccuracyWarning)
     return evidence
 
 
-def _asked(model: Any, data: Any, parameters: Any, gaps: str, reading: Any, settings: dict[str, Any]) -> Asked:
-    """Check the arguments of a fit against model and data."""
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    names = tuple(element for name in named for element in _elements(model, name))
-    available = [*model.parameters, *(name for name in model.initial if name != "t")]
-    if not names or len({*names}) < len(names):
+def _check_choices(starts: Any, seed: Any, loss: str, intervals: str, coverage: Any) -> None:
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InputError(f"starts is {starts!r}, needs a whole number from 1 on")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
+    if intervals not in (COVARIANCE, PROFILE):
+        raise InputError(f"intervals is {intervals!r}; there are {COVARIANCE}, {PROFILE}")
+    if not isinstance(coverage, int | float) or isinstance(coverage, bool) or not 0.0 < coverage < 1.0:
+        raise InputError(f"coverage is {coverage!r}, needs a probability between 0 and 1, like 0.95")
+    if loss_named(loss).name != LINEAR and intervals == PROFILE:
         raise InputError(
-            f"parameters are {[*names]}, need one name or more, each once; there are {', '.join(of_wholes(available))}"
+            f"loss is '{loss}' and intervals '{PROFILE}': a robust loss is no sum of squares whose profile is known; leave"
+            " one of them out"
         )
-    for name in names:
-        if name not in available:
-            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
-    table = measured(data, comparable(model), gaps, model.time_unit, model.shapes, reading)
-    march_settings = settings_for(model, **settings)
-    columns = {
-        column.variable.name: column.variable.units
-        for column in columns_of(march_settings.layout(model), march_settings)
-    }
-    units = {name: parse_unit(columns[name]) for name in comparable(model)}
-    ledger = Ledger(table.name)
-    for name, (_, unit) in table.values.items():
-        if name not in units:
-            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(of_wholes(units))}")
-        elif unit.dimension != units[name].dimension:
-            ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
-        elif table.uncertainties and name not in table.uncertainties:
-            ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
-    begin, end, second = model.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
-    outside = np.flatnonzero((table.times < begin) | (table.times > end))
-    if outside.size:
-        ledger.note(
-            f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from"
-            f" {begin!r}{second} to {end!r}{second}; give until=…"
-        )
-    rows = len(table.times) * len(table.values)
-    if rows <= len(names):
-        ledger.note(f"has {rows} numbers for {len(names)} parameters, needs more")
-    ledger.raise_faults()
-    return Asked(model, names, table, {name: units[name] for name in table.values}, settings)
 
 
-def _elements(model: Model, name: Any) -> list[Any]:
-    """Return the elements of a quantity with dimensions; any other name is returned alone."""
-    return [*model.shapes.elements(written(name))] if isinstance(name, str) else [name]
+def _rescaled(problem: Fitting, best: Search, loss: str, low: Floats, high: Floats) -> tuple[Fitting, Search]:
+    """Search on with a robust loss, whose scale is what good residuals tell, until it does not change."""
+    robust = loss_named(loss)
+    for _ in range(RESCALED):
+        spread = spread_of(best.residual)
+        if not spread > 0.0 or abs(spread / problem.loss.spread - 1.0) < 1e-4:
+            break
+        problem = replace(problem, loss=replace(robust, spread=spread))
+        best = search(problem, best.rule, best.end, low, high)
+    return problem, best
 
 
-def _bounds(asked: Asked, bounds: Mapping[str, Sequence[Any]]) -> tuple[Floats, Floats]:
-    """Read bounds, in each number's own unit."""
-    low, high = (np.full(len(asked.names), side) for side in (-np.inf, np.inf))
-    of_elements = {element: ends for name, ends in bounds.items() for element in _elements(asked.model, name)}
-    for name, ends in of_elements.items():
-        if name not in asked.names:
-            raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(asked.names)}")
-        declared = asked.declared(name)
-        try:
-            values, unit = numbers_of(list(ends), declared.unit)
-        except (InputError, TypeError) as error:
-            raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
-        values = values * float(unit.factor / declared.unit.factor)
-        if len(values) != 2 or not values[0] < values[1] or not values[0] <= declared.value <= values[1]:
-            raise InputError(
-                f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between"
-                " them"
-            )
-        i = asked.names.index(name)
-        low[i], high[i] = values
-    return low, high
+def _named(problem: Fitting) -> str:
+    return ", ".join(asked.data.name for asked in problem.records)
 
 
-def _scales(asked: Asked, start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
-    scales = np.abs(start)
-    for i in np.flatnonzero(scales == 0.0).tolist():
-        width = float(high[i] - low[i])
-        spread = (asked.model.parameters | asked.model.starts).get(asked.names[i])
-        scales[i] = (
-            width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
-        )
-    return scales
+@dataclass(frozen=True)
+class Choice:
+    """How intervals are made, between which bounds, and the seed that was used."""
+
+    intervals: str
+    coverage: float
+    low: Floats
+    high: Floats
+    seed: int
 
 
-def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, seed: int) -> xr.Dataset:
-    asked, scales, values = problem.asked, problem.scales, best.end * problem.scales
-    residual, slopes = best.residual, best.slopes
-    computed = residual / asked.weights + asked.measured
-    freedom, square = residual.size - values.size, float(residual @ residual)
-    covariance, condition = _covariance(asked, slopes)
-    if not asked.data.uncertainties:
-        covariance = covariance * (square / freedom)
-    deviations = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(deviations, deviations) if (deviations > 0).all() else np.eye(len(values))
-    deviations = deviations * scales
-    fitted = _fitted(asked, values, deviations, correlation, test)
-    variables: dict[str, Any] = estimates_as(asked, best, values, deviations, correlation) | {
-        AT_TIME: ((AT,), asked.data.times, about(asked.model.time_unit.text, "time of measurement", "time")),
-        "model_toml": (
-            (),
-            np.array(fitted.to_toml()),
-            about("1", "the fitted model as TOML, uncertain and correlated by what was found", "model"),
-        ),
-    }
-    variables |= residuals_as(asked, computed) | searches_as(results, scales)
+@dataclass(frozen=True)
+class Found:
+    """What a search found, in the units of the numbers."""
+
+    values: Floats
+    deviations: Floats
+    correlation: Floats
+    intervals: Floats
+    condition: float
+    freedom: int
+
+
+def _found(problem: Fitting, best: Search, choice: Choice) -> Found:
+    scales, freedom = problem.scales, best.residual.size - best.end.size
+    covariance, condition = _covariance(problem, best.slopes)
+    if not problem.told or problem.loss.name != LINEAR:
+        covariance = covariance * problem.loss.variance(best.residual, best.end.size)
+    scaled = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scaled, scaled) if (scaled > 0).all() else np.eye(scaled.size)
+    half = quantile(choice.coverage, freedom, known=problem.told)
+    ends = intervals_as(best.end, scaled, half)
+    if choice.intervals == PROFILE and (scaled > 0).all():
+        variance = 1.0 if problem.told else best.square / freedom
+        ends = profiles(problem, best, choice.low, choice.high, scaled, half**2 * variance, half)
+    return Found(best.end * scales, scaled * scales, correlation, ends * scales[:, None], condition, freedom)
+
+
+def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, choice: Choice) -> xr.Dataset:
+    found, first = _found(problem, best, choice), problem.records[0]
+    good = best.residual[~problem.outlying(best.residual)]
+    square, freedom = float(good @ good), good.size - best.end.size
+    fitted = _fitted_models(problem, found, test)
+    variables: dict[str, Any] = estimates_as(problem, best, found, choice.coverage) | records_as(problem, fitted)
+    variables |= residuals_as(problem, best.residual) | searches_as(results, problem.scales)
     attributes = {
-        "data": asked.data.name,
-        "chi_square": square if asked.data.uncertainties else float("nan"),
+        "data": _named(problem),
+        "chi_square": square if problem.told else float("nan"),
         "degrees_of_freedom": freedom,
         "residual_variance": square / freedom,
-        "condition": condition,
+        "condition": found.condition,
         "evaluations": sum(search.evaluations for search in results),
         "stopped": best.stopped,
         "converged": int(best.converged),
         "chi_square_probability": test.chi_square_probability,
         "runs_probability": test.runs_probability,
-        "seed": seed,
+        "seed": choice.seed,
         "adequate": int(test.adequate and best.converged),
         "adequate_text": test.text,
-        "asked": json.dumps(asked.settings, sort_keys=True),
-        "model_digest": asked.model.digest,
-        "fitted_digest": fitted.digest,
+        "loss": problem.loss.name,
+        "intervals": choice.intervals,
+        "coverage": choice.coverage,
+        "asked": json.dumps(first.settings, sort_keys=True),
+        "model_digest": first.model.digest,
+        "fitted_digest": fitted[0].digest,
     }
-    return exhibit(
-        "fit", f"{asked.model.name}, fitted to {asked.data.name}", [], variables, attributes, shapes=asked.model.shapes
-    )
+    title = f"{first.model.name}, fitted to {_named(problem)}"
+    return exhibit("fit", title, [], variables, attributes, shapes=first.model.shapes)
 
 
-def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
+def _covariance(problem: Fitting, slopes: Floats) -> tuple[Floats, float]:
     """Return the covariance of the scaled parameters, and the condition number of the normalised slopes.
 
     Raises
@@ -290,18 +281,38 @@ def _covariance(asked: Asked, slopes: Floats) -> tuple[Floats, float]:
         If the data do not determine some parameters; they are named.
     """
     sizes = np.sqrt((slopes**2).sum(axis=0))
-    if idle := [name for name, size in zip(asked.names, sizes, strict=True) if not size > 0.0]:
+    names = [labelled(problem.records, number) for number in problem.numbers]
+    if idle := [name for name, size in zip(names, sizes, strict=True) if not size > 0.0]:
         raise InputError(f"the data do not change with '{idle[0]}': it cannot be fitted to them; fix it")
     _, singular, vectors = np.linalg.svd(slopes / sizes, full_matrices=False)
     if singular[-1] <= ALIKE * singular[0]:
-        mixed = [name for name, part in zip(asked.names, np.abs(vectors[-1]), strict=True) if part > 0.1]
+        mixed = [name for name, part in zip(names, np.abs(vectors[-1]), strict=True) if part > 0.1]
         raise InputError(f"the data do not tell {' and '.join(mixed)} apart: only a combination of them; fix one")
     inverse = (vectors.T / singular**2) @ vectors
     return inverse / np.outer(sizes, sizes), float(singular[0] / singular[-1])
 
 
-def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Floats, test: Tested) -> Model:
-    """Return the model with the estimates, their uncertainties and correlations."""
+def _fitted_models(problem: Fitting, found: Found, test: Tested) -> list[Model]:
+    """Return the fitted model, or one for each record where they differ."""
+    freedom = None if problem.told or len(problem.numbers) > 1 else found.freedom  # correlated numbers are normal ones
+    models = []
+    for k, asked in enumerate(problem.records):
+        places = problem.places(k)
+        correlation = found.correlation[np.ix_(places, places)]
+        models.append(_fitted(asked, found.values[places], found.deviations[places], correlation, test, freedom))
+    alike = len({asked.model.digest for asked in problem.records}) == 1 and len(problem.places(0)) == len(
+        problem.numbers
+    )
+    if alike and len(models) > 1:
+        mark = Fitted(_named(problem), test.adequate, test.text)
+        return [models[0].with_statement(replace(models[0].statement, fit=mark))]
+    return models
+
+
+def _fitted(
+    asked: Asked, values: Floats, deviations: Floats, correlation: Floats, test: Tested, freedom: int | None = None
+) -> Model:
+    """Return the model with the estimates, their uncertainties and correlations; one number of few degrees of freedom is Student's t."""
     statement = asked.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
     for i, name in enumerate(asked.names):
@@ -309,7 +320,7 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
         declared = parameters.get(name) or starts.get(name)
         entry = Parameter(
             Quantity(float(values[i]), unit),
-            Spread(Quantity(float(deviations[i]), unit)),
+            _spread(Quantity(float(deviations[i]), unit), freedom),
             declared.description if declared else "",
         )
         if name in parameters:
@@ -326,3 +337,11 @@ def _fitted(asked: Asked, values: Floats, deviations: Floats, correlation: Float
     at_rest = tuple(name for name in statement.at_rest if name not in asked.names)
     numbers: dict[str, Any] = {"parameters": parameters, "starts": starts, "initial": initial, "at_rest": at_rest}
     return asked.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))
+
+
+def _spread(standard: Quantity, freedom: int | None) -> Spread:
+    """Return how an estimate is distributed; the standard deviation of Student's t is over that of its scale."""
+    if freedom is None or not 2 < freedom < FEW or not standard.value > 0.0:
+        return Spread(standard)
+    wider = Quantity(standard.value * (freedom / (freedom - 2.0)) ** 0.5, standard.unit)
+    return Spread(wider, STUDENT, degrees_of_freedom=float(freedom))

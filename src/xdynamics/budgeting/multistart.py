@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.losses import Loss
 from xdynamics.elementary.arrays import power
 from xdynamics.faults import InputError
 
@@ -30,6 +31,10 @@ FARTHEST = 8.0  # largest such factor
 class Problem(Protocol):
     """What searches need to know of a fit."""
 
+    @property
+    def loss(self) -> Loss:
+        """What a residual counts."""
+
     def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, for the data up to a share of their time."""
 
@@ -47,7 +52,7 @@ class Search:
         How its start was chosen.
     start, end : ndarray, shape (n,)
     square : float
-        Sum of squares at the end; infinite if a run ended before all times.
+        Sum of squares, or of losses, at the end; infinite if a run ended before all times.
     evaluations : int
     converged : bool
     stopped : str
@@ -140,6 +145,8 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
         ftol=CLOSE,
         gtol=CLOSE,
         max_nfev=MOST,
+        loss=problem.loss.name,
+        f_scale=problem.loss.scale,
     )
     return Search(
         rule,
@@ -150,7 +157,7 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
         bool(solution.status > 0),
         str(solution.message),
         solution.fun,
-        solution.jac,
+        looked(solution.x)[1],  # scipy's is multiplied by the loss's curvature
         solution.active_mask != 0,
     )
 

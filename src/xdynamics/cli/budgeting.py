@@ -156,15 +156,30 @@ def _evidence(
 
 @main.command()
 @click.argument("model_file", metavar="MODEL.toml")
-@click.argument("data", metavar="DATA")
+@click.argument("data", metavar="DATA...", nargs=-1, required=True)
 @click.option(
     "--parameter",
     "parameters",
     multiple=True,
-    required=True,
     metavar="NAME",
-    help="A parameter or initial value to fit.",
+    help="A parameter or initial value to fit; all records share it.",
 )
+@click.option("--own", multiple=True, metavar="NAME", help="One that each of several records has for itself.")
+@click.option(
+    "--loss",
+    type=click.Choice(["linear", "soft_l1", "huber", "cauchy"]),
+    default="linear",
+    show_default=True,
+    help="What a residual counts; all but linear are robust against outliers.",
+)
+@click.option(
+    "--intervals",
+    type=click.Choice(["covariance", "profile"]),
+    default="covariance",
+    show_default=True,
+    help="How intervals are made; profile follows laws that are not linear.",
+)
+@click.option("--coverage", type=float, default=0.95, show_default=True, help="Coverage probability of the intervals.")
 @click.option("--bounds", multiple=True, metavar="NAME=LOW:HIGH", help="Bounds of a parameter, like k='0:10 N m-1'.")
 @click.option("-o", "--output", metavar="F.nc", help="Where to write the fit.")
 @click.option(
@@ -182,20 +197,18 @@ def _evidence(
 @settings(without=OF_RECORDS)
 def fit(
     model_file: str,
-    data: str,
+    data: tuple[str, ...],
     parameters: tuple[str, ...],
     bounds: tuple[str, ...],
     output: str | None,
-    gaps: str,
-    starts: int,
-    seed: int,
     fitted: str | None,
     changes: tuple[str, ...],
     **named: Any,
 ) -> None:
     """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc.
 
-    Exit code 1 where the search did not come to an end, or the residuals are more than noise.
+    Several files are several records, fitted at once. Columns are quantities of the model along a time, or times of events,
+    event_time_floor [s], a row for each occurrence. Exit code 1 where the search did not come to an end, or the residuals are more than noise.
     """
     from xdynamics import archive
     from xdynamics.archive.place import placed
@@ -206,22 +219,33 @@ def fit(
     model = changed_model(model_file, changes)
     for path in filter(None, (output, fitted)):
         archive.check_target(placed(path))
+    choices = {name: named.pop(name) for name in ("own", "loss", "intervals", "coverage", "gaps", "starts", "seed")}
     result = fitted_to(
         model,
-        data,
+        data[0] if len(data) == 1 else list(data),
         parameters,
         bounds=ends_of(bounds, "--bounds"),
-        gaps=gaps,
         reading=reading_of(named),
-        starts=starts,
-        seed=seed,
+        **choices,
         **asked(without(named)),
     )
     if output:
         archive.save(result, output)
-    if fitted:
-        with taking_name(placed(fitted)) as new:
-            new.part.write_text(str(result["model_toml"].values))
-    say([*summary(result), *[f"model     {fitted}"] * bool(fitted), *[f"fit       {output}"] * bool(output)])
+    models = _fitted_files(fitted, result) if fitted else {}
+    for path, text in models.items():
+        with taking_name(placed(path)) as new:
+            new.part.write_text(text)
+    say([*summary(result), *(f"model     {path}" for path in models), *[f"fit       {output}"] * bool(output)])
     hand_over(result, archive=output, model=fitted)
     sys.exit(DONE if int(result.attrs["adequate"]) else BADLY)
+
+
+def _fitted_files(path: str, result: Any) -> dict[str, str]:
+    """Return the texts of fitted models by their files: one, or one for each record that has numbers of its own."""
+    texts = result["model_toml"].values
+    if not texts.ndim:
+        return {path: str(texts)}
+    stem, ending = path.removesuffix(".toml"), ".toml" if path.endswith(".toml") else ""
+    return {
+        f"{stem}_{record}{ending}": str(text) for record, text in zip(result["record_name"].values, texts, strict=True)
+    }

@@ -7,6 +7,7 @@ from functools import partial
 
 from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.documenting.words_page import words_page
@@ -220,6 +221,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "solve": SOLVE.splitlines,
         "archives": ARCHIVES_PAGE.splitlines,
         "files": FILES.splitlines,
+        "fits": FITS_PAGE.splitlines,
         "json": JSON_PAGE.splitlines,
         "stores": lambda: STORES,
         **{name: partial(_section, name) for name in SECTIONS},

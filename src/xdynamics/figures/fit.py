@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -15,7 +16,7 @@ from xdynamics.schema import AT_TIME
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-RESIDUAL, MEASURED, DOUBT = "residual_", "measured_", "measured_uncertainty_"
+RESIDUAL, MEASURED, DOUBT, OF_EVENTS = "residual_", "measured_", "measured_uncertainty_", "event_time_"
 
 
 def panels_of(fit: xr.Dataset) -> list[Panel]:
@@ -26,8 +27,9 @@ def panels_of(fit: xr.Dataset) -> list[Panel]:
 
 def foot_of(fit: xr.Dataset) -> str:
     """Report the estimates and the data."""
+    records = fit["parameter_record"].values.tolist() if "parameter_record" in fit else [""] * fit.sizes["parameter"]
     rows = zip(
-        fit["parameter_name"].values,
+        [f"{name} of {one}" if one else name for name, one in zip(fit["parameter_name"].values, records, strict=True)],
         fit["estimate"].values,
         fit["standard_uncertainty"].values,
         fit["parameter_units"].values,
@@ -41,26 +43,49 @@ def foot_of(fit: xr.Dataset) -> str:
 
 
 def _values(fit: xr.Dataset, name: str, axes: Axes) -> None:
-    time, units = fit[AT_TIME].values, fit[name].attrs["units"]
-    order = np.argsort(time, kind="stable")
-    axes.plot(time, fit[f"{MEASURED}{name}"].values, ".", color=COLOURS[1], markersize=3, label="measured")
-    axes.plot(time[order], fit[name].values[order], color=COLOURS[0], linewidth=1.0, label="fitted model")
-    axes.set(xlabel=timed(fit[AT_TIME]), ylabel=words(f"{name} ({units})"))
+    units = fit[name].attrs["units"]
+    for record, rows in _records(fit, name):
+        along, order = _along(fit, name)[rows], np.argsort(_along(fit, name)[rows], kind="stable")
+        measured, computed = fit[f"{MEASURED}{name}"].values[rows], fit[name].values[rows]
+        label = f"measured, {fit['record_name'].values[record]}" if "record_name" in fit else "measured"
+        axes.plot(along, measured, ".", markersize=4, color=COLOURS[1 + record % (len(COLOURS) - 1)], label=label)
+        axes.plot(
+            along[order], computed[order], color=COLOURS[0], linewidth=1.0, label=None if record else "fitted model"
+        )
+    axes.set(xlabel=_across(fit, name), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(name), loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
 
 def _residuals(fit: xr.Dataset, name: str, axes: Axes) -> None:
-    time, residuals = fit[AT_TIME].values, fit[f"{RESIDUAL}{name}"].values
-    if f"{DOUBT}{name}" in fit:
-        axes.errorbar(
-            time, residuals, fit[f"{DOUBT}{name}"].values, fmt=".", color=COLOURS[1], markersize=3, linewidth=0.5
-        )
-    else:
-        axes.plot(time, residuals, ".", color=COLOURS[1], markersize=3)
+    for record, rows in _records(fit, name):
+        along, residuals = _along(fit, name)[rows], fit[f"{RESIDUAL}{name}"].values[rows]
+        colour = COLOURS[1 + record % (len(COLOURS) - 1)]
+        if f"{DOUBT}{name}" in fit:
+            doubts = fit[f"{DOUBT}{name}"].values[rows]
+            axes.errorbar(along, residuals, doubts, fmt=".", color=colour, markersize=3, linewidth=0.5)
+        else:
+            axes.plot(along, residuals, ".", color=colour, markersize=3)
     axes.axhline(0.0, color=COLOURS[0], linewidth=1.0)
-    axes.set(xlabel=timed(fit[AT_TIME]), ylabel=words(f"measured minus fitted ({fit[name].attrs['units']})"))
+    axes.set(xlabel=_across(fit, name), ylabel=words(f"measured minus fitted ({fit[name].attrs['units']})"))
     axes.set_title(words(f"residuals of {name}"), loc="left", fontsize=10)
+
+
+def _records(fit: xr.Dataset, name: str) -> Iterator[tuple[int, Any]]:
+    """Yield each record that has a quantity, and its rows."""
+    there = np.isfinite(fit[name].values)
+    which = fit["at_record"].values if "at_record" in fit else np.zeros(there.size, int)
+    for record in np.unique(which[there]).tolist():
+        yield record, np.flatnonzero(there & (which == record))
+
+
+def _along(fit: xr.Dataset, name: str) -> Any:
+    """Return what a quantity is drawn over: the time; of event times, which occurrence it is."""
+    return fit["at_occurrence"].values if name.startswith(OF_EVENTS) else fit[AT_TIME].values
+
+
+def _across(fit: xr.Dataset, name: str) -> str:
+    return "occurrence" if name.startswith(OF_EVENTS) else timed(fit[AT_TIME])
 
 
 PAGE = Page(("fit",), panels_of, foot_of, most_panels=8)

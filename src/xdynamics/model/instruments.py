@@ -407,7 +407,13 @@ def _counted(name: str, grid: Cells, reading: Reading) -> Cells:
     if not reading.time_zero:
         return grid
     names = [name_of_title(title).lower() for title in grid.header]
-    k = next((names.index(clock) for clock in CLOCKS if clock in names), 0)
+    clocks = [names.index(clock) for clock in CLOCKS if clock in names][:1]
+    for k in clocks or [k for k, column in enumerate(names) if column.startswith("event_time_")] or [0]:
+        grid = _counted_column(name, grid, reading, k)
+    return replace(grid, kind=f"{grid.kind}, time counted from {reading.time_zero}")
+
+
+def _counted_column(name: str, grid: Cells, reading: Reading, k: int) -> Cells:
     scale = _checked(f"table '{name}', column {shown(grid.header[k])}", lambda: title(grid.header[k])).unit
     if reading.time_zero == FIRST:
         zero = Fraction(grid.rows[0][k]) if number_of(grid.rows[0][k]) is not None else Fraction(0)
@@ -424,4 +430,4 @@ def _counted(name: str, grid: Cells, reading: Reading) -> Cells:
         else row
         for row in grid.rows
     ]
-    return replace(grid, rows=tuple(rows), kind=f"{grid.kind}, time counted from {reading.time_zero}")
+    return replace(grid, rows=tuple(rows))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,7 @@ Floats = NDArray[np.float64]
 _UNCERTAINTY = re.compile(r"u\((?P<name>.+)\)")
 _OF_ELEMENT = re.compile(r"\s*(u\()?(\w+\[[^\[\]]*\])")
 TIMES = ("time", "t")
+EVENT_TIMES, OCCURRENCES = "event_time_", "occurrence"  # columns of a table of events: one row is an occurrence
 ARRAYS = (".nc", ".nc4", ".netcdf", ".cdf")  # files that are read as a Dataset
 REMEDY = (
     "how it is to be read is said by skip (lines before the header), header = t [s],x [m] (titles in the place of its own),"
@@ -61,6 +62,9 @@ class Measured:
         Standard ones.
     left_out : tuple of str
         Columns that were not wanted.
+    occurrences : ndarray of int, shape (n,)
+        Of a table of event times, ``event_time_floor``, which occurrence of its event each row is, from 1; `times` are
+        those of the first such column. Of any other table empty.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Measured:
     values: dict[str, tuple[Floats, Unit]]
     uncertainties: dict[str, tuple[Floats, Unit]]
     left_out: tuple[str, ...] = ()
+    occurrences: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def words(self) -> list[Any]:
@@ -134,7 +139,7 @@ def measured(
     elif hasattr(source, "columns"):
         table = source.reset_index() if source.index.name else source
         columns = {str(name): table[name].to_numpy() for name in table.columns}
-        data = _of_columns("the DataFrame", columns, known, skip=gaps == SKIP)
+        data = _counted(_of_columns("the DataFrame", columns, known, skip=gaps == SKIP), said)
     else:
         data = _of_dataset(_of_elements(_of_array(source), shapes), known, said)
     if data.clock.dimension != clock.dimension:
@@ -446,7 +451,13 @@ def _counted(data: Measured, reading: Reading) -> Measured:
     if not reading.time_zero:
         return data
     zero = float(data.times[0]) if reading.time_zero == FIRST else parse_quantity(reading.time_zero).si
-    return replace(data, name=f"{data.name}, time counted from {reading.time_zero}", times=data.times - zero)
+    values = {
+        name: (numbers - zero / float(unit.factor), unit) if name.startswith(EVENT_TIMES) else (numbers, unit)
+        for name, (numbers, unit) in data.values.items()
+    }
+    return replace(
+        data, name=f"{data.name}, time counted from {reading.time_zero}", times=data.times - zero, values=values
+    )
 
 
 def _numbers(cells: Any) -> Floats:
@@ -479,9 +490,16 @@ def _is_number(cell: Any) -> bool:
 def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
     """Separate times, values and uncertainties."""
     clock: Hashable = next((column for column in columns if column.lower() in TIMES), None)
-    if clock is None:
+    of_events = [column for column in columns if column.startswith(EVENT_TIMES)]
+    if clock is not None and of_events:
+        raise InputError(
+            f"{name} has times of rows, '{clock}', and of events, '{of_events[0]}'; give them as two records, one of values"
+            " at times, one of events with a row for each occurrence"
+        )
+    if clock is None and not of_events:
         raise InputError(f"{name} has no column of times, like 'time [s]'; there are {', '.join(columns) or 'none'}")
-    times, unit = columns.pop(str(clock))
+    occurrences = _occurrences(name, columns, len(columns[of_events[0]][0])) if of_events else np.zeros(0, np.int64)
+    times, unit = columns[of_events[0]] if of_events else columns.pop(str(clock))
     uncertainties = {match["name"]: column for key, column in columns.items() if (match := _UNCERTAINTY.fullmatch(key))}
     values = {key: column for key, column in columns.items() if not _UNCERTAINTY.fullmatch(key)}
     ledger = Ledger(name)
@@ -497,4 +515,17 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
     if not values or not times.size:
         ledger.note("has no column beside the times" if times.size else "has no rows")
     ledger.raise_faults()
-    return Measured(name, times * float(unit.factor), unit, values, uncertainties, left_out)
+    return Measured(name, times * float(unit.factor), unit, values, uncertainties, left_out, occurrences)
+
+
+def _occurrences(name: str, columns: dict[str, tuple[Floats, Unit]], rows: int) -> NDArray[np.int64]:
+    """Return which occurrence each row of a table of events is: what a column says, else from 1 on."""
+    if OCCURRENCES not in columns:
+        return np.arange(1, rows + 1)
+    said, _ = columns.pop(OCCURRENCES)
+    wrong = np.flatnonzero((said < 1) | (said != np.floor(said)))
+    if wrong.size:
+        raise InputError(
+            f"{name}, row {int(wrong[0]) + 1}: occurrence is {said[wrong[0]]:g}, needs a whole number from 1 on"
+        )
+    return said.astype(np.int64)

@@ -1,0 +1,233 @@
+"""The arguments of a fit, checked: measured records, the models they are compared with, numbers, bounds and scales."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.budgeting.fit_problem import SHARED, Asked, Number
+from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, measured
+from xdynamics.evidence.observables import comparable
+from xdynamics.faults import InputError, Ledger, written
+from xdynamics.march.configuration import settings_for
+from xdynamics.model import Model
+from xdynamics.record.columns import columns_of
+from xdynamics.record.element_attributes import of_wholes
+from xdynamics.sweeping.axes import numbers_of
+from xdynamics.units import Unit, parse_unit, unit_suffix
+
+Floats = NDArray[np.float64]
+
+
+def records_of(
+    model: Any, data: Any, parameters: Any, own: Any, gaps: str, reading: Any, settings: dict[str, Any]
+) -> tuple[tuple[Asked, ...], tuple[Number, ...]]:
+    """Return the records of a fit, and its numbers: shared ones, then each record's own.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or does not fit the others.
+    """
+    labelled = _labelled(data)
+    models = _models(model, labelled)
+    first = next(iter(models.values()))
+    shared, of_each = names_of(first, parameters, "parameters"), names_of(first, own or (), "own")
+    if both := {*shared} & {*of_each}:
+        raise InputError(f"'{min(both)}' is in parameters, shared by all records, and in own; give it once")
+    if not shared + of_each:
+        names_of(first, (), "parameters", some=True)
+    if of_each and len(labelled) < 2:
+        raise InputError(f"own is {', '.join(of_each)}, and there is one record; name it in parameters")
+    records = tuple(
+        _record(models[label], source, (*shared, *of_each), gaps, reading, settings, label if len(labelled) > 1 else "")
+        for label, source in labelled.items()
+    )
+    for record in records:
+        if bool(record.data.uncertainties) is not bool(records[0].data.uncertainties):
+            raise InputError(
+                f"records '{records[0].label}' and '{record.label}': one has uncertainties, u(…), and the other none; give"
+                " all of them some"
+            )
+        if not record.data.uncertainties and {*record.quantities} != {*records[0].quantities}:
+            raise InputError(
+                f"records '{records[0].label}' and '{record.label}' hold unlike quantities, and no uncertainties by which"
+                " they can be weighed; give columns u(…)"
+            )
+    numbers = (
+        *map(Number, shared),
+        *(Number(name, k) for k in range(len(records)) for name in of_each),
+    )
+    rows = sum(record.measured.size for record in records)
+    if rows <= len(numbers):
+        where = records[0].data.name if len(records) == 1 else "the data"
+        raise InputError(f"{where} has {rows} numbers for {len(numbers)} parameters, needs more")
+    return records, numbers
+
+
+def _labelled(data: Any) -> dict[str, Any]:
+    """Return records by their names: files by theirs, others numbered."""
+    if isinstance(data, Mapping) and not hasattr(data, "data_vars") and not hasattr(data, "columns"):
+        if any(
+            isinstance(source, str | Path | Mapping) or hasattr(source, "dims") or hasattr(source, "columns")
+            for source in data.values()
+        ):
+            return {str(label): source for label, source in data.items()}
+        return {"record": data}
+    if not isinstance(data, list | tuple):
+        return {"record": data}
+    names = [Path(source).stem if isinstance(source, str | Path) else f"record{k + 1}" for k, source in enumerate(data)]
+    if len({*names}) < len(names):
+        raise InputError(f"records are called {', '.join(names)}; give each a name of its own: {{'one': …, 'two': …}}")
+    if not names:
+        raise InputError("data is an empty list, needs one measured record or more")
+    return dict(zip(names, data, strict=True))
+
+
+def _models(model: Any, labelled: Mapping[str, Any]) -> dict[str, Model]:
+    """Return the model of each record."""
+    if isinstance(model, Mapping) and {*model} != {*labelled}:
+        raise InputError(
+            f"models are called {', '.join(map(str, model))}, and records {', '.join(labelled)}; needs a model for each"
+        )
+    by_label = {label: model[label] if isinstance(model, Mapping) else model for label in labelled}
+    for entry in by_label.values():
+        if not isinstance(entry, Model):
+            raise InputError(f"model is {str(entry)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    return by_label
+
+
+def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tuple[str, ...]:
+    """Return parameters and initial values by name, quantities with dimensions by their elements.
+
+    Raises
+    ------
+    InputError
+        If one is not there, or twice.
+    """
+    entries = (named,) if isinstance(named, str) else tuple(named)
+    names = tuple(element for name in entries for element in elements(model, name))
+    available = [*model.parameters, *(name for name in model.initial if name != "t")]
+    if (some and not names) or len({*names}) < len(names):
+        raise InputError(
+            f"{what} are {[*names]}, need one name or more, each once; there are {', '.join(of_wholes(available))}"
+        )
+    for name in names:
+        if name not in available:
+            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
+    return names
+
+
+def elements(model: Model, name: Any) -> list[Any]:
+    """Return the elements of a quantity with dimensions; any other name is returned alone."""
+    return [*model.shapes.elements(written(name))] if isinstance(name, str) else [name]
+
+
+def _record(
+    model: Model, source: Any, names: tuple[str, ...], gaps: str, reading: Any, settings: dict[str, Any], label: str
+) -> Asked:
+    """Read one record, and check it against its model."""
+    march_settings = settings_for(model, **settings)
+    columns = {
+        column.variable.name: column.variable.units
+        for column in columns_of(march_settings.layout(model), march_settings)
+    }
+    units = {name: parse_unit(columns[name]) for name in comparable(model)}
+    units |= {f"{EVENT_TIMES}{name}": model.time_unit for name in detectors(model)}
+    table = measured(source, (*units, OCCURRENCES), gaps, model.time_unit, model.shapes, reading)
+    table = replace(
+        table, values={name: column for name, column in table.values.items() if name in units or name != OCCURRENCES}
+    )
+    if label:
+        table = replace(table, name=f"'{label}'")
+    ledger = Ledger(table.name)
+    _check_columns(table, units, ledger)
+    begin, end, second = model.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
+    outside = np.flatnonzero((table.times < begin) | (table.times > end))
+    if outside.size:
+        ledger.note(
+            f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from"
+            f" {begin!r}{second} to {end!r}{second}; give until=…"
+        )
+    ledger.raise_faults()
+    return Asked(model, names, table, {name: units[name] for name in table.values}, settings, label)
+
+
+def _check_columns(table: Any, units: Mapping[str, Unit], ledger: Ledger) -> None:
+    for name, (_, unit) in table.values.items():
+        if name not in units:
+            ledger.note(f"column '{name}' is nothing that the model has; there are {', '.join(of_wholes(units))}")
+        elif unit.dimension != units[name].dimension:
+            ledger.note(f"column '{name}' is in '{unit.text}', needs '{units[name].text}' or a unit like it")
+        elif table.uncertainties and name not in table.uncertainties:
+            ledger.note(f"column '{name}' has no uncertainties, and others have: give u({name}) too, or none")
+
+
+def detectors(model: Model) -> tuple[str, ...]:
+    """Name what has times: events, contacts and frictions."""
+    statement = model.statement
+    return (*statement.events, *statement.contacts, *statement.frictions)
+
+
+def bounds_of(
+    records: Sequence[Asked], numbers: Sequence[Number], bounds: Mapping[str, Sequence[Any]]
+) -> tuple[Floats, Floats]:
+    """Read bounds, in each number's own unit; those of a record's own number hold for every record's.
+
+    Raises
+    ------
+    InputError
+        If one is not fitted, or its bounds do not hold its value between them.
+    """
+    low, high = (np.full(len(numbers), side) for side in (-np.inf, np.inf))
+    names = [number.name for number in numbers]
+    of_elements = {element: ends for name, ends in bounds.items() for element in elements(records[0].model, name)}
+    for name, ends in of_elements.items():
+        if name not in names:
+            raise InputError(f"bounds name '{name}', which is not fitted; there are {', '.join(dict.fromkeys(names))}")
+        for i, number in enumerate(numbers):
+            if number.name == name:
+                low[i], high[i] = _ends(record_of(records, number), name, ends)
+    return low, high
+
+
+def _ends(asked: Asked, name: str, ends: Any) -> Floats:
+    declared = asked.declared(name)
+    try:
+        values, unit = numbers_of(list(ends), declared.unit)
+    except (InputError, TypeError) as error:
+        raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
+    values = values * float(unit.factor / declared.unit.factor)
+    if len(values) != 2 or not values[0] < values[1] or not values[0] <= declared.value <= values[1]:
+        raise InputError(
+            f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between them"
+        )
+    return values
+
+
+def scales_of(records: Sequence[Asked], numbers: Sequence[Number], start: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
+    scales = np.abs(start)
+    for i in np.flatnonzero(scales == 0.0).tolist():
+        width = float(high[i] - low[i])
+        model = record_of(records, numbers[i]).model
+        spread = (model.parameters | model.starts).get(numbers[i].name)
+        scales[i] = (
+            width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
+        )
+    return scales
+
+
+def record_of(records: Sequence[Asked], number: Number) -> Asked:
+    """Return the record that a number is declared in: its own, or the first."""
+    return records[0 if number.record == SHARED else number.record]
+
+
+def labelled(records: Sequence[Asked], number: Number) -> str:
+    """Return the name of a number; of a record's own, with the record's."""
+    return number.name if number.record == SHARED else f"{number.name} of '{records[number.record].label}'"
