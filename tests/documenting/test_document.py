@@ -13,6 +13,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.blocks import TextTable, drawn
 from xdynamics.documenting.equations import of_model
+from xdynamics.expressions import latex, parse
 
 
 @pytest.fixture(scope="module")
@@ -108,17 +109,31 @@ def test_the_same_in_markdown(bundled: Path, tmp_path: Path) -> None:
 def test_every_model_is_written_in_formulas(path: Path) -> None:
     """Assert that all formulas of every model are drawn by matplotlib's mathematics, and that its numbers are all there.
 
-    Of those that differ in figures or upright names alone, which elements bear, one is drawn.
+    Of those that differ in figures or upright names alone, one is drawn. Formulas have dimensions, not elements.
     """
     from matplotlib.mathtext import MathTextParser
 
     model, parser = xd.Model.from_toml(path), MathTextParser("path")
     formulas = [one.latex for one in of_model(model) if hasattr(one, "latex")]
     assert formulas
-    for latex in {re.sub(r"\d+|(?<=\\mathrm{)[^{}]*", "", latex): latex for latex in formulas}.values():
-        parser.parse(f"${latex}$")
+    for formula in {re.sub(r"\d+|(?<=\\mathrm{)[^{}]*", "", one): one for one in formulas}.values():
+        parser.parse(f"${formula}$")
     rows = [row[0] for one in of_model(model) if isinstance(one, TextTable) for row in one.rows]
-    assert {*model.parameters, *(f"{name} at the start" for name in model.initial)} <= {*rows}
+    stated = model.shaped
+    at_start = (f"{name} at the start" for name in (*stated.initial, *stated.starting))
+    assert {*stated.parameters, *stated.arrays, *at_start} <= {re.sub(r"\[.*?\]|, along .*", "", row) for row in rows}
+
+
+def test_formulas_of_elements_are_one_formula() -> None:
+    """Assert that a chain of 5,000 sites is written in as many formulas as quantities, with places of a shift in them."""
+    text = (MODELS / "heat.toml").read_text(encoding="utf-8").replace("cell = 50", "cell = 5000")
+    written = [*of_model(xd.Model.from_text(text))]
+    rate = next(one.latex for one in written if hasattr(one, "latex") and "dot{T}" in one.latex)
+    assert len(written) < 10
+    assert r"\mathrm{shift}\left(T, \mathrm{cell}, -1, 0\,\mathrm{kelvin}\right)" in rate
+    assert latex(parse("2*sum(m*u, site) + norm(r, axis)")) == (
+        r"2\,\left(\sum_{\mathrm{site}} m\,u\right) + \left\|r\right\|_{\mathrm{axis}}"
+    )
 
 
 def test_formulas_are_drawn_the_same_twice() -> None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.documenting.summary import summary
 from xdynamics.figures.scenes import Bodies, Profile, scene_of
 from xdynamics.record import unfold
 
@@ -62,6 +63,20 @@ def test_closed_forms_and_cycles_of_elements(run: xr.Dataset) -> None:
     assert np.isnan(one.largest_residual_x.sel(body="b"))
     with pytest.raises(xd.InputError, match=r"has the dimension 'body', which x\[a\] does not have; reduce it"):
         xd.diagnose(run, exact={"x[a]": "A*cos(sqrt(k/m)*t)"})
+
+
+def test_a_comparison_names_the_element_that_parts_first(springs: xd.Model, run: xr.Dataset) -> None:
+    """Assert that of two masses the one whose spring differs is named, in the sentence and in a line of each quantity."""
+    models = springs, springs.replace(parameters={"k[b]": "4.001 N m-1"})
+    found = xd.compare(*(xd.simulate(model, method="rk4", step="0.1 s") for model in models), times=TIMES)
+    assert ": x[b] by " in found.attrs["parted"]
+    assert "[b]', row 0: " in found.attrs["first_difference"]
+    loose = xd.simulate(springs, rtol=1e-9)
+    assert "', attribute 'atol': " in xd.compare(run, loose, times=TIMES).attrs["first_difference"]
+    lines = [line for line in summary(found) if line.startswith("largest   difference_x")]
+    assert len(lines) == 1
+    assert lines[0].startswith("largest   difference_x[b] = ")
+    assert (found.difference_x.sel(body="a") == 0.0).all()
 
 
 def test_summaries_name_elements(run: xr.Dataset, tmp_path: Path) -> None:

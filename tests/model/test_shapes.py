@@ -180,6 +180,12 @@ def test_elements_and_wholes_are_replaced() -> None:
             'of = "body"\ncsv = "first,second\\nSun,Mars\\n"',
             "line 2: dimension 'body' has no element Mars",
         ),
+        (
+            'of = "body"',
+            'of = "body"\ncsv = "first,second\\n"',
+            "has no link, .*: table 'pair.csv' has a header and no rows",
+        ),
+        ('["Sun", "Jupiter", "Saturn"]', '["Sun"]', "relation 'pair': has no link, .*: 'body' has one element"),
         ('"500 g"', '"500 s"', "parameter 'm': has '500 s' beside values in 'kg'"),
         (
             'values = { Sun = "10 kg", Jupiter = "1 kg", Saturn = "500 g" }',
@@ -193,7 +199,25 @@ def test_elements_and_wholes_are_replaced() -> None:
             "[[0, 0], [1, 0]]",
             "initial value 'r': value has 2 along 'body', needs 3 elements",
         ),
+        (
+            "[[0, 0], [1, 0], [0, 3]]",
+            "[[0, 1, 0], [0, 0, 3]]",
+            "initial value 'r': value has 2 along 'body', needs 3 elements; lists are nested in the order of dims: turn them",
+        ),
         ("[[0, 0], [1, 0], [0, 3]]", "[[0, 0], [1, 0], [0, nan]]", "nan is not finite"),
+        ("sum(m*v_r, body)", "r[Satrun, x]", "has no element Satrun; .* did you mean Saturn?"),
+        ("sum(m*v_r, body)", "r[3, x]", "dimension 'body' has no element 3"),
+        ("sum(m*v_r, body)", "r[Sun]", "'r' has the dimensions body, axis; write an entry for each"),
+        (
+            "sum(m*v_r, body)",
+            "r[x, Sun]",
+            "x is an element of 'axis', and stands in the place of 'body'; in brackets the dimensions are body, axis",
+        ),
+        ("sum(m*v_r, body)", "sum(G, body)", "goes along 'body', and 'G' has the dimensions: none"),
+        ("sum(m*v_r, body)", "cross(r, v_r, axis)", "goes along 'axis' of 2 elements, and needs 3"),
+        ("sum(m*v_r, body)", "shift(r, body, 1, 1*second)", "'shift' joins 'r' in 'm' with '1\\*second' in 's'"),
+        ("sum(m*v_r, body)", "shift(r, body, 0.5, 0*metre)", "the number of places is a whole literal"),
+        ("sum(m*v_r, body)", "first(r, body)", "'body' is no relation; there are: pair"),
         (
             'r = "m"',
             'r = "distance*kilogram/metre"',
@@ -259,3 +283,58 @@ def test_members_of_a_sweep_start_where_their_parameters_say() -> None:
     budget = xd.error_budget(uncertain, quantity="u·2", at="1 s", **settings)
     slope = float(budget.sensitivity[budget.term_name.values.tolist().index("A")])
     assert slope == pytest.approx(float(budget.value) / 0.1, rel=1e-6)  # the motion is linear in it
+
+
+CART = """
+name = "pendulums on a cart"
+[dimensions]
+bob = ["a", "b", "c"]
+[coordinates]
+x = "m"
+theta = { unit = "rad", dims = ["bob"] }
+[parameters]
+M = "2 kg"
+m = { dims = ["bob"], value = [0.3, 0.2, 0.1], unit = "kg" }
+l = { dims = ["bob"], value = [1.0, 0.5, 0.25], unit = "m" }
+g = "9.81 m s-2"
+[mass]
+matrix = [["M + sum(m, bob)", "m*l*cos(theta)/radian"], ["m*l*cos(theta)/radian", "m*l**2/radian**2"]]
+[forces.centrifugal]
+x = "sum(m*l*sin(theta)*v_theta**2, bob)/radian**2"
+[forces.weight]
+potential = "-sum(m*g*l*cos(theta), bob)"
+[initial]
+x = "0 m"
+theta = { unit = "rad", value = [0.5, -1.0, 2.0] }
+"""
+
+
+def test_a_mass_matrix_has_blocks() -> None:
+    """Assert that an entry between two blocks is of their elements, and that pendulums move their cart as numpy's solve says."""
+    model = xd.Model.from_text(CART)
+    assert xd.Model.from_text(model.to_toml()) == model
+    entries = {place: text_of(entry) for place, entry in model.statement.mass_entries.items()}
+    assert {(0, 0), (0, 1), (1, 0), (0, 3), (3, 3)} <= {*entries}
+    assert not {(1, 2), (2, 1), (2, 3)} & {*entries}
+    assert entries[0, 2] == entries[2, 0] == "m·b*l·b*cos(theta·b)/radian"
+    m, l, angle, speed = np.array([[0.3, 0.2, 0.1], [1.0, 0.5, 0.25], [0.5, -1.0, 2.0], [0.0, 0.0, 0.0]])
+    mass = np.zeros((4, 4))
+    mass[0, 0], mass[1:, 1:] = 2.0 + m.sum(), np.diag(m * l**2)
+    mass[0, 1:] = mass[1:, 0] = m * l * np.cos(angle)
+    right = np.append(np.sum(m * l * np.sin(angle) * speed**2), -m * 9.81 * l * np.sin(angle))
+    run = xd.simulate(model, method="rk4", step="1 ms", until="1 ms")
+    found = np.append(run.a_x.values[0], run.a_theta.values[0])
+    assert np.allclose(found, np.linalg.solve(mass, right), rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('[["M + sum(m, bob)"', '[["M + m"', r"mass of 'x': 'M \+ m' has the dimension 'bob', and it needs none"),
+        ('["m*l*cos(theta)/radian", "m*', '["2*m*l*cos(theta)/radian", "m*', "mass matrix is not symmetric: entry"),
+    ],
+)
+def test_entries_of_a_mass_matrix_have_the_dimensions_of_both(old: str, new: str, message: str) -> None:
+    """Assert that an entry with a dimension of neither block, and one without its mirror image, are refused."""
+    with pytest.raises(xd.ModelError, match=message):
+        xd.Model.from_text(changed(CART, old, new))

@@ -52,6 +52,7 @@ def shapes_page() -> Iterator[str]:
         yield f"  {form:{width}}  {MEANINGS[name]}"
     yield f"  {'r[Jupiter, x], u[-1]':{width}}  one element, by labels or numbers, in the order of the dimensions"
     yield "What is assigned may have no dimension more than its place: what is missing is the same for every element."
+    yield "In [mass], matrix = [[…], …] has an entry for every two quantities: it is of the elements that agree in what both have."
     yield "A potential is summed over its dimensions. Events, contacts and frictions with dimensions are one for each element."
     yield "Values: a list (of lists), values = { label = … }, a table, or an expression of index(…) and, at the start, parameters."
     yield "An element is named the same way elsewhere: --quantity 'u[3]', --axis 'm[Sun]=1:2:5 kg', parameters={'m[Sun]': …}."

@@ -68,13 +68,25 @@ def latex(node: Node) -> str:
         case Element():
             return rf"{_symbol(node.name)}\left[{', '.join(map(_entry, node.entries))}\right]"
         case Along():
-            values = ", ".join([*map(latex, node.arguments), *map(_entry, node.dims)])
-            return rf"\mathrm{{{node.function}}}\left({values}\right)"
+            return _along(node)
+
+
+def _along(node: Along) -> str:
+    """Return the LaTeX of a function along dimensions: sums and norms as they are printed, others as they are written."""
+    dims = ", ".join(map(_entry, node.dims))
+    if node.function == "sum":
+        return rf"\sum_{{{dims}}} {_wrapped(node.arguments[0])}"
+    if node.function == "norm":
+        return rf"\left\|{latex(node.arguments[0])}\right\|_{{{dims}}}"
+    written = [*map(latex, node.arguments), dims]
+    if node.function in ("shift", "roll"):
+        written = [latex(node.arguments[0]), dims, str(node.places), *map(latex, node.arguments[1:])]
+    return rf"\mathrm{{{node.function}}}\left({', '.join(written)}\right)"
 
 
 def _chain(node: Binary) -> str:
     first, links = chain(node)
-    text = latex(first)
+    text = _closed(first)
     for link in links:
         text = _joined(link, text)
     return text
@@ -91,7 +103,7 @@ def _joined(node: Binary, left: str) -> str:
         case "*":
             before = rf"\left({left}\right)" if _is_sum(node.left) else left
             return rf"{before}\,{_wrapped(node.right)}"
-    return f"{left} {node.operator} {_wrapped(node.right) if node.operator == '-' else latex(node.right)}"
+    return f"{left} {node.operator} {_wrapped(node.right) if node.operator == '-' else _closed(node.right)}"
 
 
 def _call(node: Call) -> str:
@@ -120,5 +132,12 @@ def _wrapped(node: Node) -> str:
     return rf"\left({latex(node)}\right)" if isinstance(node, Negative) or _is_sum(node) else latex(node)
 
 
+def _closed(node: Node) -> str:
+    """Return the LaTeX of an operand, where a sum along a dimension would not show its end."""
+    return rf"\left({latex(node)}\right)" if isinstance(node, Along) and node.function == "sum" else latex(node)
+
+
 def _is_sum(node: Node) -> bool:
+    if isinstance(node, Along):
+        return node.function == "sum"
     return isinstance(node, Binary) and node.operator in "+-"

@@ -159,12 +159,22 @@ def _listed(
         for row in flat:
             if not isinstance(row, list | tuple) or len(row) != length:
                 got = f"{len(row)}" if isinstance(row, list | tuple) else "a number"
-                raise InputError(f"value has {got} along '{dim}', needs {length} elements")
+                raise InputError(f"value has {got} along '{dim}', needs {length} elements{_turned(value, shape)}")
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
         raise InputError(f"value has more dimensions than {', '.join(dims) or 'none'}")
     numbers, unit = _in_one_unit(flat, unit)
     return numbers if isinstance(value, list | tuple) else numbers * prod(shape), unit
+
+
+def _turned(value: Any, shape: tuple[int, ...]) -> str:
+    """Return a remedy for lists whose dimensions are in another order."""
+    found = []
+    while isinstance(value, list | tuple):
+        found.append(len(value))
+        value = value[0] if value else None
+    turned = tuple(found) != shape and sorted(found) == sorted(shape)
+    return "; lists are nested in the order of dims: turn them" if turned else ""
 
 
 def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, ...], Unit]:

@@ -178,18 +178,20 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
         "regimes",
         "observables",
     )
+    refused = set[str]()
     for section in sections:
         for name in getattr(statement, section):
             if fault := _fault_of(section, str(name)):
+                refused.add(str(name))
                 ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
     for name, owner in record_names(vars(statement)):
-        if name in owner_of:
+        if name in owner_of and not any(owner == f"dimension '{word}'" for word in refused):
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
         owner_of.setdefault(name, owner)
     owner_of |= {name: f"definition '{name}'" for name in statement.definitions}
     for section in ("extents", "relations"):
         for name in getattr(statement, section):
-            if name in owner_of:
+            if name in owner_of and name not in refused:
                 ledger.note(
                     f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
                 )

@@ -120,8 +120,10 @@ def _needed(
     statement: Statement, own: Mapping[str, tuple[str, ...]]
 ) -> Iterator[tuple[str, Node | None, Iterable[str]]]:
     """Yield what expressions are for, and the dimensions that they may have."""
-    for i, name in enumerate(statement.coordinates if statement.mass else ()):
-        yield f"mass of '{name}'", statement.mass[i][i], own.get(name, ())
+    names = [*statement.coordinates]
+    for (i, j), entry in statement.mass_entries.items() if statement.mass else ():
+        what = f"mass of '{names[i]}'" if i == j else f"mass entry ({i + 1}, {j + 1})"
+        yield what, entry, dict.fromkeys((*own.get(names[i], ()), *own.get(names[j], ())))
     for name, state in statement.states.items():
         yield f"rate of state '{name}'", state.rate, state.dims
     for name, start in statement.starting.items():
@@ -313,13 +315,15 @@ class Elements:
                 self.shapes, {name: partial(self._at, old.mass[i][i]) for i, name in enumerate(names)}
             )
             return Diagonal(entries.names, entries)
-        places = [(i, element, place) for i, name in enumerate(names) for element, place in self._placed(name)]
-        return tuple(
-            tuple(
-                at(old.mass[i][j], place, self.shapes) if i != j or place == other else ZERO for j, _, other in places
-            )
-            for i, _, place in places
-        )
+        places = [(i, place) for i, name in enumerate(names) for _, place in self._placed(name)]
+        return tuple(tuple(self._between(old.mass[i][j], here, there) for j, there in places) for i, here in places)
+
+    def _between(self, entry: Node, here: Place, there: Place) -> Node:
+        """Return the mass between two elements of one or two quantities; 0 where they differ in a dimension of both."""
+        both = {**here, **there}
+        if entry == ZERO or any(both[dim] != number for dim, number in here.items()):
+            return ZERO
+        return at(entry, both, self.shapes)
 
     def _force(self, force: Force) -> Force:
         """Return a force term of the elements; a potential keeps its gradient with dimensions, which is that of each."""

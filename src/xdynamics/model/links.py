@@ -82,8 +82,15 @@ class Links:
         else:
             first, second = self._all(source, target)
         if not len(first):
-            raise InputError(f"has no link: '{source.name}' has {source.size} elements; a relation needs one or more")
+            raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
         return Relation(name, source.name, target.name, first, second)
+
+    def _cause(self, source: Extent) -> str:
+        """Say why there is no link."""
+        if self.csv:
+            return f"table '{self.table}' has a header and no rows"
+        few = "one element" if source.size == 1 else f"{source.size} elements"
+        return f"'{source.name}' has {few}" + (f", and neighbours is {self.neighbours}" if self.neighbours else "")
 
     def _all(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return every two elements once, or every element of one dimension with every one of the other."""

@@ -195,10 +195,6 @@ def _mass(
             raise InputError(
                 f"matrix needs {n} rows of {n} entries, one for each of {', '.join(square)}, which have no other entry"
             )
-        if wide := [name for name in square if coordinates[name].dims]:
-            raise InputError(
-                f"matrix is of single coordinates, and '{wide[0]}' has dimensions; give it an entry, or write [lagrangian]"
-            )
     missing = [name for name in names if name not in section and name not in square]
     unknown = [name for name in section if name not in coordinates and not (name == "matrix" and square)]
     if missing or unknown:

@@ -86,9 +86,11 @@ def _mass(statement: Statement) -> dict[str, Any]:
     own = {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
     if not statement.mass_is_full:
         return own
-    single = [i for i, part in enumerate(statement.coordinates.values()) if not part.dims]
-    matrix = [[text_of(statement.mass[i][j]) for j in single] for i in single]
-    return {"matrix": matrix} | {name: own[name] for name, part in statement.coordinates.items() if part.dims}
+    coupled = {i for pair in statement.mass_entries if pair[0] != pair[1] for i in pair}
+    alone = {i for i, part in enumerate(statement.coordinates.values()) if part.dims and i not in coupled}
+    square = [i for i in range(len(own)) if i not in alone]
+    matrix = [[text_of(statement.mass[i][j]) for j in square] for i in square]
+    return {"matrix": matrix} | {name: own[name] for i, name in enumerate(statement.coordinates) if i in alone}
 
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key

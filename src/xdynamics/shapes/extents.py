@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from itertools import product
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.naming import DOT, element, parted
+
+_COMPARED = 1000  # labels among which a like one is looked for
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,9 @@ class Extent:
         if isinstance(entry, int) and -self.size <= entry < self.size:
             return entry % self.size
         known = f"the labels {_few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
-        raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}")
+        alike = get_close_matches(str(entry), self.labels[:_COMPARED], n=1)
+        meant = f"; did you mean {alike[0]}?" if alike else ""
+        raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}{meant}")
 
     def find(self, label: str) -> int | None:
         """Return the number of the element that has a label, or its number as one; None if there is none."""

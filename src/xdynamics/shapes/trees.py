@@ -212,7 +212,15 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     if len(node.entries) != len(dims):
         own = f"the dimensions {', '.join(dims)}" if dims else "no dimensions"
         raise InputError(f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}; write an entry for each")
-    return {dim: shapes.extent(dim).number(entry) for dim, entry in zip(dims, node.entries, strict=True)}
+    extents = [shapes.extent(dim) for dim in dims]
+    for entry, extent in zip(node.entries, extents, strict=True):
+        elsewhere = [other.name for other in extents if entry in other.labels]
+        if elsewhere and extent.name not in elsewhere:
+            raise InputError(
+                f"'{shown(node)}' (column {node.column}): {entry} is an element of '{elsewhere[0]}', and stands in the place"
+                f" of '{extent.name}'; in brackets the dimensions are {', '.join(dims)}, in this order"
+            )
+    return {extent.name: extent.number(entry) for entry, extent in zip(node.entries, extents, strict=True)}
 
 
 def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:

@@ -220,8 +220,22 @@ def _earliest(
         return f"attribute {settings[0]}"
     row, name = min(along or apart, key=lambda pair: pair[0])
     values = [_value(run, name, row) for run in (first, second)]
+    if values[0] == values[1] and (words := _attributes_apart(first, second, name)):
+        return escaped(f"variable '{name}', {words}")
     where = f", row {row}" if first.variables.get(name, second.variables.get(name)).dims else ""  # type: ignore[union-attr]
     return escaped(f"variable '{name}'{where}: {values[0]} | {values[1]}")
+
+
+def _attributes_apart(first: xr.Dataset, second: xr.Dataset, name: str) -> str:
+    """Describe the first attribute in which a variable of two runs differs; empty where none does."""
+    attributes = [
+        plain(own_attributes(run.variables[name].attrs)) if name in run.variables else {} for run in (first, second)
+    ]
+    for key in {**attributes[0], **attributes[1]}:
+        pair = [_short(one[key]) if key in one else "absent" for one in attributes]
+        if pair[0] != pair[1]:
+            return f"attribute '{key}': {pair[0]} | {pair[1]}"
+    return ""
 
 
 def _value(run: xr.Dataset, name: str, row: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import xarray as xr
@@ -10,8 +10,9 @@ import xarray as xr
 from xdynamics import schema
 from xdynamics.evidence.comparing.causes import independent
 from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.record import whole_of
 from xdynamics.record.flag_words import time_unit
-from xdynamics.schema import AT, AT_TIME
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.units import unit_suffix
 
 ROLE = "difference"
@@ -37,18 +38,21 @@ def lines_of(table: xr.Dataset) -> list[str]:
 
 
 def _largest(table: xr.Dataset) -> Iterator[str]:
+    """Yield the largest difference of each quantity, of one with dimensions that of the element where it is largest."""
+    table = whole_of(table)
     for name, variable in table.data_vars.items():
         if variable.attrs.get("role") == ROLE and variable.dims and np.isfinite(variable.values).any():
-            worst = int(np.nanargmax(np.abs(variable.values)))
+            worst = np.unravel_index(int(np.nanargmax(np.abs(variable.values))), variable.shape)
+            place = {str(dim): int(i) for dim, i in zip(variable.dims, worst, strict=True)}
             where = (
-                f"at t = {float(table[AT_TIME][worst]):.9g}{unit_suffix(time_unit(table))}"
-                if variable.dims == (AT,)
-                else f"occurrence {worst + 1}"
+                f"at t = {float(table[AT_TIME][place[AT]]):.9g}{unit_suffix(time_unit(table))}"
+                if AT in place
+                else f"occurrence {place.get(OCCURRENCE, 0) + 1}"
             )
             kind, _, quantity = str(name).partition("_")
             yield (
-                f"largest   {name} = {float(variable[worst]):.6g} {variable.attrs['units']}"
-                f" {where}{_over_scale(table, kind, quantity, worst)}"
+                f"largest   {name}{_element(table, place)} = {float(variable[place]):.6g} {variable.attrs['units']}"
+                f" {where}{_over_scale(table, kind, quantity, place)}"
             )
         elif variable.attrs.get("role") == "residual" and not variable.dims:
             scale = (
@@ -60,9 +64,20 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
             )
 
 
-def _over_scale(table: xr.Dataset, kind: str, name: str, place: int) -> str:
+def _element(table: xr.Dataset, place: Mapping[str, int]) -> str:
+    """Return the labels of an element as people write them."""
+    labels = [
+        str(table[dim].values[i]) if dim in table.coords else str(i)
+        for dim, i in place.items()
+        if dim not in (AT, OCCURRENCE)
+    ]
+    return f"[{', '.join(labels)}]" if labels else ""
+
+
+def _over_scale(table: xr.Dataset, kind: str, name: str, place: Mapping[str, int]) -> str:
     """Describe a difference relative to its scale."""
     scale = table[schema.scale(kind, name)]
+    scale = scale[{dim: i for dim, i in place.items() if dim in scale.dims}]
     units = "" if scale.attrs["units"] == "1" else f" {scale.attrs['units']}"
     value = float(table[schema.scaled(f"{kind}_{name}")][place])
     return f", scaled {value:.3g} by {float(scale):.3g}{units}"
