@@ -70,8 +70,10 @@ def test_three_coordinates_are_seen_from_three_sides() -> None:
     [
         ({"plane": "x"}, "needs two expressions"),
         ({"plane": [["x", "y", "z"]]}, "needs two expressions"),
-        ({"plane": ["x", "1*radian"]}, "is across in 'm' and up in '1'"),
-        ({"plane": ["x", "v_y*second"]}, "reads 'v_y'; a place in the plane is of coordinates"),
+        (
+            {"plane": [["x", "y"], ["x", "v_y"]]},
+            "pair 2 of plane: is across in 'm' and up in 'm s-1', the first in 'm', 'm'",
+        ),
         ({"plane": ["x", "q"]}, "'q'"),
         ({"plan": []}, "key 'plan' is not known"),
     ],
@@ -86,6 +88,29 @@ def test_planes_that_are_none(figure: dict[str, Any], said: str) -> None:
             initial={"x": "0 m", "y": "0 m"},
             figure=figure,
         )
+
+
+def test_phase_planes_of_states_and_of_expressions() -> None:
+    """Assert states by twos, each on its own scale, and a plane of unlike expressions of states and velocities."""
+
+    def prey(_: Any, y: Any) -> Any:
+        return [y[0] * (1.0 - y[1]), y[1] * (y[0] - 1.0)]
+
+    run = xd.solve(prey, (0, 10), [2.0, 1.0], "DOP853", rtol=1e-8)
+    figure = xd.plot([run, xd.solve(prey, (0, 10), [1.5, 1.0], "DOP853", rtol=1e-8)])
+    axes = next(axis for axis in figure.axes if axis.get_title(loc="left").startswith("phase plane"))
+    assert axes.get_aspect() == "auto"
+    x, y = (np.asarray(one) for one in axes.lines[0].get_data())
+    constant = x - np.log(x) + y - np.log(y)  # of Lotka and Volterra
+    assert np.ptp(constant) < 1e-6
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == [f"{axes.get_xlabel()[:-4]}(0) = {start}" for start in (2, 1.5)]
+    model = xd.Model.from_toml(MODELS / "pendulum.toml")
+    text = model.to_toml().replace(
+        "[run]", '[figure]\nplane = ["v_theta*second/(2*radian)", "cos(theta)*metre"]\n\n[run]'
+    )
+    (view,) = views(xd.simulate(xd.Model.from_text(text), until="1 s"))
+    assert (view[0].units, view[0].up_units, view[0].is_space) == ("1", "m", False)
 
 
 def test_many_variables_are_a_map() -> None:

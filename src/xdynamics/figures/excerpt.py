@@ -21,7 +21,7 @@ from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extreme
 from xdynamics.figures.lattice import moments_of
 from xdynamics.figures.lines import strobes
 from xdynamics.figures.marks import MOST_BANDS
-from xdynamics.figures.plane import positions
+from xdynamics.figures.plane import positions, read_by
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
@@ -240,8 +240,8 @@ class _Shown:
 
     def functions(self, part: RowRange) -> Iterator[Any]:
         """Yield where the model's plane has its bodies."""
-        if self.model is None or not {*self.model.coordinates} <= {*part.columns}:
+        if self.model is None or not {*(names := read_by(self.model))} <= {*part.columns}:
             return
-        states = {name: part.own(name) for name in self.model.coordinates}
+        states = {name: part.own(name) for name in names}
         for x, y in positions(self.model, part.own("time"), states):
             yield from (x, y)

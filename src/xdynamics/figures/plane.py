@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
-from xdynamics.expressions import dimension_of, text_of
+from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+POSITIONS = ("coordinate", "state")  # roles
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
@@ -46,11 +47,13 @@ class BodyPath:
     across, up : str
         What the axes are.
     units : str
-        Of both.
+        Of both, or of the axis across if the other one has its own.
     times, x, y : ndarray, shape (n,)
         A line that bends as the motion does.
     body : str
         Which of several it is.
+    up_units : str
+        Of the axis up, in a plane of unlike quantities.
     """
 
     across: str
@@ -60,6 +63,12 @@ class BodyPath:
     x: Floats
     y: Floats
     body: str = ""
+    up_units: str = ""
+
+    @property
+    def is_space(self) -> bool:
+        """Whether both axes are lengths, so that one scale suits both."""
+        return not self.up_units and _is_length(self.units)
 
 
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
@@ -82,6 +91,20 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
                 if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
                     pairs.append([BodyPath(across, up, units, times, x, y)])
     return pairs
+
+
+def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
+    """Return the planes of two or three first-order states of a run without coordinates, taken by twos."""
+    roles = {str(name): variable.attrs.get("role") for name, variable in run.data_vars.items()}
+    names = [name for name, role in roles.items() if role == "state" and run[name].dims == ("step",)]
+    if "coordinate" in roles.values() or not 2 <= len(names) <= SEEN:
+        return []
+    times, lines = _lines(run, names)
+    units = [str(run[name].attrs["units"]) for name in names]
+    return [
+        [BodyPath(names[i], names[j], units[i], times, lines[i], lines[j], up_units=units[j])]
+        for i, j in combinations(range(len(names)), 2)
+    ]
 
 
 def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
@@ -140,12 +163,14 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
     _overlay(view, beside, axes)
     _mark(run, view, axes)
     first = view[0]
-    axes.set_aspect("equal", adjustable="box")
-    named = all(body.across == first.across and body.up == first.up for body in view)
-    across, up = (_short(first.across), _short(first.up)) if named else ("across", "up")
-    axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.units})"))
-    coordinates = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
-    axes.set_title(f"the plane (dot: start){left_out(every)}{straight(run, *coordinates)}", loc="left", fontsize=10)
+    if first.is_space:
+        axes.set_aspect("equal", adjustable="box")
+    is_one = all(body.across == first.across and body.up == first.up for body in view)
+    across, up = (_short(first.across), _short(first.up)) if is_one else ("across", "up")
+    axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
+    named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
+    what = "the plane" if first.is_space else "phase plane"
+    axes.set_title(f"{what} (dot: start){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
 
 
 def left_out(view: list[BodyPath]) -> str:
@@ -160,7 +185,11 @@ def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
             found = [other.together(body.across, body.up) for body in view]
         else:
             first = view[0]
-            ways = [each for each in views(other.record) if (each[0].across, each[0].up) == (first.across, first.up)]
+            ways = [
+                each
+                for each in (*views(other.record), *of_states(other.record))
+                if (each[0].across, each[0].up) == (first.across, first.up)
+            ]
             found = [[path.x, path.y] for path in ways[0][: len(view)]] if ways else []
         style = "+" if other.record is None else DASHES[(k - 1) % len(DASHES)]
         for j, pair in enumerate(line for line in found if line is not None):
@@ -216,22 +245,28 @@ def _model(run: xr.Dataset) -> Model | None:
 
 def _named(run: xr.Dataset, model: Model) -> list[BodyPath]:
     """Evaluate the pairs that a model names along the run."""
-    states: dict[str, Any] = {}
-    times = run["time"].values
-    for name in model.coordinates:
-        if name not in run:
-            return []
-        times, states[name] = _line(run, name)
+    names = read_by(model)
+    if not {*names} <= {*run.variables}:
+        return []
+    times, lines = _lines(run, names)
     bodies = []
-    for pair, (x, y) in zip(model.pictured.plane, positions(model, times, states), strict=True):
-        unit = spell(dimension_of(model.expanded(pair[0]), model.dimensions))
-        bodies.append(BodyPath(text_of(pair[0]), text_of(pair[1]), unit.text, times, x, y))
+    places = positions(model, times, dict(zip(names, lines, strict=True)))
+    for pair, (x, y) in zip(model.pictured.plane, places, strict=True):
+        across, up = (spell(dimension_of(model.expanded(each), model.dimensions)).text for each in pair)
+        other = up if up != across else ""
+        bodies.append(BodyPath(text_of(pair[0]), text_of(pair[1]), across, times, x, y, up_units=other))
     return bodies
+
+
+def read_by(model: Model) -> list[str]:
+    """Return the coordinates, velocities and states that a model's plane reads."""
+    read = set().union(*(free_names(model.expanded(each)) for pair in model.pictured.plane for each in pair))
+    return [name for name in model.units if name in read]
 
 
 def positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list[tuple[Floats, Floats]]:
     """Evaluate the pairs that a model names at states, given in recorded units."""
-    state = {name: states[name] * float(component.unit.factor) for name, component in model.coordinates.items()}
+    state = {name: states[name] * float(model.units[name].factor) for name in read_by(model)}
     namespace = dict(constants(model)) | state | {"t": times}
     pairs = [
         [evaluate_many(model.expanded(component), namespace) for component in pair] for pair in model.pictured.plane
@@ -241,8 +276,16 @@ def positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list
 
 def _line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:
     """Return times and values of a line, bent where states are few."""
-    curve = between(run, name)
-    return curve if curve is not None else (run["time"].values, run[name].values)
+    times, (values,) = _lines(run, [name])
+    return times, values
+
+
+def _lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
+    """Return times and values of lines, all at the same times, bent where states are few."""
+    curves = [curve for name in names if (curve := between(run, name)) is not None]
+    if len(curves) < len(names) or not curves:
+        return run["time"].values, [run[name].values for name in names]
+    return curves[0][0], [values for _, values in curves]
 
 
 def _short(text: str) -> str:

@@ -159,6 +159,8 @@ def _of_forces(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
         yield "contact", [], partial(lines.impact_needles, run, names, beside)
     for names in _drives(run):
         yield "drive", names, partial(lines.driven, run, names, beside)
+    for view in plane.of_states(run):
+        yield "phase", [], partial(plane.draw, run, view, beside)
     for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
         if len(names) <= lines.MOST_LINES:
             yield "phase", [], partial(lines.phase, run, names, beside)

@@ -82,6 +82,8 @@ class Bodies:
     @property
     def size(self) -> tuple[float, float]:
         """A frame as wide and as high as the motion."""
+        if not self.view[0].is_space:
+            return PROFILE
         width, height = np.ptp(self._limits, axis=-1)
         longer = max(width, height)
         return max(LEAST, SIDE * width / longer) + LABELS, max(LEAST, SIDE * height / longer) + LABELS
@@ -94,7 +96,7 @@ class Bodies:
         )
         ends = ends.reshape(-1, 2, 2)
         low, high = ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)
-        longer = float(max(high - low)) or 1.0
+        longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
         half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
         return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
 
@@ -103,8 +105,11 @@ class Bodies:
         from matplotlib.collections import LineCollection
 
         view, (across, up) = self.view, self._limits
-        axes.set(xlim=across, ylim=up, aspect="equal")
-        axes.set(xlabel=words(f"across ({typeset(view[0].units)})"), ylabel=words(f"up ({typeset(view[0].units)})"))
+        first = view[0]
+        axes.set(xlim=across, ylim=up, aspect="equal" if first.is_space else "auto")
+        labels = ("across", "up") if first.is_space else (first.across, first.up)
+        axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
+        axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
         shown, colours = view[:MOST_BODIES], [COLOURS[k % len(COLOURS)] for k in range(len(view))]
         self.links = self.links[(self.links < len(shown)).all(axis=-1)]
         self._lines = axes.add_collection(LineCollection([], colors="0.5", linewidths=1.5), autolim=False)

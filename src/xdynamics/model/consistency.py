@@ -457,16 +457,22 @@ def _needs(ledger: Ledger, what: str, node: Node, dimensions: Mapping[str, Dimen
 
 
 def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check what figures show: positions in one unit, a period computed from parameters, angles."""
+    """Check what figures show: places in a plane, a period computed from parameters, angles."""
+    first: tuple[Dimension, ...] = ()
     for k, pair in enumerate(statement.pictured.plane, 1):
         with ledger.entry(f"figure: pair {k} of plane"):
-            across, up = (dimension_of(expression, dimensions) for expression in pair)
-            if across != up:
-                raise InputError(f"is across in '{across}' and up in '{up}'; both need one unit")
-            moving = {*statement.states, *statement.drives, *map(velocity, statement.coordinates)}
+            both = tuple(dimension_of(expression, dimensions) for expression in pair)
+            first = first or both
+            if both != first:
+                raise InputError(
+                    f"is across in '{both[0]}' and up in '{both[1]}', the first in '{first[0]}', '{first[1]}'"
+                )
             names = set().union(*(free_names(expand(expression, statement.definitions)) for expression in pair))
-            if forbidden := sorted(names & moving):
-                raise InputError(f"reads '{forbidden[0]}'; a place in the plane is of coordinates, t and parameters")
+            if forbidden := sorted(names & {*statement.drives}):
+                raise InputError(
+                    f"reads the drive '{forbidden[0]}'; a place in the plane is of coordinates, velocities, states, t and"
+                    " parameters"
+                )
     with ledger.entry("figure: section"):
         if (section := statement.pictured.section) is not None:
             dimension = dimension_of(section, dimensions)

@@ -329,7 +329,7 @@ SECTIONS: dict[str, Section] = {
     "figure": Section(
         "what pictures and animations show of the motion in a plane", "",
         (
-            Key("plane", PLANE.of("of one unit, or a list of pairs"), "where bodies are, across and up: of coordinates, t and parameters", "the coordinates"),
+            Key("plane", PLANE.of("or a list of pairs"), "where bodies are, or a phase plane, across and up: of coordinates, velocities, states, t, parameters", "the coordinates"),
             Key("section", EXPRESSION.of("s, of parameters"), "the period of a drive: Poincare's section has a dot in each", "none"),
             Key("wrap", names_of("angles"), "drawn within half a turn to either side", "none"),
         ),
