@@ -16,6 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import ROOT
+from xdynamics.documenting import guide
 
 README = (ROOT / "README.md").read_text()
 BLOCKS = {kind: "".join(re.findall(rf"```{kind}\n(.*?)```", README, re.DOTALL)) for kind in ("python", "sh", "toml")}
@@ -67,23 +68,43 @@ def test_example_prints_what_it_says(
     assert capsys.readouterr().out.splitlines() == said
 
 
-def test_the_whole_model_is_one() -> None:
-    """Assert that the README's model runs, breaks loose, and is stopped by its edge or rests."""
+def test_the_model_of_ten_lines_bounces_and_rests(tmp_path: Path) -> None:
+    """Assert that it has ten lines, that its commands run, impacts, rest and event, and that its picture is there."""
     text = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)[0]
-    run = xd.simulate(xd.Model.from_text(text))
+    assert len(text.splitlines()) == 10
+    (tmp_path / "first.toml").write_text(text)
+    verbs = re.findall(r"`xdynamics (run|plot) (first\.\w+)(.*?)`", README)
+    assert [verb for verb, *_ in verbs] == ["run", "plot"]
+    for verb, file, options in verbs:
+        done = call(verb, tmp_path / file, *(tmp_path / one if one.endswith(".nc") else one for one in options.split()))
+        assert done.exit_code == 0, done.output
+    run = xd.open_run(tmp_path / "first.nc")
     kinds = run.event_kind.attrs["flag_meanings"].split()
-    assert {"impact", "rest", "slip", "stick"} <= {kinds[one] for one in run.event_kind.values}
-    assert run.attrs["run_outcome"] in ("completed", "stopped_by_event")
+    assert {"impact", "rest", "crossing"} <= {kinds[one] for one in run.event_kind.values}
+    assert run.attrs["run_outcome"] == "completed"
+    assert (tmp_path / "first.png").stat().st_size > 5_000
+    assert (ROOT / "data" / "figures" / "first_model.png").stat().st_size > 5_000
 
 
-def test_methods_table_is_the_registry() -> None:
-    """Assert that name, order, symplecticity and evaluations in the table are the methods' own."""
-    rows = re.findall(r"^\| `(\w+)` \| (\d) \| (yes|no) \| (\d+) \|", README, re.MULTILINE)
-    assert rows == [
-        (method.name, str(method.order), "yes" if method.symplectic else "no", str(method.evaluations))
-        for method in xd.METHODS.values()
-    ]
-    assert len(README.splitlines()) < 300
+def test_methods_are_the_registry() -> None:
+    """Assert that every method stands in the table with its order, and no other."""
+    table = README.split("## Methods")[1].split("##")[0]
+    named = re.findall(r"`(\w+)` (\d)[, ]", table)
+    assert sorted(named) == sorted((method.name, str(method.order)) for method in xd.METHODS.values())
+    assert len(README.splitlines()) < 200
+
+
+def test_pages_that_are_named_are_there() -> None:
+    """Assert every page of the manual, every link and every picture of the README and of the index of studies."""
+    topics = {*re.findall(r"`xdynamics help (\w+)`", README)}
+    assert topics <= {*guide.topics()}
+    assert len(topics) > 6
+    for folder in (ROOT, ROOT / "pipelines"):
+        for link in re.findall(r"\]\((?!http)([^)]+)\)", (folder / "README.md").read_text()):
+            assert (folder / link).exists(), link
+    studies = {path.parent.name for path in (ROOT / "pipelines").glob("*/study.toml")}
+    index = (ROOT / "pipelines" / "README.md").read_text()
+    assert studies == {*re.findall(r"\((\w+)/README.md\)", index)}
 
 
 def test_the_model_with_dimensions_is_one() -> None:

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 import xdynamics as xd
 from xdynamics.budgeting import residuals
-from xdynamics.budgeting.fit_problem import Asked, Fitting, Number, with_slopes
+from xdynamics.budgeting.fit_problem import Asked, FittedNumber, Fitting, with_slopes
 from xdynamics.budgeting.fit_records import bounds_of, scales_of
 from xdynamics.budgeting.fitting import _covariance, _fitted
 from xdynamics.budgeting.multistart import Search
@@ -185,7 +185,7 @@ def test_sizes_and_bounds_of_numbers() -> None:
     """Assert a number's own size, else half of what bounds leave, its uncertainty, or one; and bounds in its own unit."""
     own = by_hand()
     asked = Asked(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
-    free, alone = np.full(4, np.inf), ((asked,), [*map(Number, asked.names)])
+    free, alone = np.full(4, np.inf), ((asked,), [*map(FittedNumber, asked.names)])
     start = np.array([asked.declared(name).value for name in asked.names])
     assert start.tolist() == [2.0, 0.0, 0.0, 0.0]
     assert scales_of(*alone, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]

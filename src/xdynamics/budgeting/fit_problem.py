@@ -132,7 +132,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Number:
+class FittedNumber:
     """A fitted number: a parameter or initial value of all records, or a record's own."""
 
     name: str
@@ -147,20 +147,20 @@ class Fitting:
     ----------
     records : tuple of Asked
         Each of them has the names of its numbers, in their order here.
-    numbers : tuple of Number
+    numbers : tuple of FittedNumber
     scales : ndarray, shape (n,)
     loss : Loss
     """
 
     records: tuple[Asked, ...]
-    numbers: tuple[Number, ...]
+    numbers: tuple[FittedNumber, ...]
     scales: Floats
     loss: Loss = field(default_factory=Loss)
 
     @classmethod
     def alone(cls, asked: Asked, scales: Floats) -> Fitting:
         """Return the problem of one record."""
-        return cls((asked,), tuple(map(Number, asked.names)), scales)
+        return cls((asked,), tuple(map(FittedNumber, asked.names)), scales)
 
     def places(self, record: int) -> list[int]:
         """Return the places of a record's numbers among all."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.fit_problem import SHARED, Asked, Number
+from xdynamics.budgeting.fit_problem import SHARED, Asked, FittedNumber
 from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, measured
 from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, written
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 def records_of(
     model: Any, data: Any, parameters: Any, own: Any, gaps: str, reading: Any, settings: dict[str, Any]
-) -> tuple[tuple[Asked, ...], tuple[Number, ...]]:
+) -> tuple[tuple[Asked, ...], tuple[FittedNumber, ...]]:
     """Return the records of a fit, and its numbers: shared ones, then each record's own.
 
     Raises
@@ -60,8 +60,8 @@ def records_of(
                 " they can be weighed; give columns u(…)"
             )
     numbers = (
-        *map(Number, shared),
-        *(Number(name, k) for k in range(len(records)) for name in of_each),
+        *map(FittedNumber, shared),
+        *(FittedNumber(name, k) for k in range(len(records)) for name in of_each),
     )
     rows = sum(record.measured.size for record in records)
     if rows <= len(numbers):
@@ -175,7 +175,7 @@ def detectors(model: Model) -> tuple[str, ...]:
 
 
 def bounds_of(
-    records: Sequence[Asked], numbers: Sequence[Number], bounds: Mapping[str, Sequence[Any]]
+    records: Sequence[Asked], numbers: Sequence[FittedNumber], bounds: Mapping[str, Sequence[Any]]
 ) -> tuple[Floats, Floats]:
     """Read bounds, in each number's own unit; those of a record's own number hold for every record's.
 
@@ -210,7 +210,9 @@ def _ends(asked: Asked, name: str, ends: Any) -> Floats:
     return values
 
 
-def scales_of(records: Sequence[Asked], numbers: Sequence[Number], start: Floats, low: Floats, high: Floats) -> Floats:
+def scales_of(
+    records: Sequence[Asked], numbers: Sequence[FittedNumber], start: Floats, low: Floats, high: Floats
+) -> Floats:
     """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
     scales = np.abs(start)
     for i in np.flatnonzero(scales == 0.0).tolist():
@@ -223,11 +225,11 @@ def scales_of(records: Sequence[Asked], numbers: Sequence[Number], start: Floats
     return scales
 
 
-def record_of(records: Sequence[Asked], number: Number) -> Asked:
+def record_of(records: Sequence[Asked], number: FittedNumber) -> Asked:
     """Return the record that a number is declared in: its own, or the first."""
     return records[0 if number.record == SHARED else number.record]
 
 
-def labelled(records: Sequence[Asked], number: Number) -> str:
+def labelled(records: Sequence[Asked], number: FittedNumber) -> str:
     """Return the name of a number; of a record's own, with the record's."""
     return number.name if number.record == SHARED else f"{number.name} of '{records[number.record].label}'"

@@ -26,7 +26,7 @@ WIDEST = 3.0  # largest factor from one value to the next
 
 
 @dataclass(frozen=True)
-class Held:
+class ProfilePoint:
     """The problem in which one number is held at a value."""
 
     problem: Problem
@@ -104,7 +104,7 @@ def _end(problem: Problem, best: Search, low: Floats, high: Floats, i: int, step
     distance = abs(step)
     for _ in range(MOST):
         distance = min(distance, abs(bound - centre))
-        risen, others = _risen(Held(problem, i, centre + np.sign(step) * distance), others, best, low, high)
+        risen, others = _risen(ProfilePoint(problem, i, centre + np.sign(step) * distance), others, best, low, high)
         reached = float(np.sqrt(max(risen, 0.0) / rise))
         if abs(reached - 1.0) < NEAR:
             return centre + float(np.sign(step)) * distance
@@ -119,7 +119,7 @@ def _end(problem: Problem, best: Search, low: Floats, high: Floats, i: int, step
     return float(np.sign(step)) * np.inf
 
 
-def _risen(held: Held, others: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
+def _risen(held: ProfilePoint, others: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
     """Return by how much the sum of squares is larger with one number held, and the others there."""
     from xdynamics.faults import InputError
 

@@ -160,12 +160,12 @@ def methods(name: str | None) -> None:
     if name is None:
         say([*repr(METHODS).splitlines(), MORE])
     elif name in METHODS:
-        say(_page(METHODS[name]))
+        say(page_of(METHODS[name]))
     else:
         raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
 
 
-def _page(method: Method) -> Iterable[str]:
+def page_of(method: Method) -> Iterable[str]:
     """Yield all that is known of a method."""
     from xdynamics.methods.table import kind_of
 

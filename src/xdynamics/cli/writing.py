@@ -14,8 +14,14 @@ from xdynamics.cli.verb_names import verb_meant
 
 @main.command(name="help")
 @click.argument("topic", required=False)
-def help_on(topic: str | None) -> None:
+@click.option(
+    "--html", "folder", metavar="DIR", help="Write the whole manual there as a site, to be opened in a browser."
+)
+def help_on(topic: str | None, folder: str | None) -> None:
     """Explain what may stand in a model file: `help model`, `help drives`, `help language`; or a verb: `help plot`."""
+    if folder is not None:
+        say([f"manual    {_site(folder)}"])
+        return
     from xdynamics.documenting.guide import guide, topic_named, topics
 
     verb = None if topic is None or topic_named(topic) in topics() else verb_meant(topic, [*main.commands])
@@ -24,6 +30,20 @@ def help_on(topic: str | None) -> None:
         say(command.get_help(click.Context(command, click.get_current_context().parent, verb)).splitlines())
     else:
         say(guide(topic, [*main.commands]))
+
+
+def _site(folder: str) -> str:
+    """Write the manual as a site, and return its first page."""
+    import xdynamics
+    from xdynamics.cli.looking import page_of
+    from xdynamics.documenting.site import site
+    from xdynamics.methods import METHODS
+
+    parent = click.get_current_context().parent
+    verbs = {name: command.get_help(click.Context(command, parent, name)) for name, command in main.commands.items()}
+    methods = {name: "\n".join(page_of(method)) for name, method in METHODS.items()}
+    public = {name: getattr(xdynamics, name) for name in xdynamics.__all__}
+    return str(site(folder, verbs, methods, public) / "index.html")
 
 
 @main.command(makes=True)

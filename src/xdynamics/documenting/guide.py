@@ -9,6 +9,7 @@ from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.json_page import JSON_PAGE
+from xdynamics.documenting.manual_pages import EVIDENCE_PAGE, GRIDS_PAGE, MARCHING_PAGE, RUNS_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.documenting.words_page import words_page
 from xdynamics.expressions.tree import FUNCTIONS
@@ -216,6 +217,10 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "shapes": shapes_page,
         "units": _units,
         "record": _record,
+        "runs": RUNS_PAGE.splitlines,
+        "marching": MARCHING_PAGE.splitlines,
+        "evidence": EVIDENCE_PAGE.splitlines,
+        "grids": GRIDS_PAGE.splitlines,
         "words": words_page,
         "cluster": CLUSTER.splitlines,
         "solve": SOLVE.splitlines,

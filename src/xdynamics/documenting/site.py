@@ -1,0 +1,236 @@
+"""The manual as a site: every page of the guide, verbs, methods, models with their pictures, and the functions of Python."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from xdynamics.archive.folder import taking_folder
+from xdynamics.documenting.guide import topics
+from xdynamics.model.grammar import SECTIONS
+
+STYLE = """\
+:root { color-scheme: light dark; --ink: #1d2327; --paper: #fff; --faint: #f4f5f6; --line: #d9dcdf; --link: #1f5f99 }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #dfe3e6; --paper: #16191c; --faint: #1f2327; --line: #363c42; --link: #79b4ea } }
+* { box-sizing: border-box }
+body { margin: 0; display: flex; align-items: flex-start; color: var(--ink); background: var(--paper);
+  font: 16px/1.5 system-ui, sans-serif }
+nav { flex: none; width: 15rem; height: 100vh; position: sticky; top: 0; overflow-y: auto; padding: 1.2rem;
+  background: var(--faint); border-right: 1px solid var(--line); font-size: .9rem }
+nav h2 { margin: 1.2rem 0 .2rem; font-size: .75rem; text-transform: uppercase; letter-spacing: .06em; opacity: .7 }
+nav a { display: block; padding: .1rem 0 } nav a.here { font-weight: 600; color: inherit }
+main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 2.2rem 4rem }
+a { color: var(--link); text-decoration: none } a:hover { text-decoration: underline }
+h1 { margin: .2rem 0 1rem; font-size: 1.7rem } h2 { margin: 2rem 0 .5rem; font-size: 1.15rem }
+pre { padding: .8rem 1rem; overflow-x: auto; background: var(--faint); border: 1px solid var(--line); border-radius: 6px;
+  font: .82rem/1.45 ui-monospace, "DejaVu Sans Mono", monospace }
+code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
+.models { display: grid; gap: 1.2rem; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)) }
+.models figure { margin: 0; border: 1px solid var(--line); border-radius: 6px; overflow: hidden }
+.models img { display: block; width: 100%; height: 15rem; object-fit: cover; object-position: top left; background: #fff }
+.models figcaption { padding: .6rem .8rem; font-size: .85rem }
+@media (max-width: 50rem) { body { display: block } nav { position: static; width: auto; height: auto } main { padding: 1rem } }
+"""
+GUIDE, SECTIONS_OF, COMMANDS, FUNCTIONS = "The guide", "Sections of a model", "Command line", "Python"
+INDEX, VERBS, METHODS, GALLERY, API = "index", "verbs", "methods", "gallery", "api"
+DATA = Path(__file__).parents[3] / "data"  # of a checkout; an installed package has none
+ABOUT = {
+    "model": "What may stand in a model file.",
+    "language": "Expressions: operators, functions, names of units.",
+    "shapes": "Quantities along named dimensions: bodies, lattices, fields.",
+    "units": "How units are spelled.",
+    "record": "Every dimension and variable of a run.",
+    "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
+    "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
+    "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
+    "grids": "Many runs: sweeps over parameters, starts, methods.",
+    "words": "Names that do not explain themselves, and every verdict.",
+    "cluster": "Threads, processes and machines of your own.",
+    "solve": "Right-hand sides as scipy's users write them.",
+    "archives": "Opening archives with xarray: rows by time, many at once.",
+    "files": "Tables, and files of phones, loggers, oscilloscopes as they come.",
+    "fits": "Parameters from measured data, event times and several records; outliers and intervals.",
+    "json": "What verbs print with --json.",
+    "stores": "Objects of S3, and Zarr stores.",
+    GALLERY: "What each model of the data folder does.",
+    VERBS: "Every command with its options.",
+    API: "Everything that import xdynamics has, with signatures.",
+    METHODS: "Integration methods: equations, order, stability, what they refuse.",
+}
+_TOPIC = re.compile(r"(?:xdynamics )?\bhelp (\w+)")
+_MODEL = re.compile(
+    r"## (?P<title>.+)\n\n\[(?P<file>[^\]]+)\]\((?P<path>[^)]+)\)(?:: (?P<said>.*))?\n\n!\[.*\]\((?P<image>.+)\)"
+)
+
+
+@dataclass(frozen=True)
+class SitePage:
+    """One page: its place in the list at the side, its title, and what is on it, as HTML."""
+
+    group: str
+    name: str
+    title: str
+    body: Callable[[], str]
+
+
+def site(path: str | Path, verbs: Mapping[str, str], methods: Mapping[str, str], public: Mapping[str, object]) -> Path:
+    """Write the manual as a site of plain pages, which need no server.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder that is empty or does not exist.
+    verbs : mapping of str to str
+        Help of every verb of the command line.
+    methods : mapping of str to str
+        What is known of every method.
+    public : mapping of str to object
+        The functions and classes of the package, by name.
+
+    Raises
+    ------
+    InputError
+        If something is there already.
+    ArchiveError
+        If it cannot be written.
+    """
+    pages = [SitePage("", INDEX, "xdynamics", lambda: _index(pages))]
+    pages += [SitePage(SECTIONS_OF if name in SECTIONS else GUIDE, name, name, _topic(name)) for name in topics()]
+    if (DATA / "README.md").is_file():
+        pages.append(SitePage(GUIDE, GALLERY, "gallery of models", _gallery))
+    pages += [
+        SitePage(COMMANDS, VERBS, "verbs", lambda: _entries(verbs, "xdynamics {}")),
+        SitePage(FUNCTIONS, API, "functions and classes", lambda: _entries(dict(_functions(public)), "xd.{}")),
+        SitePage(FUNCTIONS, METHODS, "methods", lambda: _entries(methods, "{}")),
+    ]
+    with taking_folder(Path(path)) as built:
+        (built / "style.css").write_text(STYLE, encoding="utf-8")
+        for page in pages:
+            (built / f"{page.name}.html").write_text(_whole(page, pages), encoding="utf-8")
+        if (DATA / "README.md").is_file():
+            shutil.copytree(DATA / "figures", built / "figures", ignore=lambda _, names: {*names} - {*_pictures()})
+            shutil.copytree(DATA / "models", built / "models")
+    return Path(path)
+
+
+def _whole(page: SitePage, pages: Iterable[SitePage]) -> str:
+    """Return a page with the list of all at its side."""
+    links, group = [], ""
+    for other in pages:
+        if other.group != group:
+            group = other.group
+            links.append(f"<h2>{escape(group)}</h2>")
+        here = ' class="here"' if other is page else ""
+        links.append(f'<a href="{other.name}.html"{here}>{escape(other.title)}</a>')
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<title>{escape(page.title)} – xdynamics</title>\n<link rel="stylesheet" href="style.css">\n</head>\n<body>\n'
+        f"<nav>\n{chr(10).join(links)}\n</nav>\n<main>\n<h1>{escape(page.title)}</h1>\n{page.body()}\n</main>\n</body>\n"
+        "</html>\n"
+    )
+
+
+def _index(pages: Iterable[SitePage]) -> str:
+    """Return the first page: what stands where, with the first sentence of each."""
+    parts, group = (
+        [
+            "<p>Numerical dynamics as self-describing xarray datasets. This is what <code>xdynamics help</code> says.</p>"
+        ],
+        "",
+    )
+    for page in pages:
+        if page.name == INDEX:
+            continue
+        if page.group != group:
+            group = page.group
+            parts.append(f"<h2>{escape(group)}</h2>")
+        parts.append(f'<div><a href="{page.name}.html">{escape(page.title)}</a> {escape(_about(page.name))}</div>')
+    return "\n".join(parts)
+
+
+def _about(name: str) -> str:
+    return ABOUT.get(name) or f"{SECTIONS[name].about}."
+
+
+def _topic(name: str) -> Callable[[], str]:
+    """Return what makes the page of a topic, with links to the topics it names."""
+    known = topics()
+
+    def linked(match: re.Match[str]) -> str:
+        return f'<a href="{match[1]}.html">{match[0]}</a>' if match[1] in known else match[0]
+
+    return lambda: f"<pre>{_TOPIC.sub(linked, escape(chr(10).join(known[name]()), quote=False))}</pre>"
+
+
+def _entries(entries: Mapping[str, str], title: str) -> str:
+    """Return a page of entries by name, with a list of them first."""
+    short = " · ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in entries)
+    parts = [f"<p>{short}</p>"]
+    for name, text in entries.items():
+        parts.append(
+            f'<h2 id="{escape(name)}">{escape(title.format(name))}</h2>\n<pre>{escape(text, quote=False)}</pre>'
+        )
+    return "\n".join(parts)
+
+
+def _functions(public: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    """Yield public names, each with its signature and its documentation."""
+    for name, thing in public.items():
+        if not callable(thing):
+            yield name, repr(thing)
+            continue
+        text = [f"{name}{_signature(thing)}", "", inspect.getdoc(thing) or ""]
+        if inspect.isclass(thing) and not issubclass(thing, BaseException):
+            for key, method in vars(thing).items():
+                if not key.startswith("_") and (callable(method) or isinstance(method, classmethod | property)):
+                    said = (inspect.getdoc(method) or "").split("\n")[0]
+                    call = "" if isinstance(method, property) else _signature(getattr(thing, key))
+                    text.append(f"\n{name}.{key}{call}\n    {said}")
+        yield name, "\n".join(text).rstrip()
+
+
+def _signature(thing: Callable[..., object]) -> str:
+    """Return a signature, one parameter a line where it is long, its types without quotes."""
+    try:
+        signature = inspect.signature(thing)
+    except (TypeError, ValueError):
+        return "(…)"
+    plain = re.sub(
+        r": '([^']*)'|-> '([^']*)'", lambda match: f": {match[1]}" if match[1] else f"-> {match[2]}", str(signature)
+    )
+    if len(plain) < 100:
+        return plain
+    parts = [re.sub(r": '([^']*)'", r": \1", str(parameter)) for parameter in signature.parameters.values()]
+    kinds = [parameter.kind for parameter in signature.parameters.values()]
+    first = next((k for k, kind in enumerate(kinds) if kind is inspect.Parameter.KEYWORD_ONLY), None)
+    if first is not None and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        parts.insert(first, "*")
+    return "(\n" + "".join(f"    {part},\n" for part in parts) + ")" + plain[plain.rindex(")") + 1 :]
+
+
+def _gallery() -> str:
+    """Return the models of the data folder, each with its picture."""
+    parts = [
+        "<p>Each is a file to copy, and its picture is what it does by its own settings.</p>",
+        '<div class="models">',
+    ]
+    parts += [
+        f'<figure><a href="{escape(match["image"])}"><img loading="lazy" src="{escape(match["image"])}" alt=""></a>'
+        f'<figcaption><b>{escape(match["title"])}</b> <a href="{escape(match["path"])}">{escape(match["file"])}</a><br>'
+        f"{escape(match['said'] or '')}</figcaption></figure>"
+        for match in _MODEL.finditer((DATA / "README.md").read_text(encoding="utf-8"))
+    ]
+    return "\n".join([*parts, "</div>"])
+
+
+def _pictures() -> Iterator[str]:
+    """Yield the names of the gallery's pictures."""
+    for match in _MODEL.finditer((DATA / "README.md").read_text(encoding="utf-8")):
+        yield Path(match["image"]).name
