@@ -193,8 +193,11 @@ class Model:
 
         Parameters
         ----------
-        equations : LagrangesMethod or KanesMethod
-            Of `sympy.physics.mechanics`, its equations formed; generalised speeds are derivatives of coordinates.
+        equations : LagrangesMethod or KanesMethod; or sympy expressions
+            Of `sympy.physics.mechanics`, its equations formed; generalised speeds are derivatives of coordinates. Or the
+            potential energy, beside ``mass=…``; or the kinetic and the potential energy. In these, what is indexed has
+            dimensions: ``Sum(k*(u[i + 1] - u[i])**2/2, (i, 0, 8))`` with ``dimensions={"site": 10}`` and
+            ``coordinates={"u": {"unit": "m", "dims": ["site"]}}``; the velocity of `u` is `v_u`.
         **sections
             As of a model: `name`, `coordinates` with the unit of each, `parameters` for every other symbol, `initial`,
             further `forces`, `events` …
@@ -224,9 +227,11 @@ class Model:
         >>> model.force_components["motion"]["q"] is not None
         True
         """
+        from xdynamics.model.indexed_symbols import are_energies, sections_of_energies
         from xdynamics.model.symbolic import sections_of
 
-        return cls(**sections_of(equations, sections))
+        read = sections_of_energies if are_energies(equations) else sections_of
+        return cls(**read(equations, sections))
 
     def to_toml(self) -> str:
         """Return the whole model as TOML, measured tables included."""

@@ -56,7 +56,8 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError("Model.from_sympy needs sympy: pip install 'xdynamics[sympy]'") from None
     if not isinstance(equations, KanesMethod | LagrangesMethod):
         raise InputError(
-            f"equations are {str(equations)[:60]!r}, need a LagrangesMethod or KanesMethod of sympy.physics.mechanics"
+            f"equations are {str(equations)[:60]!r}, need a LagrangesMethod or KanesMethod of sympy.physics.mechanics, or"
+            " energies in indexed symbols"
         )
     time = dynamicsymbols._t  # noqa: SLF001 - sympy's own name for the time of dynamic symbols
     coordinates = list(equations.q)
@@ -82,7 +83,7 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     names |= {speed: velocity(names[coordinate]) for coordinate, speed in zip(coordinates, speeds, strict=True)} | {
         time: "t"
     }
-    trees = _Taken(names)
+    trees = Trees(names)
     rows = [[text_of(trees.tree(entry)) for entry in mass.row(i)] for i in range(len(coordinates))]
     forces = {
         names[coordinate]: text_of(trees.tree(entry)) for coordinate, entry in zip(coordinates, forcing, strict=True)
@@ -100,7 +101,7 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     return {"name": "from sympy"} | dict(sections) | own
 
 
-class _Taken:
+class Trees:
     """Converts sympy's trees: dynamic symbols by the names given, other symbols by their own."""
 
     def __init__(self, names: Mapping[Any, str]) -> None:
