@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
+from xdynamics.expressions import parse
 from xdynamics.figures.scenes import Bodies, Profile, scene_of
 from xdynamics.record import unfold
 
@@ -77,6 +78,24 @@ def test_a_comparison_names_the_element_that_parts_first(springs: xd.Model, run:
     assert len(lines) == 1
     assert lines[0].startswith("largest   difference_x[b] = ")
     assert (found.difference_x.sel(body="a") == 0.0).all()
+
+
+def test_a_closed_form_is_read_once_for_all_elements(run: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a form of a quantity is parsed once, that an element's own form stands beside it, and what is refused."""
+    texts = []
+    module = "xdynamics.evidence.diagnosing.closed_forms"
+    monkeypatch.setattr(f"{module}.parse", lambda text: texts.append(text) or parse(text))
+    found = xd.diagnose(run, exact=FORM | {"v_x[b]": "-A*sqrt(k[b]/m)*sin(sqrt(k[b]/m)*t)"}, companion=False)
+    assert len(texts) == 2
+    assert (found.largest_residual_x < 1e-8).all()
+    for form, message in (
+        ({"x": "x"}, r"reads 'x\[a\]', which is what is computed"),
+        ({"x": "A*t"}, "has units 'm s', needs 'm'"),
+        ({"x[a]": "A*index(body)"}, "has the dimension 'body', which x\\[a\\] does not have"),
+        ({"z": "A"}, "exact names 'z'; there are x, v_x"),
+    ):
+        with pytest.raises(xd.InputError, match=message):
+            xd.diagnose(run, exact=form, companion=False)
 
 
 def test_summaries_name_elements(run: xr.Dataset, tmp_path: Path) -> None:

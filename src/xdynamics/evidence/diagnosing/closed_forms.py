@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.scaling import scale_of, scaled
-from xdynamics.expressions import dimension_of, free_names, parse
+from xdynamics.expressions import Node, dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model import Model
 from xdynamics.model.motion import constants, evaluated_many, tables_of
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.schema import STEPS
@@ -27,11 +26,9 @@ def residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any
     """Yield the residuals of a run against closed forms at its accepted states."""
     if not isinstance(exact, Mapping):
         raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
-    run, model = rows.run, rows.model
-    for name, text, place in _of_elements(model, exact):
-        if name not in model.units or name not in run.variables:
-            raise InputError(f"exact names '{name}'; there are {', '.join(of_wholes(model.units))}")
-        computed, expected = _beside_closed_form(rows, name, text, place)
+    run = rows.run
+    forms = [form for name, text in exact.items() for form in _closed_forms(rows, name, text)]
+    for (name, text, _), computed, expected in zip(forms, *_beside_closed_forms(rows, forms), strict=True):
         residual = computed - expected
         units = str(run[name].attrs["units"])
         yield f"residual_{name}", ((STEPS,), residual, about(units, f"{name} less {text}", "residual"))
@@ -52,43 +49,51 @@ def residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any
         yield from scaled("residual", name, residual, scale, (STEPS,), units, scale_text, ("largest", "rms")).items()
 
 
-def _of_elements(model: Model, exact: Mapping[str, str]) -> Iterator[tuple[str, str, Mapping[str, int]]]:
-    """Yield each closed form with the name and the place of each element that it is of."""
-    for name, text in exact.items():
-        whole = written(name)
-        for place in model.shapes.places(model.shapes.dims.get(whole, ())):
-            yield model.shapes.element(whole, place), text, place
-
-
-def _beside_closed_form(rows: Chunks, name: str, text: str, place: Mapping[str, int]) -> tuple[Floats, Floats]:
-    """Return a variable, and an expression of time and parameters in its unit, at the accepted times.
+def _closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[str, str, Node]]:
+    """Yield the closed form of each element of a quantity, which is read and checked once.
 
     Raises
     ------
     InputError
-        If the expression cannot be read, reads anything else, or has another dimension.
+        If there is no such quantity, or the expression cannot be read, reads anything but time and parameters, or has
+        another dimension.
     """
-    ledger, model = Ledger(f"exact '{name}'"), rows.model
+    model, whole = rows.model, written(name)
+    shapes = model.shapes
+    places = shapes.places(shapes.dims.get(whole, ()))
+    elements = [(shapes.element(whole, place), place) for place in places]
+    first, place = elements[0]
+    if first not in model.units or first not in rows.run.variables:
+        raise InputError(f"exact names '{first}'; there are {', '.join(of_wholes(model.units))}")
+    ledger = Ledger(f"exact '{name}'")
     with ledger.entry(repr(text)[:60]):
-        whole = prepared(parse(text), model.shapes)
-        if further := [dim for dim in dims_of(whole, model.shapes) if dim not in place]:
+        tree = prepared(parse(text), shapes)
+        if further := [dim for dim in dims_of(tree, shapes) if dim not in place]:
             raise InputError(
                 f"has the dimension '{further[0]}', which {name} does not have; reduce it, like sum(…, {further[0]})"
             )
-        tree = model.expanded(at(whole, place, model.shapes))
-        dimension = dimension_of(tree, model.dimensions)
-        if read := sorted(free_names(tree) & {*model.units, *model.drives}):
-            raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
-        if dimension != model.units[name].dimension:
-            raise InputError(f"has units '{dimension}', needs '{model.units[name].text}'")
+        dimension = dimension_of(model.expanded(at(tree, place, shapes)), model.dimensions)
+        if dimension != model.units[first].dimension:
+            raise InputError(f"has units '{dimension}', needs '{model.units[first].text}'")
+        computed = {*model.units, *model.drives}
+        for element, place in elements:
+            own = model.expanded(at(tree, place, shapes))
+            if read := sorted(free_names(own) & computed):
+                raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
+            yield element, text, own
     ledger.raise_faults()
-    computed, expected = np.zeros((2, rows.size))
-    for part in rows.parts("time", *model.units):
+
+
+def _beside_closed_forms(rows: Chunks, forms: Sequence[tuple[str, str, Node]]) -> tuple[Floats, Floats]:
+    """Return variables, and expressions of time and parameters in their units, at the accepted times."""
+    model, trees = rows.model, [tree for _, _, tree in forms]
+    units = {name: float(model.units[name].factor) for name, _, _ in forms}
+    asked = {drive.argument for drive in model.drives.values()} & {*model.units}
+    computed, expected = np.zeros((2, len(forms), rows.size))
+    for part in rows.parts("time", *dict.fromkeys((*units, *asked))):
         times, here = part.own("time"), slice(part.first, part.first + part.count)
-        state = {variable: part.own(variable) * float(unit.factor) for variable, unit in model.units.items()}
-        values = evaluated_many(model, [tree], state | {"t": times}, constants(model), tables_of(model))[0]
-        computed[here], expected[here] = (
-            part.own(name),
-            np.broadcast_to(values, times.shape) / float(model.units[name].factor),
-        )
+        state = {name: part.own(name) * float(model.units[name].factor) for name in asked} | {"t": times}
+        values = evaluated_many(model, trees, state, constants(model), tables_of(model))
+        for i, ((name, _, _), value) in enumerate(zip(forms, values, strict=True)):
+            computed[i, here], expected[i, here] = part.own(name), np.broadcast_to(value, times.shape) / units[name]
     return computed, expected
