@@ -62,7 +62,7 @@ def test_a_report_is_one_whole_file(bundled: Path, tmp_path: Path) -> None:
     assert all(source.startswith("data:image/") for source in reader.sources)
     assert "http" not in re.sub('data:image[^"]+', "", text)
     for said in (
-        "y before apogee = 301 ± 20 m",
+        "y at apogee = 301 ± 20 m",
         "It passes every gate.",
         "drag_coefficient",
         "observed order",

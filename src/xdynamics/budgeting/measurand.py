@@ -57,6 +57,8 @@ class Target:
         Side of the event.
     second : str
         Unit of the model's time; ``1`` if it is a pure number.
+    is_parted : bool
+        Whether the states before and after the event may differ, as at an impact or a reset.
     """
 
     quantity: str
@@ -65,6 +67,7 @@ class Target:
     occurrence: int = 1
     side: str = "before"
     second: str = SECONDS.text
+    is_parted: bool = True
 
     @classmethod
     def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
@@ -100,7 +103,8 @@ class Target:
             raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
         unit = model.statement.time_unit
         time = None if at is None else time_in(unit, at, "at")
-        return cls(quantity, time, event or "", occurrence, side, unit.text)
+        parts = event is None or event not in model.events or bool(model.events[event].reset)
+        return cls(quantity, time, event or "", occurrence, side, unit.text, parts)
 
     @property
     def extreme(self) -> tuple[str, float] | None:
@@ -118,10 +122,8 @@ class Target:
             return f"{LARGEST if sign > 0 else LEAST} of {name}"
         if self.at is not None:
             return f"{self.quantity} at t = {self.at:.9g}{'' if self.second == '1' else f' {self.second}'}"
-        nth = "" if self.occurrence == 1 else f" number {self.occurrence}"
-        return (
-            f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {self.side} {self.event}{nth}"
-        )
+        nth, where = "" if self.occurrence == 1 else f" number {self.occurrence}", self.side if self.is_parted else "at"
+        return f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {where} {self.event}{nth}"
 
     def units(self, run: xr.Dataset) -> Unit:
         """Return the unit of the number."""

@@ -138,9 +138,10 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
     for name, variable in run.data_vars.items():
         if variable.attrs.get("role") == "parameter" and not variable.dims:
-            uncertainty = f" ± {variable.attrs['uncertainty']:g}" if "uncertainty" in variable.attrs else ""
             first, *further = str(variable.attrs["long_name"]).split("\n")
-            lines.append(f"  {name} = {float(variable):.12g}{uncertainty} {variable.attrs['units']}   {first}")
+            value, doubt = float(variable), float(variable.attrs.get("uncertainty", 0.0))
+            known = f"{value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}" if doubt > 0.0 else f"{value:.12g}"
+            lines.append(f"  {name} = {known} {variable.attrs['units']}   {first}")
             lines += [f"    {line}" for line in further]
     if not whole:
         return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]

@@ -123,7 +123,17 @@ def _entry(word: str | int) -> str:
 
 
 def _symbol(name: str) -> str:
+    r"""Set a name: a letter with an index, ``v_y``, as such; a word upright, and whole with what follows it.
+
+    Examples
+    --------
+    >>> _symbol("v_theta"), _symbol("drag_coefficient")
+    ('v_{\\theta}', '\\mathrm{drag\\_coefficient}')
+    """
     head, *rest = name.split("_")
+    if any(rest) and len(head) > 1 and head not in _GREEK:
+        whole = name.replace("_", r"\_")
+        return rf"\mathrm{{{whole}}}"
     shown = rf"\{head}" if head in _GREEK else head if len(head) == 1 else rf"\mathrm{{{head}}}"
     return shown + (rf"_{{{','.join(_symbol(part) for part in rest if part)}}}" if any(rest) else "")
 

@@ -12,6 +12,8 @@ import xarray as xr
 from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT_TIME
+from xdynamics.units import unit_suffix
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +38,8 @@ def foot_of(fit: xr.Dataset) -> str:
         strict=True,
     )
     estimates = ", ".join(
-        f"{name} = {value:.6g} ± {doubt:.2g}{'' if unit == '1' else f' {unit}'}" for name, value, doubt, unit in rows
+        f"{name} = {value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}{unit_suffix(unit)}"
+        for name, value, doubt, unit in rows
     )
     caveat = "" if int(fit.attrs.get("adequate", 1)) else f"; not adequate: {fit.attrs['adequate_text']}"
     return f"{estimates}, at one standard uncertainty; {fit.attrs['data']}{caveat}"

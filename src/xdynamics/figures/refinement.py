@@ -9,15 +9,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
+from xdynamics.units import unit_suffix
+from xdynamics.units.digits import digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_PLACES = 4  # of one number, in one panel
+ROUNDINGS = 64  # spacings of a number's size, that levels differ by for no other cause
 FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not drawn
 
 
@@ -39,14 +43,26 @@ def foot_of(study: xr.Dataset) -> str:
 def _numbers(study: xr.Dataset) -> list[str]:
     """Name the numbers on which the levels are informative; all, if there are none."""
     names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
-    return [name for name in names if telling(study, name)] or names
+    # what the model names, in the order that was asked for; switches hidden in forces, like 'drag.abs', last
+    return sorted([name for name in names if telling(study, name)] or names, key=lambda name: "." in name)
 
 
 def telling(study: xr.Dataset, name: str) -> bool:
     """Whether levels differ by more than rounding and interpolation explain, in at least one place."""
+    if _is_rounding(study, name):
+        return False
     if f"verdict_{name}" not in study:
         return bool((np.abs(study[f"difference_{name}"]) > study[f"interpolation_error_{name}"]).any())
     return bool({*words_of(study[f"verdict_{name}"])} - {"roundoff", "interpolation_limited"})
+
+
+def _is_rounding(study: xr.Dataset, name: str) -> bool:
+    """Whether levels differ by no more than rounding of the size that the number has along a run."""
+    size = study.get(schema.scale("difference", name))
+    if size is None:
+        return False
+    most = float(np.nanmax(np.abs(study[f"difference_{name}"].values), initial=0.0))
+    return bool(most <= ROUNDINGS * np.finfo(float).eps * float(np.nanmax(np.asarray(size), initial=0.0)))
 
 
 def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
@@ -97,9 +113,19 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     axes.set(ylabel=words(f"|difference| ({units})"))
     first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
     omitted = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
-    value = float(variable.values.reshape(varied.size, -1)[-1, 0])
-    axes.set_title(words(f"{name}{first} = {value:.9g} {units}{omitted}"), loc="left", fontsize=10)
+    axes.set_title(
+        words(f"{name}{first} = {_known(study, name)}{unit_suffix(units)}{omitted}"), loc="left", fontsize=10
+    )
     axes.legend(fontsize=8, frameon=False)
 
 
-PAGE = Page(("refinement",), panels_of, foot_of, most_panels=12)
+def _known(study: xr.Dataset, name: str) -> str:
+    """Write the finest level's value at the first place with the digits that are known."""
+    value = float(study[name].values.reshape(study.sizes[LEVEL], -1)[-1, 0])
+    doubt = float(study[f"uncertainty_{name}"].values.ravel()[0]) if f"uncertainty_{name}" in study else np.nan
+    if not (np.isfinite(doubt) and doubt > 0.0):
+        return f"{value:.9g}"
+    return f"{value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}"
+
+
+PAGE = Page(("refinement",), panels_of, foot_of, most_panels=6)

@@ -234,7 +234,8 @@ def lines_of(study: xr.Dataset) -> list[str]:
     outcomes = dict.fromkeys(map(str, study["run_outcome"].values))
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
-    for name in [str(item) for item in study.data_vars if f"difference_{item}" in study]:
+    names = [str(item) for item in study.data_vars if f"difference_{item}" in study]
+    for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
         lines += _of_number(study, name)
     return lines + ([f"stopped   {study.attrs['stopped']}"] if "stopped" in study.attrs else [])
 
