@@ -15,7 +15,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.sweeping import zarr_catalogue
+from xdynamics.sweeping import zarr_catalogue, zarr_digests
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -129,11 +129,58 @@ def test_what_a_store_does_not_take(stored: Path) -> None:
 
 def test_a_digest_says_nothing_of_the_machine() -> None:
     """Assert that metadata, in which processor and versions are, change no digest, and that values do."""
-    facts = {"sweep": "a", "axes": {"k": "b"}, "blocks": {"0": {"x": "c"}}, "metadata": "d"}
-    digest = zarr_catalogue._content_digest(facts)
-    assert zarr_catalogue._content_digest(facts | {"metadata": "e"}) == digest
-    for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("blocks", {"0": {"x": "d"}})):
-        assert zarr_catalogue._content_digest(facts | {name: other}) != digest
+    facts = {"sweep": "a", "axes": {"k": "b"}, "arrays": {"x": "c"}, "metadata": "d", "blocks": {}}
+    digest = zarr_digests.content_digest(facts)
+    assert zarr_digests.content_digest(facts | {"metadata": "e"}) == digest
+    for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("arrays", {"x": "d"})):
+        assert zarr_digests.content_digest(facts | {name: other}) != digest
+
+
+def test_a_digest_does_not_depend_on_how_members_are_cut(stored: Path, tmp_path: Path) -> None:
+    """Assert one content digest of one sweep in blocks of one, two and all members, and another of another value."""
+    digests = {xd.verify(stored)}
+    for members in (1, 3, 10):
+        path = tmp_path / f"{members}.zarr"
+        xd.sweep(MODEL, **ASKED, path=path, members_per_task=members)
+        digests.add(xd.verify(path))
+    assert len(digests) == 1
+    array = zarr_digests.arrays_in(stored, "r+")["end_x"]
+    array[0, 0] += 1e-16
+    assert zarr_digests.digest_of_array(stored, "end_x", 2) != zarr_digests.facts_of(stored)["arrays"]["end_x"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "widths"), [((5, 2), (2, 1)), ((2, 7), (1, 3)), ((3, 2, 5), (1, 1, 2)), ((4,), (3,))]
+)
+def test_stretches_follow_each_other_as_members_do(
+    shape: tuple[int, ...], widths: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that parts, put one behind the other, are the array, and that no chunk is in two of them, also of few members."""
+    numbers = np.arange(np.prod(shape)).reshape(shape)
+    for stretch in (1, 4, 1 << 16):
+        monkeypatch.setattr(zarr_digests, "STRETCH", stretch)
+        parts = [*zarr_digests.stretches(shape, widths)]
+        assert np.concatenate([numbers[part].ravel() for part in parts]).tolist() == numbers.ravel().tolist()
+        assert len(parts) == 1 or stretch < 1 << 16
+        assert all(s.start % w == 0 for part in parts for s, w in zip(part, widths, strict=True))
+
+
+def test_plain_programs_are_not_told_of_what_is_none_of_theirs(stored: Path) -> None:
+    """Assert that zarr and xarray open the store without a warning, with its metadata in one file or not."""
+    import zarr
+
+    assert xr.open_zarr(stored, consolidated=False).sizes["k"] == 5
+    assert "end_x" in dict(zarr.open_group(stored, mode="r").arrays())
+
+
+def test_zeros_with_a_sign_keep_it(tmp_path: Path) -> None:
+    """Assert that blocks of zeros with a sign, which compare as the value that zarr writes no chunk for, keep their bits."""
+    still = MODEL.replace(initial={"x": "0 m", "v_x": "-0.0 m s-1"})
+    asked = {"axes": {"k": "1:2:4 N m-1"}, "step": 0.1, "until": 0.1, "method": "rk4"}
+    grid, found = xd.sweep(still, **asked).compute(), xd.sweep(still, **asked, path=tmp_path / "still.zarr")
+    assert found.end_v_x.values.tobytes() == grid.end_v_x.values.tobytes()
+    assert np.signbit(grid.end_v_x.values).any() or np.signbit(grid.end_x.values).any()
+    assert xd.verify(tmp_path / "still.zarr")
 
 
 def test_a_killed_sweep_goes_on() -> None:
@@ -144,7 +191,7 @@ def test_a_killed_sweep_goes_on() -> None:
     found = re.fullmatch(r"2 of 2 equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout)
     assert found is not None, done.stdout
     assert int(found[1]) > 0
-    assert found[3] == "blocks.json digests.json"
+    assert found[3] == "blocks.json digests.json zarr.json"
 
 
 def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
@@ -153,4 +200,4 @@ def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
     left.write_text("{}")
     digest = xd.verify(stored)
     assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == digest
-    assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json"]
+    assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json", "zarr.json"]

@@ -19,7 +19,7 @@ from xdynamics.archive.stores import is_folder, made_folder, store_of
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.schema import EVIDENCE, SWEEP
-from xdynamics.sweeping import zarr_catalogue
+from xdynamics.sweeping import zarr_catalogue, zarr_digests
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
@@ -145,7 +145,7 @@ def verify_sweep(path: Given) -> tuple[str, int]:
     """
     folder = placed(path)
     if zarr_catalogue.is_one(folder):
-        return zarr_catalogue.verified(folder), 0
+        return zarr_digests.verified(folder), 0
     digest = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else ""
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0

@@ -7,9 +7,7 @@ arrays, in `.xdynamics`, are the digests of their chunks; a block without one is
 from __future__ import annotations
 
 import json
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.place import Place
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import made_folder, store_of, taking_name
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import WORDS
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import labelled, unlabelled
@@ -31,6 +29,24 @@ from xdynamics.sweeping.kept_quantities import Kept
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of
+from xdynamics.sweeping.zarr_digests import (
+    DIGESTS,
+    KEPT,
+    METADATA,
+    MOST,
+    NOTE,
+    NOTES,
+    arrays_in,
+    content_digest,
+    digest_of,
+    digest_of_array,
+    digests_of_axes,
+    facts_of,
+    faults_of_block,
+    quietly,
+    synchronise,
+    zarr_package,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,9 +54,6 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 
 SUFFIX = ".zarr"
-NOTES, DIGESTS, NOTE = ".xdynamics", "digests.json", ".json"
-METADATA = "zarr.json"
-MOST = 1_000_000_000  # bytes of digests and metadata
 BYTES = "digest_byte"
 MEANINGS = "flag_meanings"
 _TOML = "model_toml"
@@ -59,7 +72,7 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     InputError
         If the package zarr is missing, whole runs are to be kept, or the store holds another sweep.
     """
-    _zarr()
+    zarr_package()
     if plan.keeping.whole:
         raise InputError(
             f"keep has 'log', and '{folder}' is a Zarr store, which has no files of runs: name a folder,"
@@ -67,7 +80,7 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
         )
     store, notes = store_of(folder), folder / NOTES
     if store.kind(notes / DIGESTS) is None:
-        if _facts(folder)["sweep"] == plan.digest:
+        if facts_of(folder)["sweep"] == plan.digest:
             _forget(notes)  # left by a process that was stopped after it had put all digests into one file
             return
         raise InputError(
@@ -76,6 +89,9 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     made_folder(folder)
     store.clear(made_folder(notes))
     with alone_in(notes):
+        if store.kind(notes / METADATA) == "":  # else zarr warns of a folder that is none of its own
+            with taking_name(notes / METADATA) as new:
+                new.part.write_text(json.dumps({"zarr_format": 3, "node_type": "group", "attributes": {}}))
         chunks = begun(plan, members, notes)
         if store.kind(folder / METADATA) != "":
             _check_same(plan, folder)
@@ -109,8 +125,8 @@ def _lay_out(plan: Plan, chunks: Chunks, folder: Place) -> None:
     }
     sweep = sweep.assign(texts).set_coords([*sweep.coords])
     attributes = {str(name): _plain(value) for name, value in sweep.attrs.items() if name not in (ORIGIN, ROOT_DIGEST)}
-    sweep.attrs = attributes | {_TOML: str(sweep[_TOML].values), "sweep_variables": names}
-    with _quietly():
+    sweep.attrs = attributes | {_TOML: str(sweep[_TOML].values), KEPT: names}
+    with quietly():
         sweep.drop_vars(_TOML).to_zarr(str(folder), mode="a", compute=False, zarr_format=3, consolidated=True)
 
 
@@ -164,24 +180,45 @@ def _march(plan: Plan, blocks: list[Block], folder: Place, progress: Progress | 
             compute(*(keep(delayed_plan, list(block), folder.absolute()) for block in todo))
 
 
+def _faults(folder: Place, block: Block) -> list[str]:
+    """Compare the chunks of a block that was noted before with its digests."""
+    try:
+        digests = json.loads(store_of(folder).content(folder / NOTES / f"{said(block)}{NOTE}", MOST))
+    except ValueError:
+        return ["its digests are damaged"]
+    return faults_of_block(folder, block, digests)
+
+
 def _keep(plan: Plan, block: Block, folder: Place) -> None:
     """March a block into its chunks, and then note their digests."""
     values = marched(plan, block)
-    arrays, digests = _arrays(folder, "r+"), {}
+    arrays, digests = arrays_in(folder, "r+"), {}
     for variable in plan.variables:
         numbers = _numbers(variable, values[variable.name], plan)
         arrays[variable.name][tuple(block)] = numbers
-        digests[variable.name] = _digest(numbers)
+        digests[variable.name] = digest_of(numbers)
+    synchronise(folder, [*digests], block)
     with suppress(TakenError), taking_name(folder / NOTES / f"{said(block)}{NOTE}") as new:
         new.part.write_text(json.dumps(digests))  # of two workers with one block both write the same
 
 
 def _finish(plan: Plan, blocks: list[Block], folder: Place) -> None:
-    """Put the digests of all blocks into one file, by which the sweep is whole."""
-    store, notes = store_of(folder), folder / NOTES
-    arrays = {said(block): json.loads(store.content(notes / f"{said(block)}{NOTE}", MOST)) for block in blocks}
-    metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
-    facts = {"sweep": plan.digest, "metadata": metadata, "axes": _axes_of(folder), "blocks": arrays}
+    """Put the digests of all arrays and blocks into one file, by which the sweep is whole."""
+    from dask import base
+    from dask.delayed import delayed
+
+    compute: Any = base.compute  # as above
+    store, notes, digest = store_of(folder), folder / NOTES, delayed(digest_of_array)
+    noted = {said(block): json.loads(store.content(notes / f"{said(block)}{NOTE}", MOST)) for block in blocks}
+    names = [variable.name for variable in plan.variables]
+    digests = compute(*(digest(folder.absolute(), name, len(plan.grid.shape)) for name in names))
+    facts = {
+        "sweep": plan.digest,
+        "metadata": sha256(store.content(folder / METADATA, MOST)).hexdigest(),
+        "axes": digests_of_axes(folder),
+        "arrays": dict(zip(names, digests, strict=True)),
+        "blocks": noted,
+    }
     with taking_name(notes / DIGESTS) as new:
         new.part.write_text(json.dumps(facts, sort_keys=True))
     _forget(notes)
@@ -193,58 +230,16 @@ def _forget(notes: Place) -> None:
     with suppress(OSError, ArchiveError):  # another process removes them too, or this one may not write here
         store.clear(notes)
         for place in store.names(notes):
-            if place.suffix == NOTE and place.name not in (DIGESTS, CUT):
+            if place.suffix == NOTE and place.name not in (DIGESTS, CUT, METADATA):
                 store.remove(place)
-
-
-def _axes_of(folder: Place) -> dict[str, str]:
-    """Return digests of the arrays that are not along members: axis values, times, parameters."""
-    arrays = _arrays(folder, "r")
-    kept = set(arrays.attrs["sweep_variables"])
-    return {name: _digest(np.asarray(array[...])) for name, array in sorted(arrays.arrays()) if name not in kept}
-
-
-def _facts(folder: Place) -> dict[str, Any]:
-    """Read the digests of a sweep.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it is not finished.
-    ArchiveError
-        If they are damaged.
-    """
-    store, file = store_of(folder), folder / NOTES / DIGESTS
-    if store.kind(file) is not None:
-        if store.kind(folder / METADATA) is None:
-            raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
-        raise InputError(
-            f"'{folder}' holds no sweep: there is no '{NOTES}/{DIGESTS}' in it; name what sweep marched into"
-        )
-    try:
-        facts: dict[str, Any] = json.loads(store.content(file, MOST))
-        metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
-    except (ValueError, OSError) as error:
-        raise ArchiveError(f"'{file}' is damaged: {error}") from None
-    if metadata != facts.get("metadata"):
-        raise ArchiveError(
-            f"'{folder / METADATA}' differs from its digest; remove '{folder}', and march the sweep again"
-        )
-    return facts
-
-
-def _content_digest(facts: dict[str, Any]) -> str:
-    """Return the digest of what was asked and what came of it; the metadata, which name the machine too, are not in it."""
-    content = {name: facts[name] for name in ("sweep", "axes", "blocks")}
-    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def opened(folder: Place) -> xr.Dataset:
     """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests."""
     import xarray as xr
 
-    _zarr()
-    facts = _facts(folder)
+    zarr_package()
+    facts = facts_of(folder)
     stored = xr.open_zarr(str(folder), consolidated=True, mask_and_scale=False, decode_times=False)
     sweep = stored.assign(
         {name: _as_texts(stored[name]) for name in (OUTCOME, STOPPED_BY, DIGEST_OF_RUN) if name in stored}
@@ -254,8 +249,8 @@ def opened(folder: Place) -> xr.Dataset:
         {name: (entry.dims, np.array(entry.values.tolist(), str), entry.attrs) for name, entry in words.items()}
     )
     sweep[_TOML] = ((), str(stored.attrs[_TOML]), {"units": "1", "long_name": "the model that members share, as TOML"})
-    sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (_TOML, "sweep_variables")}
-    sweep.attrs[ROOT_DIGEST] = _content_digest(facts)
+    sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (_TOML, KEPT)}
+    sweep.attrs[ROOT_DIGEST] = content_digest(facts)
     if sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{folder}' is no sweep")
     return with_axes(labelled(sweep))
@@ -280,75 +275,3 @@ def _as_texts(numbers: xr.DataArray) -> xr.Variable:
 def _hexadecimal(numbers: Values, width: int) -> Values:
     letters = np.frombuffer(np.ascontiguousarray(numbers).tobytes().hex().encode(), f"S{width}")
     return letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
-
-
-def verified(folder: Place) -> str:
-    """Compare every chunk of a sweep, its axes and its metadata with their digests; return the content digest.
-
-    Raises
-    ------
-    ArchiveError
-        Naming the arrays and blocks that differ.
-    """
-    _zarr()
-    facts = _facts(folder)
-    faults = [
-        f"array '{name}' differs" for name, digest in _axes_of(folder).items() if facts["axes"].get(name) != digest
-    ]
-    for name, digests in facts["blocks"].items():
-        block = tuple(slice(*map(int, extent.split("-"))) for extent in name.split("_"))
-        faults += _apart(folder, block, digests)
-    if faults:
-        raise ArchiveError(
-            f"'{folder}' is damaged:{numbered(faults)}\nremove it, and march the sweep again", tuple(faults)
-        )
-    return _content_digest(facts)
-
-
-def _faults(folder: Place, block: Block) -> list[str]:
-    """Compare the chunks of a block that was noted before with its digests."""
-    try:
-        digests = json.loads(store_of(folder).content(folder / NOTES / f"{said(block)}{NOTE}", MOST))
-    except ValueError:
-        return ["its digests are damaged"]
-    return _apart(folder, block, digests)
-
-
-def _apart(folder: Place, block: Block, digests: Mapping[str, str]) -> list[str]:
-    arrays, faults = _arrays(folder, "r"), []
-    for name, digest in digests.items():
-        try:
-            same = _digest(np.asarray(arrays[name][tuple(block)])) == digest
-        except Exception as error:  # noqa: BLE001 - of a codec, for bytes that are none of its
-            faults.append(f"array '{name}' cannot be read in block {said(block)}: {error}")
-            continue
-        if not same:
-            faults.append(f"array '{name}' differs in block {said(block)}")
-    return faults
-
-
-def _digest(values: Values) -> str:
-    values = np.ascontiguousarray(values)
-    content = json.dumps(values.tolist()).encode() if values.dtype.kind in "OTU" else values.tobytes()
-    return sha256(f"{values.shape}".encode() + content).hexdigest()
-
-
-def _arrays(folder: Place, mode: str) -> Any:
-    with _quietly():
-        return _zarr().open_group(str(folder), mode=mode)
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Leave out zarr's notes that metadata in one file are none of the format's specification yet."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
-def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError:
-        raise InputError("sweeps in a Zarr store need the package zarr: pip install 'xdynamics[zarr]'") from None
-    return zarr

@@ -1,0 +1,196 @@
+"""Digests of a sweep in a Zarr store: of each block while it is marched, of each array when the sweep is whole.
+
+Those of blocks say which chunk is damaged; those of arrays, in the order of their members, what the sweep is: they do not
+depend on how its members were cut into blocks.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from hashlib import sha256
+from itertools import pairwise, product
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.archive.place import Place
+from xdynamics.archive.stores import store_of
+from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.runtime.files import synced
+from xdynamics.sweeping.blocks import said
+from xdynamics.sweeping.members import Block
+
+Values = NDArray[Any]
+
+NOTES, DIGESTS, NOTE = ".xdynamics", "digests.json", ".json"
+METADATA = "zarr.json"
+KEPT = "sweep_variables"  # attribute: the arrays that are along members
+MOST = 1_000_000_000  # bytes of digests and metadata
+STRETCH = 1 << 16  # members that are read at once
+
+
+def zarr_package() -> Any:
+    """Return the package zarr.
+
+    Raises
+    ------
+    InputError
+        If it is missing.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise InputError("sweeps in a Zarr store need the package zarr: pip install 'xdynamics[zarr]'") from None
+    return zarr
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Leave out zarr's notes that metadata in one file are none of the format's specification yet."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def arrays_in(folder: Place, mode: str = "r") -> Any:
+    """Open the arrays of a store."""
+    with quietly():
+        return zarr_package().open_group(str(folder), mode=mode)
+
+
+def digest_of(values: Values) -> str:
+    """Return the digest of values in memory."""
+    values = np.ascontiguousarray(values)
+    content = json.dumps(values.tolist()).encode() if values.dtype.kind in "OTU" else values.tobytes()
+    return sha256(f"{values.shape}".encode() + content).hexdigest()
+
+
+def digest_of_array(folder: Place, name: str, members: int) -> str:
+    """Return the digest of an array along members, whose first dimensions, so many, are the axes of the sweep."""
+    array = arrays_in(folder)[name]
+    dtype = np.dtype(array.dtype).newbyteorder("<")
+    digest = sha256(f"{dtype.str}{tuple(array.shape)}".encode())
+    for stretch in stretches(array.shape[:members], array.chunks[:members]):
+        digest.update(np.ascontiguousarray(array[stretch], dtype).tobytes())
+    return digest.hexdigest()
+
+
+def stretches(shape: Sequence[int], widths: Sequence[int]) -> Iterator[Block]:
+    """Cut a grid into parts that follow each other as members do, each of whole chunks, so that none is read twice."""
+    rest = [prod(shape[k + 1 :]) for k in range(len(shape))]
+    k = next((k for k, width in enumerate(widths) if width > 1 or rest[k] <= STRETCH), len(shape) - 1)
+    step = widths[k] * max(1, STRETCH // (widths[k] * rest[k]))
+    edges = [*range(0, shape[k], step), shape[k]]
+    for before in product(*map(range, shape[:k])):
+        for begin, end in pairwise(edges):
+            yield (*(slice(i, i + 1) for i in before), slice(begin, end), *(slice(0, size) for size in shape[k + 1 :]))
+
+
+def digests_of_axes(folder: Place) -> dict[str, str]:
+    """Return digests of the arrays that are not along members: axis values, times, parameters."""
+    arrays = arrays_in(folder)
+    kept = set(arrays.attrs[KEPT])
+    return {name: digest_of(np.asarray(array[...])) for name, array in sorted(arrays.arrays()) if name not in kept}
+
+
+def synchronise(folder: Place, names: Sequence[str], block: Block) -> None:
+    """Have the chunks of a block reach the disk, where the store is a folder; an object is kept when it is written."""
+    if not isinstance(folder, Path):
+        return
+    arrays = arrays_in(folder)
+    for name in names:
+        array = arrays[name]
+        at = (part.start // width for part, width in zip(block, array.chunks, strict=False))
+        key = array.metadata.encode_chunk_key((*at, *[0] * (len(array.shape) - len(block))))
+        chunk = folder / name / key
+        if chunk.exists():  # zarr writes none that holds fill values alone
+            for path in (chunk, chunk.parent):
+                with synced(path):
+                    pass
+
+
+def facts_of(folder: Place) -> dict[str, Any]:
+    """Read the digests of a sweep.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not finished.
+    ArchiveError
+        If they are damaged.
+    """
+    store, file = store_of(folder), folder / NOTES / DIGESTS
+    if store.kind(file) is not None:
+        if store.kind(folder / METADATA) is None:
+            raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
+        raise InputError(
+            f"'{folder}' holds no sweep: there is no '{NOTES}/{DIGESTS}' in it; name what sweep marched into"
+        )
+    try:
+        facts: dict[str, Any] = json.loads(store.content(file, MOST))
+        metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
+    except (ValueError, OSError) as error:
+        raise ArchiveError(f"'{file}' is damaged: {error}") from None
+    if metadata != facts.get("metadata"):
+        raise ArchiveError(
+            f"'{folder / METADATA}' differs from its digest; remove '{folder}', and march the sweep again"
+        )
+    return facts
+
+
+def content_digest(facts: dict[str, Any]) -> str:
+    """Return the digest of what was asked and what came of it; the metadata, which name the machine too, are not in it."""
+    content = {name: facts[name] for name in ("sweep", "axes", "arrays")}
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def verified(folder: Place) -> str:
+    """Compare every array of a sweep, its axes and its metadata with their digests; return the content digest.
+
+    Raises
+    ------
+    ArchiveError
+        Naming the arrays and blocks that differ.
+    """
+    zarr_package()
+    facts = facts_of(folder)
+    axes = digests_of_axes(folder)
+    faults = [f"array '{name}' differs" for name, digest in axes.items() if facts["axes"].get(name) != digest]
+    hurt = [name for name, digest in facts["arrays"].items() if not _is_intact(folder, name, facts, digest)]
+    for extent, digests in facts["blocks"].items() if hurt else ():
+        block = tuple(slice(*map(int, part.split("-"))) for part in extent.split("_"))
+        faults += faults_of_block(folder, block, {name: digests[name] for name in hurt})
+    faults += [f"array '{name}' differs" for name in hurt if not any(f"array '{name}'" in fault for fault in faults)]
+    if faults:
+        raise ArchiveError(
+            f"'{folder}' is damaged:{numbered(faults)}\nremove it, and march the sweep again", tuple(faults)
+        )
+    return content_digest(facts)
+
+
+def _is_intact(folder: Place, name: str, facts: Mapping[str, Any], digest: str) -> bool:
+    members = len(next(iter(facts["blocks"])).split("_"))
+    try:
+        return digest_of_array(folder, name, members) == digest
+    except Exception:  # noqa: BLE001 - of a codec, for bytes that are none of its
+        return False
+
+
+def faults_of_block(folder: Place, block: Block, digests: Mapping[str, str]) -> list[str]:
+    """Compare the chunks of a block with its digests; describe every difference."""
+    arrays, faults = arrays_in(folder), []
+    for name, digest in digests.items():
+        try:
+            same = digest_of(np.asarray(arrays[name][tuple(block)])) == digest
+        except Exception as error:  # noqa: BLE001 - as above
+            faults.append(f"array '{name}' cannot be read in block {said(block)}: {error}")
+            continue
+        if not same:
+            faults.append(f"array '{name}' differs in block {said(block)}")
+    return faults
