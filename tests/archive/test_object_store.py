@@ -18,6 +18,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.object_server import Way, bucket
 from cases.problems import oscillator
+from cases.stages import no_march
 from xdynamics.archive import lease, object_calls, object_store, object_upload, segments
 from xdynamics.archive.object_calls import call
 from xdynamics.archive.object_store import OBJECTS
@@ -373,6 +374,16 @@ def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
     sweep = xd.sweep(MODEL, **asked, path=folder, members_per_task=2)
     assert xd.verify(folder) == sweep.attrs["content_digest"]
     assert xr.open_zarr(folder).end_x.values.tolist() == xd.sweep(MODEL, **asked).end_x.values.tolist()
+
+
+def test_a_refinement_keeps_its_levels_in_a_store(place: ObjectName) -> None:
+    """Assert the numbers of a refinement in memory, an archive for each level, and that what is there is not marched again."""
+    asked: dict[str, Any] = {"method": "rk4", "steps": [0.1, 0.05], "until": 1.0, "at": [1.0]}
+    kept = xd.refine(MODEL, keep=str(place.parent), **asked)
+    assert kept.limit_x.identical(xd.refine(MODEL, **asked).limit_x)
+    assert [digest(place.parent / f"level_{k}.nc") for k in (0, 1)] == kept.run_digest.values.tolist()
+    with no_march():
+        assert xd.refine(MODEL, keep=str(place.parent), **asked).limit_x.identical(kept.limit_x)
 
 
 def test_a_sweep_is_one_process_s(place: ObjectName) -> None:

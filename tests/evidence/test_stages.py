@@ -78,7 +78,7 @@ def test_two_refinements_share_their_levels() -> None:
         study = xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": steps})
         names = {key for key in study.__dask_graph__() if str(key).startswith("march-")}
         assert len(names) == levels
-        assert len(study.order_x.__dask_graph__()) == levels + 2
+        assert len(study.order_x.__dask_graph__()) == levels + 3  # the model, the study, the number
 
 
 def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> None:
@@ -90,6 +90,22 @@ def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> N
         with xd.open_run(tmp_path / "levels" / f"level_{k}.nc") as run:
             assert xd.content_digest(run) == digest
     assert len(list((tmp_path / "levels").glob("*.nc"))) == len(digests)
+
+
+def test_a_study_whose_levels_are_kept_goes_on(tmp_path: Path) -> None:
+    """Assert that levels that are whole are read, and that those which are missing, damaged or of another run are marched."""
+    asked = STUDY | {"keep": tmp_path}
+    whole = xd.refine(OSCILLATOR, **asked)
+    with no_march():
+        assert_same_bits(xd.refine(OSCILLATOR, **asked), whole)
+    (tmp_path / "level_0.nc").unlink()
+    content = bytearray((tmp_path / "level_1.nc").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "level_1.nc").write_bytes(content)
+    (tmp_path / "level_3.nc").write_bytes((tmp_path / "level_2.nc").read_bytes())
+    with marches() as begun:
+        assert_same_bits(xd.refine(OSCILLATOR, compute=False, **asked).compute(scheduler="synchronous"), whole)
+    assert sorted(begun) == [f"Harmonic oscillator rk4 {step}" for step in (0.005, 0.02, 0.04)]
 
 
 def test_what_is_known_only_after_marching_is_refused_or_said() -> None:

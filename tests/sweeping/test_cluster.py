@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import pty
 import random
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.archive import origin
 from xdynamics.evidence import cluster
 from xdynamics.evidence.cluster import check_workers, cluster_of, connected
 from xdynamics.evidence.stages import STAGE, computed
@@ -78,6 +81,30 @@ def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_pat
     assert_same(xd.sweep(model, AXES, members_per_task=20, **ASKED).compute(), here)
     assert_same(xd.sweep(model, AXES, members_per_task=20, path=tmp_path / "s", **ASKED), here)
     assert_same(computed(xd.sweep(model, AXES, **ASKED))[0], here)
+
+
+def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a sweep computed by xarray, by the client or by a report is known to be what was marched; an edit, too."""
+    client.wait_for_workers(2, timeout=60)
+    grid = xd.sweep(xd.Model.from_toml(MODELS / "ball_drag.toml"), AXES, members_per_task=20, **ASKED)
+    ways: tuple[Callable[[], xr.Dataset], ...] = (
+        lambda: client.compute(grid).result(),
+        grid.compute,
+        lambda: computed(grid)[0],
+    )
+    digest_of = origin.digest_of
+
+    def unless_lazy(name: str, variable: xr.Variable) -> str:
+        assert variable.chunks is None, f"{name} is marched again"
+        return digest_of(name, variable)
+
+    for way in ways:
+        found = way()
+        with monkeypatch.context() as patch:
+            patch.setattr(origin, "digest_of", unless_lazy)
+            xd.archive.check_unchanged(found)
+        with pytest.raises(xd.InputError, match="variable 'end_y'"):
+            xd.archive.check_unchanged(found.assign(end_y=found.end_y.copy(data=found.end_y.values + 1e-9)))
 
 
 def studied(**more: Any) -> xr.Dataset:
@@ -168,6 +195,43 @@ def test_a_verb_on_a_cluster_says_what_it_says_here(client: Any, tmp_path: Path)
     there = call(*asked, "--scheduler", client.scheduler.address, "-o", tmp_path / "r.nc")
     assert (here.exit_code, there.exit_code) == (0, 0)
     assert there.output.startswith(here.output)
+
+
+def in_terminal(*words: Any, until: bytes) -> tuple[int, str]:
+    """Run the command in a terminal, press Ctrl-C half a second after it showed a text; return its exit code and all it showed."""
+    number, terminal = pty.fork()
+    if not number:
+        os.execv(sys.executable, [sys.executable, "-m", "xdynamics", *map(str, words)])
+    shown, pressed = b"", False
+    with suppress(OSError):  # its other end is closed
+        while piece := os.read(terminal, 4096):
+            shown += piece
+            if until in shown and not pressed:
+                time.sleep(0.5)
+                os.write(terminal, b"\x03")
+                pressed = True
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]), shown.decode()
+
+
+def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request: pytest.FixtureRequest) -> None:
+    """Assert one line and no traceback, and that nothing that was asked is left on the cluster, which works on."""
+    if not request.config.getoption("--whole"):
+        pytest.skip("a command of its own on a cluster takes ten seconds; --whole")
+    client.wait_for_workers(2, timeout=60)
+    model = MODELS / "harmonic_oscillator.toml"
+    steps = ("--step", "1 ms", "--levels", "3", "--until", "5000 s")
+    code, shown = in_terminal("refine", model, *steps, "--scheduler", client.scheduler.address, until=b"tasks done")
+    assert code == 1
+    assert "xdynamics: interrupted; the cluster was told to drop what was asked of it" in shown
+    assert "Traceback" not in shown
+    for _ in range(600):
+        if not client.run_on_scheduler(cluster._unfinished):
+            break
+        time.sleep(0.1)
+    else:
+        pytest.fail("tasks are left on the cluster")
+    assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:

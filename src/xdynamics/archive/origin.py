@@ -59,7 +59,9 @@ class OriginalVariable:
         """The same for another process: a digest in the place of values; what is lazy stays so, and nothing is marched."""
         if self.known or self.variable is None or isinstance(self.variable.data, np.ndarray):
             return OriginalVariable(self.name, self.dims, self.shape, self.attributes, known=self.digest)
-        return OriginalVariable(self.name, self.dims, self.shape, self.attributes, self.variable)
+        return OriginalVariable(
+            self.name, self.dims, self.shape, self.attributes, self.variable, unchanged=self.unchanged
+        )
 
 
 class Origin(str):

@@ -175,8 +175,9 @@ def _terminable() -> Iterator[list[int]]:
 
 
 def complain(error: Exception | str) -> None:
-    """Print an error or a warning in one line, or an error with numbered faults."""
-    click.echo(f"xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
+    """Print an error or a warning in one line, in the place of progress, or an error with numbered faults."""
+    cleared = "\r\033[K" if sys.stderr.isatty() else ""
+    click.echo(f"{cleared}xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
 
 def say(lines: Iterable[str]) -> None:

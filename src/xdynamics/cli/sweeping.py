@@ -177,8 +177,8 @@ def _told() -> Iterator[Callable[[float, float, int], None]]:
 
     def tell(done: float, _: float, tasks: int) -> None:
         if sys.stderr.isatty():
-            remaining = (time.monotonic() - started) * (1.0 - done) / done if done else float("nan")
-            click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done, {remaining:.0f} s to go", nl=False, err=True)
+            remaining = f", {(time.monotonic() - started) * (1.0 - done) / done:.0f} s to go" if done else ""
+            click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done{remaining}", nl=False, err=True)
 
     yield tell
     if sys.stderr.isatty():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
 import time
@@ -17,6 +18,7 @@ from xdynamics.kernels.engine_part import sources
 PATIENCE = "10s"  # with a scheduler that does not answer
 OFTEN = 0.5  # s between two questions how far a graph is
 ASKED = 10  # times at most, workers that are lost meanwhile
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # Ctrl-C of a terminal reaches its workers too
 UNFINISHED = ("waiting", "processing", "queued", "no-worker")
 Tell = Callable[[float, float, int], None]
 
@@ -33,6 +35,26 @@ def connected() -> Any:
     except ValueError:
         return None
     return client if dask.config.get("scheduler", None) == "dask.distributed" else None
+
+
+def note(topic: str, entry: Any) -> None:
+    """Leave a small note with the scheduler, where this process works for one: what came of a task, for who asks later."""
+    distributed: Any = sys.modules.get("distributed")
+    if distributed is None:
+        return
+    with suppress(ValueError):  # it is no worker
+        distributed.get_worker().log_event(topic, entry)
+
+
+def notes(topic: str) -> list[Any]:
+    """Return what workers noted under a topic; nothing if dask computes in this process, or the cluster is gone."""
+    client = connected()
+    if client is None:
+        return []
+    try:
+        return [entry for _, entry in client.get_events(topic)]
+    except Exception:  # noqa: BLE001 - whatever a cluster that is gone answers: nothing is known of what it did
+        return []
 
 
 def environment() -> dict[str, str]:
@@ -111,14 +133,20 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         raise InputError("a cluster needs dask's distributed: pip install xdynamics[distributed]") from None
     library: Any = distributed  # its classes are not typed
     if workers is not None:
-        settings = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": "CRITICAL"}
+        settings = {
+            "threads_per_worker": 1,
+            "dashboard_address": None,
+            "silence_logs": "CRITICAL",
+            "preload": [DEAF],
+        }
         with (
             library.LocalCluster(n_workers=workers, **settings) as here,
             library.Client(here) as client,
             reached(client),
         ):
             check_workers(client)
-            yield client
+            with _quiet_end():
+                yield client
         return
     try:
         library.comm.resolve_address(scheduler)  # else a client that failed would stay dask's
@@ -127,7 +155,18 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         raise InputError(f"the scheduler {scheduler!r} cannot be reached: {error}") from None
     with client, reached(client):
         check_workers(client)
-        yield client
+        with _quiet_end():
+            yield client
+
+
+@contextmanager
+def _quiet_end() -> Iterator[None]:
+    """Where Ctrl-C ends the wait for a cluster, keep the library's own tasks, which nobody waits for any more, from the terminal."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+        raise
 
 
 @contextmanager

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import store_of
+from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
@@ -53,12 +55,28 @@ def march(model: Model, path: Place | None = None, memory: str | float | None = 
     return marched_by(model, unthinned_settings_for(model, **asked), path, memory)
 
 
+def _kept(prepared: March, path: Place) -> xr.Dataset | None:
+    """Return the run of a march as it was kept before; None if there is none, or what is there is damaged or another."""
+    with suppress(ArchiveError, InputError):
+        if store_of(path).kind(path) is None:
+            run = archive.open_run(path)
+            if record.comes_of(run, prepared):
+                return run
+            run.close()
+    return None
+
+
 def marched_by(
     model: Model, settings: Settings, path: Place | None = None, memory: str | float | None = None
 ) -> xr.Dataset:
-    """March a model with settings that may leave rows or columns out of the record; see `march`."""
+    """March a model with settings that may leave rows or columns out of the record; see `march`.
+
+    A file that holds the finished run already, and is intact, is opened in place of a march.
+    """
     load_dask_whole()
     prepared = March(model, settings)
+    if path is not None and (kept := _kept(prepared, path)) is not None:
+        return record.unfold(kept)
     check_room(prepared, memory, path and store_of(path).written_at(path))
     run = record_of(prepared, path, resume=path is not None and archive.has_segments(path))
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:

@@ -26,6 +26,7 @@ from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
+from xdynamics.record.provenance import force_digest
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ORIGIN, RUNS, STAGE
 
@@ -172,8 +173,18 @@ def march_task(model: Model, path: Path | None = None, memory: str | float | Non
     prepared = March(model, unthinned_settings_for(model, **asked))
     words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
     name = "-".join(["march", *words, *([str(path)] if path is not None else [])])
-    call = partial(march, model, path, memory, **asked)
-    return Task(name, call, lasting=path is None, steps=_steps(prepared))
+    call = partial(march, path=path, memory=memory, **asked)
+    return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_steps(prepared))
+
+
+def _model_task(model: Model, prepared: March) -> Task:
+    """Return the task that is a model: a cluster is sent it once, with its tables, however many marches there are."""
+    words = ["model", model.digest, *([force_digest(prepared)] if model.python_functions else [])]
+    return Task("-".join(words), partial(_given, model), lasting=False)
+
+
+def _given(model: Model) -> Model:
+    return model
 
 
 def _steps(prepared: March) -> float:
@@ -371,8 +382,12 @@ def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
 
 
 def remembered(task: Task) -> Any:
-    """Return the result of a task that needs no other, in this process."""
-    return _result(task.name, task.call)
+    """Return the result of a task in this process."""
+
+    def make() -> Any:
+        return results_of(task)[0]
+
+    return REMEMBERED.result(task.name, make)
 
 
 def blank_run(prepared: March) -> xr.Dataset:

@@ -6,12 +6,13 @@ import time
 from functools import partial
 from hashlib import sha256
 from itertools import product
+from operator import itemgetter
 from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
 
-from xdynamics.evidence.cluster import connected
+from xdynamics.evidence.cluster import connected, note, notes
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.members import Block, Plan, marched
 
@@ -21,6 +22,7 @@ EACH = 4  # tasks per worker, so that none is idle for long
 UNMEASURED = 16  # where it is not known what a member costs, and members may differ by much
 ABREAST = 64  # members of a task, from which on they are marched abreast
 MOST = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
+NOTED = 500  # blocks under one topic of a cluster, which keeps the last thousand notes of each
 PROBED, FURTHER = (
     8,
     16,
@@ -84,8 +86,19 @@ def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
 Key = tuple[Any, ...]
 
 
-class Digests(dict[Key, str]):
-    """Digests of a sweep's blocks that this process computed; they live as long as Datasets of the sweep."""
+class Digests(dict[Key, bytes]):
+    """Digests of a sweep's blocks, as they were marched here or on a cluster; they live as long as Datasets of the sweep."""
+
+    def __init__(self, token: str) -> None:
+        super().__init__()
+        self.token = token
+
+    def __reduce__(self) -> Any:
+        return _digests_of, (self.token,)  # another process has its own, and asks the cluster for the others
+
+
+def _digests_of(token: str) -> Digests:
+    return _CAME_OF.setdefault(token, Digests(token))
 
 
 _CAME_OF: WeakValueDictionary[str, Digests] = WeakValueDictionary()  # by a sweep's token
@@ -103,16 +116,16 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
     blocks = blocks_of(chunks)
     layers: dict[str, Any] = {
         plan_key: {plan_key: plan},
-        name: {(name, *at): (marched, plan_key, list(block)) for at, block in blocks},
+        name: {
+            (name, *at): (_marched, plan_key, list(block), [token, number]) for number, (at, block) in enumerate(blocks)
+        },
     }
     dependencies: dict[str, set[str]] = {plan_key: set(), name: {plan_key}}
-    arrays, checks, digests = {}, {}, _CAME_OF.setdefault(token, Digests())
+    arrays, checks, digests = {}, {}, _digests_of(token)
     for variable in plan.variables:
         key = f"{variable.name}-{token}"
         inner = (0,) * len(variable.sizes)
-        graph = {
-            (key, *at, *inner): (_taken, (name, *at), variable.name, [token, variable.name, *at]) for at, _ in blocks
-        }
+        graph = {(key, *at, *inner): (itemgetter(variable.name), (name, *at)) for at, _ in blocks}
         merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {name}})
         arrays[variable.name] = da.Array(
             merged, key, (*chunks, *((n,) for n in variable.sizes)), dtype=np.dtype(variable.dtype)
@@ -121,25 +134,35 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
     return arrays, checks
 
 
-def _taken(arrays: dict[str, Any], name: str, key: list[Any]) -> Any:
-    """Take a variable out of a block, and store its digest."""
-    values = arrays[name]
-    token, *block = key
+def _marched(plan: Plan, block: Block, which: list[Any]) -> dict[str, Any]:
+    """March a block, and note the digests of what it gave, here and on the cluster that it is marched for."""
+    values = marched(plan, block)
+    token, number = which
+    found = {name: _digest(array) for name, array in values.items()}
     digests = _CAME_OF.get(token)
-    if digests is not None:  # otherwise no Dataset here can ask for it
-        digests[tuple(block)] = _digest(values)
+    if digests is not None:  # otherwise no Dataset here can ask for them
+        digests.update({(name, number): digest for name, digest in found.items()})
+    note(_topic(token, number), [number, found])
     return values
 
 
+def _topic(token: str, number: int) -> str:
+    return f"sweep-{token}-{number // NOTED}"
+
+
 def _came_of(digests: Digests, name: str, blocks: list[tuple[tuple[int, ...], Block]], now: Any) -> bool:
-    """Return whether values are those that the blocks of a variable gave in this process."""
+    """Return whether values are those that the blocks of a variable gave in this process, or on the cluster."""
     values = np.asarray(now.values)
-    return all(digests.get((name, *at)) == _digest(values[tuple(block)]) for at, block in blocks)
+    if any((name, number) not in digests for number in range(len(blocks))):
+        for first in range(0, len(blocks), NOTED):
+            for number, found in notes(_topic(digests.token, first)):
+                digests.update({(entry, number): bytes(digest) for entry, digest in found.items()})
+    return all(digests.get((name, number)) == _digest(values[tuple(block)]) for number, (_, block) in enumerate(blocks))
 
 
-def _digest(values: Any) -> str:
+def _digest(values: Any) -> bytes:
     values = np.ascontiguousarray(values)
-    return sha256(f"{values.dtype.str}{values.shape}".encode() + values.tobytes()).hexdigest()
+    return sha256(f"{values.dtype.str}{values.shape}".encode() + values.tobytes()).digest()
 
 
 def _cost(plan: Plan) -> float:

@@ -83,7 +83,8 @@ def refine(
     defects : bool
         Whether to add the largest local error of a step, as opposed to the accumulated error.
     keep : str or Path, optional
-        A folder to which the run of each level is streamed, as `level_0.nc` and so on, in bounded memory.
+        A folder to which the run of each level is streamed, as `level_0.nc` and so on, in bounded memory; or
+        ``"s3://bucket/folder"``. Levels that are whole there are read: the same call continues an interrupted study.
     most_rows : float, optional
         The most rows of a level that is added; ten million by default.
     memory : str or float, optional
