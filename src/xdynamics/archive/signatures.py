@@ -19,7 +19,7 @@ from xdynamics.archive.seals import bytes_digest
 from xdynamics.archive.stores import store_of, taking_name
 from xdynamics.archive.temporary_files import fitting
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
-from xdynamics.runtime.files import write_new
+from xdynamics.runtime.files import shown, write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -305,7 +305,7 @@ def _fingerprint(public: Ed25519PublicKey) -> str:
 def _text(path: Path, what: str) -> bytes:
     """Read a small file; folders, pipes and devices are refused."""
     if "\0" in str(path) or not path.is_file():
-        raise InputError(f"the {what} {str(path)!r} is no file; name one")
+        raise InputError(f"the {what} {shown(path)!r} is no file; name one")
     try:
         with path.open("rb") as file:
             return file.read(_LONGEST)

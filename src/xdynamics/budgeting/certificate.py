@@ -19,7 +19,7 @@ from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.refining.verdict_words import in_words
-from xdynamics.evidence.stages import Stage, Task, lazy
+from xdynamics.evidence.stages import Stage, Task, computed, lazy
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered
@@ -206,6 +206,23 @@ def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
+def certificate_of(given: Any) -> xr.Dataset:
+    """Return a certificate with its numbers: opened where a file is given, computed where it is lazy.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    certificate = archive.open_run(given) if isinstance(given, GIVEN) else given
+    attributes = getattr(certificate, "attrs", None)
+    if attributes is None or attributes.get(EVIDENCE) != CERTIFICATE:
+        what = f"{str(given)[:60]!r}" if attributes is None or isinstance(given, GIVEN) else "this"
+        kind = (attributes or {}).get(EVIDENCE, "")
+        raise InputError(f"{what} is no certificate{f' but a {kind}' if kind else ''}; `certify` makes one")
+    return computed(certificate)[0]
+
+
 def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
     """Return a certificate made again from nothing but itself, with the same numbers; see `documenting.bundling.recheck`.
 
@@ -216,10 +233,8 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
     InputError
         If it is not a certificate.
     """
-    original = archive.open_run(certificate) if isinstance(certificate, GIVEN) else certificate
-    attributes = getattr(original, "attrs", {})
-    if attributes.get(EVIDENCE) != CERTIFICATE:
-        raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
+    original = certificate_of(certificate)
+    attributes = original.attrs
     model = Model.from_text(str(original["model_toml"].values), functions=functions)
     place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
     if attributes["event"]:

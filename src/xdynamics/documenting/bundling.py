@@ -22,7 +22,7 @@ from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
 from xdynamics.model import Model
 from xdynamics.runtime.files import KINDS
-from xdynamics.schema import EVIDENCE, ROOT_DIGEST
+from xdynamics.schema import ROOT_DIGEST
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,9 +88,7 @@ def bundle(
         from rocrate.rocrate import ROCrate
     except ImportError:
         raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
-    record = archive.open_run(certificate) if isinstance(certificate, GIVEN) else certificate
-    if getattr(record, "attrs", {}).get(EVIDENCE) != certificates.CERTIFICATE:
-        raise InputError(f"{str(certificate)[:60]!r} is no certificate; `certify` makes one")
+    record = certificates.certificate_of(certificate)
     target = placed(folder)
     store_of(target).check_empty(target)
     model = Model.from_text(str(record["model_toml"].values), functions=functions)

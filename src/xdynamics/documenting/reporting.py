@@ -12,7 +12,7 @@ from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.stores import made_folder, taking_name
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.stages import computed
-from xdynamics.faults import InputError, numbered
+from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
 from xdynamics.record.unmarched import is_unmarched
 from xdynamics.schema import EVIDENCE
@@ -57,13 +57,21 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
     target = made_folder(placed(folder))
     whole, faults = _computed(records)
-    words = "\n".join(line for name, entry in whole.items() for line in _page_of(target, name, entry))
+    lines: list[str] = []
+    for name, entry in whole.items():
+        try:
+            lines += _page_of(target, name, entry)
+        except ArchiveError:
+            raise  # of the folder: the others cannot be written either
+        except InputError as error:
+            faults[name] = str(error)
+    words = "\n".join(lines)
     words += "".join(f"\n## {name}\n\nfailed    {fault}\n" for name, fault in faults.items())
     with taking_name(target / PAGE) as new:
         new.part.write_text(words + "\n")
     if faults:
-        lines = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
-        raise InputError(f"'{target / PAGE}' has all but {len(faults)} of the stages:{numbered(lines)}", tuple(lines))
+        told = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
+        raise InputError(f"'{target / PAGE}' has all but {len(faults)} of the stages:{numbered(told)}", tuple(told))
     return words
 
 

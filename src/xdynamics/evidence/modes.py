@@ -175,6 +175,7 @@ def _subject(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:
     if not isinstance(subject, xr.Dataset):
         raise InputError(f"modes needs a Model or a run record, got {str(subject)[:60]!r}")
     record.check(subject)
+    record.check_kind(subject)
     rows = subject.sizes[STEPS]
     at = 0 if row is None else row
     if not isinstance(at, int | np.integer) or not -rows <= at < rows:

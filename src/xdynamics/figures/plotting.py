@@ -93,6 +93,8 @@ def plot(
     _check(size, dpi)
     options = {"only": wanted, "beside": others, "amount": panels, "names": names} if page is run.PAGE else {}
     drawn, foot = page.panels_of(given, **options), page.foot_of(given)
+    if not drawn:
+        raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
     if len(drawn) > page.most_panels:
         foot = f"the first {page.most_panels} of {len(drawn)} panels; {foot}"
         drawn = drawn[: page.most_panels]

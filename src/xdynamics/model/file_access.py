@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
 from xdynamics.model.workbook import text_of_workbook
-from xdynamics.runtime.files import decoded, read_bounded
+from xdynamics.runtime.files import check_no_address, decoded, read_bounded, shown
 
 LARGEST_TABLE = 10_000_000  # bytes
 WORKBOOK = ".xlsx"
@@ -43,9 +43,14 @@ class FileAccess:
         """
         if self.tables == EMBEDDED:
             raise InputError(
-                f"table {name!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or"
+                f"table {shown(name)!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or"
                 " read a model file with Model.from_toml"
             )
+        try:
+            check_no_address(name)
+            check_no_address(self.folder)
+        except InputError as error:
+            raise InputError(f"a table cannot be read: {error}") from None
         path = self.folder / name
         if self.tables == BELOW:
             path = self._below(name)

@@ -51,7 +51,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
 from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.runtime.files import asked, decoded, read_bounded
+from xdynamics.runtime.files import asked, check_no_address, decoded, read_bounded
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, written
 from xdynamics.units import Dimension, Quantity, Unit
@@ -157,6 +157,10 @@ class Model:
         InputError
             If `tables` is neither word.
         """
+        try:
+            check_no_address(path)
+        except InputError as error:
+            raise ModelError(f"the model cannot be read: {error}") from None
         path = Path(path)
         if tables not in ACCESSES:
             raise InputError(f"tables is {tables!r}; there are {', '.join(ACCESSES)}")

@@ -17,6 +17,7 @@ from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
 from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
+from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def check_kind(run: Any) -> None:
         Naming what is missing.
     """
     if isinstance(run, str | PathLike):
-        raise InputError(f"'{run}' is a path; open it first, with open_run")
+        raise InputError(f"'{shown(run)}' is a path; open it first, with open_run")
     needed = ("time", "row_kind", "step_size", "model_toml")
     missing = [name for name in needed if name not in getattr(run, "variables", ())]
     attributes = ("solver_method", "solver_estimator", "solver_interpolation")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import errno
 import os
+import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ KINDS = {
     stat.S_IFBLK: "a device",
 }
 _PIECE = 1 << 20
+_SECRET = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]+:/+).*@")
+_ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/")  # a path has one slash of an address left
 
 
 def asked(path: Path, question: Callable[[Path], Answer]) -> Answer:
@@ -76,6 +79,28 @@ def read_bounded(path: Path, most: int) -> bytes:
     return bytes(content)
 
 
+def check_no_address(path: str | Path) -> None:
+    """Refuse an address where a file of this machine is read; what follows its scheme may be a secret, and is not repeated.
+
+    Raises
+    ------
+    InputError
+    """
+    if address := _ADDRESS.match(str(path)):
+        raise InputError(f"it is an address, '{address[1]}://…', and only a file of this machine can be read here")
+
+
+def shown(path: str | os.PathLike[str]) -> str:
+    """Return a path as a message may show it: without what stands before an ``@`` of an address, which may be a secret.
+
+    Examples
+    --------
+    >>> shown("runs/one.nc"), shown("s3://key:secret@bucket/one.nc")
+    ('runs/one.nc', 's3://…@bucket/one.nc')
+    """
+    return _SECRET.sub(r"\1…@", os.fspath(path))
+
+
 def decoded(content: bytes) -> str:
     """Return a text in UTF-8, with or without its mark, or in UTF-16 with it, with lines that end by newlines.
 
@@ -101,9 +126,9 @@ def made_folder(folder: str | Path) -> Path:
     if kind not in ("", KINDS[stat.S_IFDIR]):
         raise InputError(f"'{folder}' is {kind or 'a file'}; name a folder")
     try:
-        asked(path, lambda target: target.mkdir(parents=True, exist_ok=True))
-    except InputError as error:
-        raise InputError(f"folder {error}") from None
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder '{folder}' cannot be made: {error.strerror or error}; name another") from None
     return path
 
 

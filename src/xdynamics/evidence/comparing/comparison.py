@@ -19,6 +19,7 @@ from xdynamics.faults import InputError
 from xdynamics.record import check, of_elements
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.kinds import is_evidence, kind_description
+from xdynamics.runtime.files import shown
 from xdynamics.schema import STEPS
 
 Floats = NDArray[np.float64]
@@ -116,7 +117,7 @@ def compare(
 
 def _check(run: Any) -> None:
     if isinstance(run, str | Path):
-        raise InputError(f"'{run}' is a path; open it first, with open_run")
+        raise InputError(f"'{shown(run)}' is a path; open it first, with open_run")
     if isinstance(run, xr.Dataset) and is_evidence(run.attrs):
         raise InputError(f"this is {kind_description(run.attrs)}; compare needs runs")
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:
