@@ -12,6 +12,7 @@ SCHEMA_VERSION = "2"  # "1" until 0.2; archives of another one are compared by t
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
+CLOSED_LINKS = "closed"  # links of contacts of many bodies that are closed at an accepted state
 # of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger, directions of growth
 AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cycle", "case", "exponent"
 # of a diagnosis: growth in the limit of long times, and over the time of a run
@@ -23,6 +24,7 @@ DIMENSIONS = {
     TRIALS: "rejected trials",
     EVENTS: "located events, in order",
     SAMPLES: "force evaluations of the accepted steps",
+    CLOSED_LINKS: "closed links of contacts of many bodies at the accepted states, in order",
     BOUNDS: "left and right end of a bracket",
     "given": "steps of a given grid",
     "memory": "numbers that a march goes on from",
@@ -199,6 +201,11 @@ def label_of(dim: str) -> str:
 def end_of(relation: str, end: str) -> str:
     """Name the elements at the `first` or `second` end of every link of a relation."""
     return f"{relation}_{end}"
+
+
+def at_closed(name: str) -> str:
+    """Name what is recorded of closed links."""
+    return f"closed_{name}"
 
 
 def at_event(dim: str) -> str:

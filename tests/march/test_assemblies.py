@@ -243,16 +243,6 @@ def test_bodies_that_overlap_at_the_start_are_named() -> None:
     assert "contact 'discs' of disc 0 and 7 is -0." in run.attrs["run_outcome_text"]
 
 
-def test_bodies_that_come_to_rest_are_named() -> None:
-    """Assert that a body whose bounces end is named, and that many links have impacts alone."""
-    down = {"weight": {"r": "-m*g*index(axis)"}}
-    more = sizes(36, 1) | {"g": "9.81 m s-2"}
-    model = discs(36, 1, contact={"restitution": 0.3}, forces=down, parameters=more)
-    run = xd.simulate(model, method="velocity_verlet", step="4 ms", until="20 s")
-    assert run.attrs["run_outcome"] == "contact_undetermined"
-    assert "comes to rest: what presses it takes a force all the time" in run.attrs["run_outcome_text"]
-
-
 def test_a_method_without_impacts_is_refused() -> None:
     """Assert that time-stepping, which locates none, is refused in one line."""
     with pytest.raises(xd.InputError, match="does not locate impacts"):

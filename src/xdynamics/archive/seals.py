@@ -23,6 +23,7 @@ from xdynamics.record.variable_attributes import own_attributes, plain
 from xdynamics.schema import (
     BOUNDS,
     CIRCUMSTANCE,
+    CLOSED_LINKS,
     EVENTS,
     ORIGIN,
     ROOT_DIGEST,
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 # rows of one stored chunk: a megabyte of floats for what grows by steps, little for what is rare
-CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
+CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, CLOSED_LINKS: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
 OTHER_CHUNK = 4_096
 _MOST_READ = 1 << 25  # bytes of a variable that are read at once
 _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once

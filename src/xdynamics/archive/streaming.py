@@ -19,7 +19,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.archive.writing import new_file
 from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
-from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import CLOSED_LINKS, EVENTS, SAMPLES, STEPS, TRIALS
 
 Array = NDArray[Any]
 Part = tuple[str, Array]
@@ -134,6 +134,7 @@ def _rows(march: March) -> int:
 def _sizes(block: LogBlock) -> dict[str, int]:
     """Return the sizes of a run that one block holds."""
     sizes = {STEPS: block.rows, TRIALS: block.trials, EVENTS: block.events, SAMPLES: block.samples}
+    sizes |= {CLOSED_LINKS: block.log.closed_rows.shape[1]}
     return {dim: size for dim, size in sizes.items() if size}
 
 

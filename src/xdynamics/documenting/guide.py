@@ -45,6 +45,10 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("friction_force_<name>, friction_state_<name>", "step", "of every friction"),
     ("event_<observable>, event_<observable>_uncertainty", "event", "observables at the event"),
     ("event_impulse_x, event_offset_x, event_energy_lost", "event", "what an impact did"),
+    ("event_<relation>, event_first, event_second", "event", "which link of a contact of many bodies was struck"),
+    ("event_impulse_first_x, event_impulse_second_x", "event", "impulses on the two that met"),
+    ("closed_step, closed_contact, closed_first, closed_second", "closed", "row, contact and bodies of a closed link"),
+    ("closed_gap, closed_force", "closed", "its gap, held at zero, and its normal force; a row for each link and step"),
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
@@ -294,7 +298,7 @@ def _units() -> Iterator[str]:
 
 def _record() -> Iterator[str]:
     yield "A run is one xarray Dataset, without coordinate variables but time(step). Its dimensions are"
-    for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.BOUNDS):
+    for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.CLOSED_LINKS, schema.BOUNDS):
         yield f"  {name:6}  {schema.DIMENSIONS[name]}"
     yield "and its variables, first those that are called after the model's own names,"
     for name, dim, about in BY_NAME:

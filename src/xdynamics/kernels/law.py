@@ -170,6 +170,7 @@ class Law:
             | functions
             | {
                 "_empty": np.empty,
+                "_entered": _entered,
                 "_zero": np.float64(0.0),
             }
         )
@@ -284,3 +285,8 @@ class _Form:
 @lru_cache(maxsize=64)
 def _law_of_form(form: _Form) -> Law:
     return Law(form.layout, form.key[-1])
+
+
+def _entered(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:
+    """Call an entry of the engine by the keys of `PLAIN` that stand for the addresses of the run and the entry."""
+    PLAIN[int(entry)](PLAIN[int(run)], t, z)

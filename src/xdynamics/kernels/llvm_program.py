@@ -25,6 +25,7 @@ from xdynamics.kernels.program import (
     FLOAT,
     INTERVAL,
     Compute,
+    EngineCall,
     Gather,
     Instruction,
     Load,
@@ -125,6 +126,8 @@ class ProgramText:
                     self._reduce(line)
                 case ProgramCall():
                     self._call(line)
+                case EngineCall():
+                    self._enter(line)
                 case When() | While():
                     self._if_any(line)
 
@@ -134,6 +137,21 @@ class ProgramText:
         passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
         arrays = [self._places.pointer(Place(passed.get(array, array))) for array in ARRAYS]
         self._put(f"call void @{line.program}.inner({', '.join(f'ptr {array}' for array in arrays)}, i64 1)")
+
+    def _enter(self, line: EngineCall) -> None:
+        """Print a call of the engine, which is given the time, and the table entry of `z`: of that, its address alone."""
+
+        def loaded(kind: str, array: str, place: int) -> str:
+            pointer = self._places.pointer(Place(array, place))
+            return self._lines.line("p", f"load {kind}, ptr {pointer}, align 8").text
+
+        run, function = (loaded("i64", "p", line.first + k) for k in range(2))
+        time = loaded("double", "at", AT.index("t"))
+        self._put("%_entry = alloca i64, i64 3, align 8")
+        self._put("store ptr %_z, ptr %_entry, align 8")
+        entry = self._lines.line("p", "ptrtoint ptr %_entry to i64").text
+        called = self._lines.line("p", f"inttoptr i64 {function} to ptr").text
+        self._put(f"call void {called}(i64 {run}, double {time}, i64 {entry})")
 
     def _if_any(self, line: When | While) -> None:
         """Print a call made if a number is nonzero in some lane, once or as long as it is."""

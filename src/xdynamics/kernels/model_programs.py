@@ -13,7 +13,19 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
-from xdynamics.kernels.program import AT, Compute, Instruction, Load, Loop, Operand, Place, Program, StoreTo, element
+from xdynamics.kernels.program import (
+    AT,
+    Compute,
+    EngineCall,
+    Instruction,
+    Load,
+    Loop,
+    Operand,
+    Place,
+    Program,
+    StoreTo,
+    element,
+)
 from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import followed, function_rate, python_values
@@ -38,12 +50,14 @@ PYTHON = "python_"  # prefix of the names of functions passed in
 def forces(layout: Layout) -> Program:
     """Write M a = F: the results of a force evaluation follow the state that it used."""
     about = "Accelerations, rates, force components and drives of a state."
+    # what contacts of many links add to accelerations
+    last = (EngineCall(len(constants(layout.model))),) if layout.model.assemblies else ()
     if (nests := _in_loops(layout)) is not None:
-        return Program("forces", about, tuple(nests.lines), local=nests.local, tables=nests.tables)
+        return Program("forces", about, (*nests.lines, *last), local=nests.local, tables=nests.tables)
     lines = _moved(layout, motion(layout.model))
     for name in layout.evaluation:
         lines.store(Place("z", layout.record.place(name)), lines.named(name))
-    return Program("forces", about, tuple(lines.lines))
+    return Program("forces", about, (*lines.lines, *last))
 
 
 def has_loops(model: Model) -> bool:

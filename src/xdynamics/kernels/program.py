@@ -88,6 +88,19 @@ class ProgramCall:
 
 
 @dataclass(frozen=True)
+class EngineCall:
+    """A call of an entry of the engine, which changes results of forces in `z`.
+
+    Attributes
+    ----------
+    first : int
+        Place in `p` of two words: the address of the run, and that of the entry.
+    """
+
+    first: int
+
+
+@dataclass(frozen=True)
 class Gather:
     """``index = place``, a whole number of one of the program's tables: an index for the places that follow."""
 
@@ -209,7 +222,7 @@ class While:
 
 
 Line = Compute | Load | StoreTo | Gather | Ordinal | Loop | Reduction  # what loops may contain
-Instruction = Line | ProgramCall | When | While
+Instruction = Line | ProgramCall | EngineCall | When | While
 
 
 def nested(body: Iterable[Instruction]) -> Iterator[Instruction]:

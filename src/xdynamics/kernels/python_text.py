@@ -13,6 +13,7 @@ from xdynamics.kernels.program import (
     AT,
     FLOAT,
     Compute,
+    EngineCall,
     Gather,
     Instruction,
     Load,
@@ -93,6 +94,9 @@ class _PythonPrinter:
                 passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (passed.get(entry, entry) for entry in ARRAYS)
                 self.lines.append(f"{line.program}({', '.join(_array(entry) for entry in places)})")
+            case EngineCall():
+                words = f"_p[{line.first}], _p[{line.first + 1}]"
+                self.lines.append(f"_entered({words}, _at[{AT.index('t')}], _z)")
             case When() | While():
                 word, inner = "while" if isinstance(line, While) else "if", _PythonPrinter((line.call,)).lines
                 self.lines += [f"{word} {_element(line.place)}:", *(f"    {entry}" for entry in inner)]

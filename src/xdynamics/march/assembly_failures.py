@@ -9,7 +9,9 @@ import numpy as np
 from xdynamics.expressions import dimension_of
 from xdynamics.march.assembly import broad_phase
 from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT
+from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.model.assemblies import assemblies
+from xdynamics.units import Dimension
 
 if TYPE_CHECKING:
     from xdynamics.march.runner import March
@@ -26,6 +28,11 @@ def assembly_dispute(march: March) -> str:
     match int(run.tallies[FAULT]):
         case broad_phase.OVERLAP:
             size = run.spans[broad_phase.DEPTH] * march.settings.scales.of(gap)
+            if march.now.rows > 1:
+                return (
+                    f"the gap of {name} is {size:.3g} {gap}, more than the location of impacts leaves: the step jumped"
+                    " over an impact; take a smaller step"
+                )
             return f"the gap of {name} is {size:.6g} {gap} at the start: one body is inside the other; begin apart"
         case broad_phase.BOUNCED:
             return f"the restitution of {name} is {run.spans[broad_phase.DEPTH]:.6g}, and needs to be from 0 to 1"
@@ -42,9 +49,29 @@ def assembly_dispute(march: March) -> str:
                 f" were not found: their equations are left with a residual of {left:.3g} {rate}, which is more than"
                 " rounding; law = 'sequential' takes one after the other"
             )
+    return _of_closed(march, gap)
+
+
+def _of_closed(march: March, gap: Dimension) -> str:
+    """Say what is wrong with forces, gaps or energy of closed links."""
+    run, count = march.run, int(march.run.closed[0])
+    match int(run.tallies[FAULT]):
+        case broad_phase.STRAINED:
+            return (
+                f"the forces of {count or int(run.tallies[broad_phase.TOGETHER])} links that touch were not found: their"
+                f" equations are left with {run.spans[broad_phase.STRAIN]:.3g} of the size of their terms, and 1e-9 is"
+                " allowed; bodies whose masses differ less, or fewer of them, are easier to solve for"
+            )
+        case broad_phase.SHIFTED:
+            far = run.spans[broad_phase.ASTRAY] * march.settings.scales.of(gap)
+            return (
+                f"one of {count} closed links has a gap that is {far:.3g} {gap} farther from zero than rounding and the"
+                " location of events leave: positions could not be put back on all of them; take a smaller step"
+            )
+    lost = run.spans[broad_phase.FIGURE] * march.settings.scales.of(energy_dimension(march.model))
     return (
-        f"{name} comes to rest: what presses it takes a force all the time, and contacts of more links than are written"
-        " out have impacts alone; a stiff force with a potential of the gap holds bodies at rest"
+        f"kinetic energy differs by {lost:.3g} {energy_dimension(march.model)} from what impulses of the recorded"
+        " impacts changed, which is more than rounding; this is a fault of the program, please report it"
     )
 
 

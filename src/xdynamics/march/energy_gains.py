@@ -11,6 +11,7 @@ from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march.log import Log
 from xdynamics.model import Model
+from xdynamics.model.assemblies import slots_of
 from xdynamics.schema import IMPACT, velocity
 from xdynamics.units import TIME, Dimension, Scales
 
@@ -55,13 +56,23 @@ def energy_dimension(model: Model) -> Dimension:
     return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
 
+def place_of_loss(layout: Layout) -> int:
+    """Return the row of a log of impulses with the energy that impacts took; -1 where there are none."""
+    if layout.model.assemblies:
+        return 2 * slots_of(layout.model, layout.coordinates)[1]
+    return layout.coordinates.size if layout.reactions else -1
+
+
 def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> EventEnergies:
     """Return the first events of a block of a log, in SI units."""
-    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), layout.coordinates.size
+    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), place_of_loss(layout)
     first = [layout.row.place(velocity(name)) for name in layout.coordinates]
     rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
     speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
-    work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
+    if layout.model.assemblies:  # impulses are those of two bodies: of the largest speed, whichever these are
+        work = np.sum(np.abs(log.impulses[:n, :count]), axis=0) * np.max(speeds, axis=0) / 2.0
+    else:
+        work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
     return EventEnergies(
         events["kind"],
         events["row_before"],

@@ -15,6 +15,7 @@ from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
 from xdynamics.march import entries, loop, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
+from xdynamics.march.assembly import holding
 from xdynamics.march.contacts import dispatch as contact_dispatch
 from xdynamics.march.events import dispatch as event_dispatch
 from xdynamics.march.events import enclosures
@@ -132,7 +133,12 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         ),
     ),
     EnginePart("contacts", "contacts and friction", 15, ((contact_dispatch.touch, _ENTERED),)),
-    EnginePart("assemblies", "contacts of many bodies", 15, ((assembly_dispatch.meet, _ENTERED),)),
+    EnginePart(
+        "assemblies",
+        "contacts of many bodies",
+        20,
+        ((assembly_dispatch.meet, _ENTERED), (holding.press, _ENTERED)),
+    ),
     EnginePart(
         "lanes",
         "marches side by side",
@@ -188,8 +194,12 @@ def contacts() -> int:
 @lru_cache(maxsize=1)
 def assemblies() -> int:
     """Return the address of the code of contacts of many bodies, made or loaded at the first call."""
-    (address,) = _addresses(ASSEMBLIES)
-    return address
+    return _addresses(ASSEMBLIES)[0]
+
+
+def pressing() -> int:
+    """Return the address of the code that finds forces of closed links."""
+    return _addresses(ASSEMBLIES)[1]
 
 
 @lru_cache(maxsize=1)

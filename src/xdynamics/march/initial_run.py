@@ -16,12 +16,13 @@ from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.program import AT
-from xdynamics.march.assembly.tables import assembled
+from xdynamics.march.assembly.tables import assembled, keyed
 from xdynamics.march.engine import assemblies as meeting
-from xdynamics.march.engine import contacts, watchers
+from xdynamics.march.engine import contacts, pressing, watchers
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
 from xdynamics.march.events.intervals import rules
+from xdynamics.march.handle import PLAINLY
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
@@ -45,7 +46,7 @@ from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
-from xdynamics.model.assemblies import together
+from xdynamics.model.assemblies import PATTERN, together
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
@@ -100,9 +101,11 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
         law=np.append(addresses, solver.address()),
-        **{f"log_{name}" if name != "base" else name: array for name, array in log._asdict().items()},
+        **log.named(),
     )
     run.holds = tuple(patterns)
+    if model.assemblies:
+        run.p[-2:] = _words(run)
     return run
 
 
@@ -111,11 +114,18 @@ def _pattern(model: Model, settings: Settings, law: Law) -> Run:
     return posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
 
 
+def _words(run: Run) -> Floats:
+    """Return the addresses of a run, and of the code that finds forces of closed links, as a law reads them."""
+    if PLAINLY:
+        return np.array([keyed([run])[0], pressing()], float)
+    return np.array([run.address, pressing()], np.int64).view(float)
+
+
 def _of_contacts(model: Model, layout: Layout) -> list[int]:
     """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
     if model.assemblies:
         return [0, meeting()]
-    return [contacts()] if layout.reactions else []
+    return [contacts()] if layout.reactions and PATTERN not in model.contacts else []
 
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
@@ -233,9 +243,10 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
 
 def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     """Return the parameters that a law reads; the modes of contacts are the end of them."""
-    values = np.array(list(constants(model, scales).values()))
+    known = constants(model, scales)
+    values = np.array([*known.values(), *[0.0] * (2 * bool(model.assemblies))])  # room for addresses, see `_entered`
     changing = len(modes(model)) + len(switch_inputs(model))
-    return {"p": values, "modes": values[len(values) - changing :]}
+    return {"p": values, "modes": values[len(known) - changing : len(known)]}
 
 
 def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:

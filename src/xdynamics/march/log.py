@@ -13,8 +13,8 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
-from xdynamics.march.calls import noted
-from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
+from xdynamics.march.calls import entered_by, noted
+from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.model.assemblies import slots_of, together
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
@@ -22,6 +22,7 @@ _WIDE = 100  # columns from which huge pages pay: a row then spans more pages th
 _WIDEST = 1 << 17  # columns from which a row more is a megabyte
 _SHORT = 1 << 16
 _POPULATE = 23  # MADV_POPULATE_WRITE of Linux 5.14
+OF_CLOSED = 4  # numbers of a closed link in a row: the row, its number, its gap and force
 PIECES = 128  # of a table that one flag distinguishes
 MOST_SUBSTEPS = 200  # of one event's bracket, for which halving alone needs 60, and of the event search in a step
 
@@ -37,19 +38,21 @@ class Log(NamedTuple):
     events: NDArray[Any]
     rates: NDArray[np.float64]
     impulses: NDArray[np.float64]
+    closed: NDArray[np.float64] = np.zeros((0, 0))
+    links: NDArray[np.int64] = np.zeros(0, np.int64)
+
+    def named(self) -> dict[str, NDArray[Any]]:
+        """Return its arrays by the names that a run has for them."""
+        return {f"log_{name}" if name != "base" else name: array for name, array in self._asdict().items()}
 
     def lend(self, run: Run) -> None:
         """Have a run write to this log from now on."""
-        run.put(
-            base=self.base,
-            log_rows=self.rows,
-            log_flags=self.flags,
-            log_samples=self.samples,
-            log_trials=self.trials,
-            log_events=self.events,
-            log_rates=self.rates,
-            log_impulses=self.impulses,
-        )
+        run.put(**self.named())
+
+    @property
+    def closed_rows(self) -> NDArray[np.float64]:
+        """What has been written of closed links, shape (numbers, rows)."""
+        return self.closed[:, : int(self.links[0]) if self.links.size else 0]
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
         """Have the system provide the memory of some rows to come at once: page by page costs twice as much."""
@@ -111,7 +114,8 @@ def has_room(run: Run) -> bool:
     return (
         now.rows - base.rows + 2 <= run.log_rows.shape[1]
         and now.trials - base.trials + most_trials(events * run.plan[0].apart) <= run.log_trials.shape[0]
-        and now.events - base.events + events + run.plan[0].together <= run.log_events.shape[0]
+        and now.events - base.events + events + 2 * run.plan[0].together <= run.log_events.shape[0]
+        and (run.plan[0].assemblies == 0 or has_room_for_links(run))
         and (now.samples - base.samples + run.plan[0].samples + 2 <= run.log_samples.shape[1] or leaves_samples(run))
     )
 
@@ -120,6 +124,12 @@ def has_room(run: Run) -> bool:
 def leaves_samples(run: Run) -> bool:
     """Whether force samples are counted and not kept, since no column of the record shows them."""
     return run.log_samples.shape[1] == 0
+
+
+@compiled
+def has_room_for_links(run: Run) -> bool:
+    """Whether rows of closed links fit, of a step and of an event in it."""
+    return run.log_links[0] + 3 * (run.closed[0] + run.plan[0].together) <= run.log_closed.shape[1]
 
 
 @compiled
@@ -137,6 +147,8 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
         note_sides(run, row)
     finite = at[UNSOUND] == 0.0
     if finite:
+        if run.plan[0].assemblies > 0:
+            entered_by(run.functions[ASSEMBLY_PHASE], run, t, NOTE_LINKS)
         now.rows += 1
     return finite
 
@@ -232,7 +244,9 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
     samples = samples if samples_kept else 0
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
-    event_rows = (min(rows, 4_000) if events else 0) + events + together(layout.model)
+    links = together(layout.model)
+    event_rows = (min(rows, 4_000) if events else 0) + events + 2 * links
+    closed = rows * min(links, layout.coordinates.size) + 6 * links if links else 0
     return Log(
         np.zeros(1, BASE),
         _pages((layout.row.size, rows), np.float64),
@@ -242,6 +256,8 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
         np.empty(event_rows, EVENT_ROW),
         np.empty((len(layout.followed), event_rows)),
         np.empty((_acting(layout), event_rows)),
+        _pages((OF_CLOSED if links else 0, closed), np.float64),
+        np.zeros(min(links, 1), np.int64),
     )
 
 

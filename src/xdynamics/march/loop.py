@@ -133,6 +133,8 @@ def start(run: Run) -> None:
         entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
     if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+    if plan.assemblies > 0:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     run.at[T] = now.t
@@ -141,8 +143,6 @@ def start(run: Run) -> None:
     copy(run.y, run.z)
     if run.detectors.shape[0] > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
-    if plan.assemblies > 0:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)

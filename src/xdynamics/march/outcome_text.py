@@ -123,8 +123,8 @@ def diagnose(march: March) -> Failure:
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
     if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
-        many = assembly_dispute if march.model.assemblies else dispute
-        say = inconsistency if status == CONTACT_INCONSISTENT else many
+        few = inconsistency if status == CONTACT_INCONSISTENT else dispute
+        say = assembly_dispute if march.model.assemblies else few
         return Failure(OUTCOMES[status], say(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
         return Failure(OUTCOMES[status], _cause(march))

@@ -99,17 +99,18 @@ TOUCH = _record(
 )
 # A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
 # which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;
-# whether its gap changes with time alone; where its leaves, its order of elements, its hulls begin, how many groups.
+# whether its gap changes with time alone; where its links (among all), its leaves, its order of elements, its hulls begin, how many groups.
 ASSEMBLY = _record(
-    "tolerance",
-    "links elements paired leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
+    "tolerance rest_height",
+    "links first_link elements paired leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
 )
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS = range(3)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
-BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING = range(3)  # what `assembly.dispatch` is to do
+# what `assembly.dispatch` is to do
+BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS = range(6)
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
@@ -291,9 +292,16 @@ class Run:
     close: Scratch[Whole]  # those that may meet in the trial
     meets: Scratch[Whole]  # 1 where one does on the piece
     touching: Scratch[Columns]  # links that are struck together, numbers of each; see `march.assembly.impact`
-    normals: Scratch[Columns]  # the derivative of each one's rate by velocities
+    normals: Scratch[Columns]  # the derivative of each one's rate by velocities; those of closed links come last
     replies: Scratch[Columns]  # effect of a unit of its impulse on them
     reads: Scratch[Lists]  # which these are
+    closed: Whole  # how many links are closed, then the number of each among all links, ascending
+    greatest: Floats  # the largest velocity so far, then for every assembly the largest speed of an impact
+    held: Scratch[Lists]  # assembly, link and elements of each closed link
+    loads: Scratch[Floats]  # the force of each at the last evaluation
+    lifted: Scratch[Whole]  # 1 for one whose force passes zero in the trial
+    vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
+    swing: Scratch[Floats]  # what forces of links do to all coordinates
     of_time: Given[Whole]  # drives of time
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
@@ -331,6 +339,8 @@ class Run:
     log_trials: Log[TrialRows]
     log_events: Log[EventRows]
     log_rates: Log[Columns]  # of observables at the events
+    log_closed: Log[Columns]  # row, number, gap and force of links that are closed in it
+    log_links: Log[Whole]  # how many of these there are
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 
     def __init__(self, **arrays: NDArray[Any]) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.chattering import NOWHERE, chattering
-from xdynamics.march.energy_gains import Gains, impacts_of, with_more
+from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, allocate, misplaced_events, most_recycled
@@ -240,7 +240,7 @@ class March:
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
         started = looked = clock()
-        log.base[0] = first
+        log.base[0], log.links[:] = first, 0
         log.lend(self.run)
         in_time = True
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
@@ -304,7 +304,8 @@ class March:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
         # in most runs no event gains energy
-        if self.layout.reactions and log.impulses[self.layout.coordinates.size, :count].min() < 0.0:
+        place = place_of_loss(self.layout)
+        if place >= 0 and log.impulses[place, :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
             self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
 

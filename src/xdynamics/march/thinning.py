@@ -24,28 +24,35 @@ NOWHERE = -1  # the place of a row that is left out
 
 @dataclass(frozen=True)
 class LogRows:
-    """Rows of a log with the force evaluations that led to them and the trials that started from them."""
+    """Rows of a log with their closed links, the force evaluations that led to them, the trials that started from them."""
 
     rows: Array
     flags: Array
     samples: Array
     trials: Array
+    closed: Array
 
-    def chosen(self, rows: Array, samples: Array, trials: Array) -> LogRows:
+    def chosen(self, rows: Array, samples: Array, trials: Array, closed: Array) -> LogRows:
         """Copy a selection, since the log's memory is filled again."""
-        return LogRows(self.rows[:, rows], self.flags[:, rows], self.samples[:, samples], self.trials[trials])
+        steps = self.rows[:, rows], self.flags[:, rows]
+        return LogRows(*steps, self.samples[:, samples], self.trials[trials], self.closed[:, closed])
 
     def of_rows(self, wanted: Array, places: Array, begin: int) -> LogRows:
         """Return wanted rows, their samples and trials, numbered by `places`, which starts before row `begin`."""
         sampled = places[self.samples[1].astype(np.int64) - begin + 1]
-        tried = places[self.trials["step"] - begin + 1]
-        part = self.chosen(np.flatnonzero(wanted), np.flatnonzero(sampled >= 0), np.flatnonzero(tried >= 0))
+        tried, held = places[self.trials["step"] - begin + 1], places[self._rows_of_closed() - begin + 1]
+        part = self.chosen(np.flatnonzero(wanted), *(np.flatnonzero(of >= 0) for of in (sampled, tried, held)))
         part.samples[1], part.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
+        part.closed[:1] = held[held >= 0]
         return part
+
+    def _rows_of_closed(self) -> Array:
+        return self.closed[0].astype(np.int64) if len(self.closed) else np.zeros(0, np.int64)
 
     def last(self, number: int) -> LogRows:
         """Return the last row, if there is one, and what belongs to the row of a given number."""
-        selected = np.flatnonzero(self.samples[1] == number), np.flatnonzero(self.trials["step"] == number)
+        owners = self.samples[1], self.trials["step"], self._rows_of_closed()
+        selected = (np.flatnonzero(owner == number) for owner in owners)
         return self.chosen(np.arange(self.rows.shape[1])[-1:], *selected)
 
 
@@ -73,9 +80,10 @@ class Thinning:
     def go_on_from(self, memory: Mapping[str, Array]) -> None:
         """Continue from the memory of the same march's thinning."""
         self.kept = int(memory["kept_rows"][0])
-        names = ("rows", "flags", "samples", "trials")
+        names = ("rows", "flags", "samples", "trials", "closed")
         is_waiting = "waiting_rows" in memory
-        self.waiting = LogRows(*(memory[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
+        kept = {"waiting_closed": np.zeros((0, 0)), **memory}  # empty arrays are not kept
+        self.waiting = LogRows(*(kept[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
 
     def stand_behind(self, kept: int) -> None:
         """Go on after a record of `kept` rows, of which the last one is an end."""
@@ -89,6 +97,7 @@ class Thinning:
             log.flags[:, : block.rows],
             log.samples[:, : block.samples],
             log.trials[: block.trials],
+            log.closed_rows,
         )
         parts = [new] if self.waiting is None else [self.waiting, new]
         begin = first - (len(parts) - 1)
@@ -120,6 +129,8 @@ class Thinning:
             events,
             log.rates[:, : block.events].copy(),
             log.impulses[:, : block.events].copy(),
+            joined.closed,
+            np.array([joined.closed.shape[1]]),
         )
         return LogBlock(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers)
 
@@ -138,6 +149,7 @@ class Thinning:
             run.log_events[:0],
             run.log_rates[:, :0],
             run.log_impulses[:, :0],
+            waiting.closed[:, :0],
         )
         return self.thinned(run, LogBlock(empty, 0, 0, 0, 0), last=True)
 
@@ -191,6 +203,6 @@ def _joined(parts: list[LogRows], rows: int | None = None) -> LogRows:
     """Concatenate parts, and keep all or only the last of their rows."""
     if len(parts) == 1:
         return parts[0]
-    wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples")}
+    wide = {name: np.hstack([getattr(part, name) for part in parts]) for name in ("rows", "flags", "samples", "closed")}
     joined = LogRows(**wide, trials=np.concatenate([part.trials for part in parts]))
     return joined if rows is None else replace(joined, rows=joined.rows[:, -rows:], flags=joined.flags[:, -rows:])

@@ -15,7 +15,7 @@ from xdynamics.march.calls import called, entered_by, stepped_by
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.handle import run_at
 from xdynamics.march.log import note_trial
-from xdynamics.march.run import CONTACT_PHASE, SUBSTEP, Run
+from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, HOLD_LINKS, SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
@@ -33,6 +33,8 @@ def propose(run: Run, t1: float, h: float) -> None:
         advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
         entered_by(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
+    if run.plan[0].assemblies > 0 and run.at[UNSOUND] == 0.0:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, t1, HOLD_LINKS)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 

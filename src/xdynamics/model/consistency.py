@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import count, islice
 from typing import Any
 
@@ -27,7 +27,7 @@ from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.parts import Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
-from xdynamics.schema import acceleration, record_names, velocity
+from xdynamics.schema import CLOSED_LINKS, acceleration, record_names, velocity
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
@@ -184,7 +184,7 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
             if fault := _fault_of(section, str(name)):
                 refused.add(str(name))
                 ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
-    for name, owner in record_names(vars(statement)):
+    for name, owner in _record_names(statement):
         if name in owner_of and not any(owner == f"dimension '{word}'" for word in refused):
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
         owner_of.setdefault(name, owner)
@@ -196,6 +196,13 @@ def _check_names(statement: Statement, ledger: Ledger) -> None:
                     f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
                 )
             owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
+
+
+def _record_names(statement: Statement) -> Iterator[tuple[str, str]]:
+    """Yield names of the record, of models with dimensions alone that of the dimension of their closed links."""
+    for name, owner in record_names(vars(statement)):
+        if (name, owner) != (CLOSED_LINKS, "the record") or statement.extents:
+            yield name, owner
 
 
 def _fault_of(section: str, name: str) -> str:

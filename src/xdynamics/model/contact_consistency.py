@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 
 from xdynamics.expressions import CALLED_ALONE, Call, Node, derivative, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
@@ -33,7 +34,7 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
             " dimension or a relation"
         )
     if statement.assemblies:
-        _check_assemblies(statement, ledger)
+        _check_assemblies(statement, known, ledger)
     if APPROACH in known:
         ledger.note(f"'{APPROACH}' is what contacts call the speed at which a gap closes; choose another name")
     if len({part.law for part in contacts.values()}) > 1:
@@ -59,7 +60,7 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
             _check_strengths("kinetic", friction.kinetic, friction.static, statement)
 
 
-def _check_assemblies(statement: Statement, ledger: Ledger) -> None:
+def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
     """Refuse what contacts of many links cannot have."""
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
@@ -69,6 +70,13 @@ def _check_assemblies(statement: Statement, ledger: Ledger) -> None:
             ledger.note(
                 f"{many} law = '{ENERGETIC}' is not among their laws; choose 'newton', 'poisson' or 'sequential'"
             )
+    units: dict[str, Dimension] = {}
+    for name, contact in statement.assemblies.items():
+        with suppress(InputError):  # what is wrong with a gap is said with its contact
+            units[name] = dimension_of(contact.gap, known)
+    if len({*units.values()}) > 1:
+        said = ", ".join(f"'{name}': {unit}" for name, unit in units.items())
+        ledger.note(f"{many} their gaps are of one unit ({said}); write each gap as a length, say")
     if statement.frictions:
         ledger.note(f"{many} there are no friction elements: remove '{next(iter(statement.frictions))}'")
     if statement.mass_is_full or statement.lagrangian:

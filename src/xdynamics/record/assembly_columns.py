@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import dimension_of, text_of
 from xdynamics.march import LogBlock
+from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, assemblies, bodies
 from xdynamics.model.detectors import LINKS
 from xdynamics.record.column import About, Column, times
 from xdynamics.record.folded_columns import place_variable
-from xdynamics.schema import EVENTS, NOWHERE, Variable, velocity
+from xdynamics.schema import CLOSED_LINKS, EVENTS, NOWHERE, Variable, at_closed, flags, velocity
 from xdynamics.units import Unit, spell
 
 Array = NDArray[Any]
@@ -25,24 +27,82 @@ def assembly_columns(about: About) -> list[Column]:
     """Return what a record has of impacts of many links; nothing without any."""
     if not about.model.assemblies:
         return []
-    return [*_places(about), *_impulses(about)]
+    return [*_places(about), *_impulses(about), *_of_closed(about)]
+
+
+def _of_closed(about: About) -> list[Column]:
+    """Return what is closed in each row: the row, the contact, the link, its elements, its gap and its force."""
+    model, every = about.model, assemblies(about.model)
+    begins = np.cumsum([0, *(assembly.links for assembly in every)])
+
+    def contact(block: LogBlock) -> Array:
+        return np.asarray(np.searchsorted(begins, block.log.closed_rows[1], side="right") - 1)
+
+    def along(dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[LogBlock], Array]:
+        def take(block: LogBlock) -> Array:
+            numbers, owners = block.log.closed_rows[1].astype(np.int64), contact(block)
+            found = np.full(numbers.size, NOWHERE, np.int32)
+            for c, assembly in enumerate(every):
+                if dim in assembly.dims:
+                    found[owners == c] = find(assembly, numbers[owners == c] - begins[c])
+            return found
+
+        return take
+
+    def number(row: int, unit: Unit) -> Callable[[LogBlock], Array]:
+        return lambda block: times(block.log.closed_rows[row], about.units.factor(unit))
+
+    gap = spell(dimension_of(every[0].contact.gap, model.dimensions))
+    force = spell(energy_dimension(model) / gap.dimension)
+    words = flags({c: assembly.name for c, assembly in enumerate(every)}, "i4")
+    collected = [
+        Column(_variable("step", "i8", "1", "row of `step` in which the link is closed"), _row_of_closed),
+        Column(
+            replace(_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words),
+            lambda block: contact(block).astype(np.int32),
+        ),
+    ]
+    for name, dim, of, find in _found(about):
+        at = place_variable(name, about.model.shapes.extent(of))
+        long_name = f"{name} of the link, counted from 0; {NOWHERE} where its contact has none"
+        role = "contact" if at.role == "event" else at.role
+        at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
+        collected.append(Column(at, along(dim, find)))
+    words_of_force = "normal force of the link, which presses where it is positive"
+    return [
+        *collected,
+        Column(_variable("gap", "f8", gap.text, "gap of the link, which is held at zero"), number(2, gap)),
+        Column(_variable("force", "f8", force.text, words_of_force), number(3, force)),
+    ]
+
+
+def _row_of_closed(block: LogBlock) -> Array:
+    return np.asarray(block.log.closed_rows[0].astype(np.int64))
+
+
+def _variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
+    return Variable(at_closed(name), (CLOSED_LINKS,), dtype, unit, long_name, "contact")
+
+
+def _found(about: About) -> Iterator[tuple[str, str, str, Callable[[Assembly, Array], Array]]]:
+    """Yield what says which link it is: its name, the dimension it is found by, that it is of, how it is found."""
+    every, shapes = assemblies(about.model), about.model.shapes
+    dims = shapes.ordered({dim for assembly in every for dim in assembly.dims})
+    relations = [dim for dim in dims if dim in shapes.relations]
+    for dim in dims:
+        yield dim, dim, dim, _along(dim)
+        if dim in shapes.relations:
+            relation = shapes.relations[dim]
+            for k, (end, of) in enumerate((("first", relation.source), ("second", relation.target))):
+                yield end if len(relations) == 1 else f"{dim}_{end}", dim, of, _end(k)
 
 
 def _places(about: About) -> list[Column]:
     """Return the link of each impact along every dimension, and the elements at its ends."""
-    every, shapes = assemblies(about.model), about.model.shapes
-    dims = shapes.ordered({dim for assembly in every for dim in assembly.dims})
-    relations = [dim for dim in dims if dim in shapes.relations]
-    collected = []
-    for dim in dims:
-        collected.append(Column(place_variable(dim, shapes.extent(dim)), _looked_up(about, dim, _along(dim))))
-        if dim in shapes.relations:
-            relation = shapes.relations[dim]
-            for k, (end, of) in enumerate((("first", relation.source), ("second", relation.target))):
-                name = end if len(relations) == 1 else f"{dim}_{end}"
-                variable = place_variable(name, shapes.extent(of))
-                collected.append(Column(variable, _looked_up(about, dim, _end(k))))
-    return collected
+    return [
+        Column(place_variable(name, about.model.shapes.extent(of)), _looked_up(about, dim, find))
+        for name, dim, of, find in _found(about)
+    ]
 
 
 def _along(dim: str) -> Callable[[Assembly, Array], Array]:

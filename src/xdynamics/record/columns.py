@@ -27,7 +27,7 @@ from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.folded_columns import dimensions, folded, folded_constants, parted
 from xdynamics.record.switches import passed, side_columns
-from xdynamics.schema import SAMPLES, STEPS, Variable
+from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.shapes.blocks import Blocks
@@ -70,7 +70,9 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes)
     if any(DOT in name for name in log):  # of some elements
         available = parted(available, shapes)
     by_rows = {
-        column.variable.name: column.variable for column in available if column.variable.dims[0] in (STEPS, SAMPLES)
+        column.variable.name: column.variable
+        for column in available
+        if column.variable.dims[0] in (STEPS, SAMPLES, CLOSED_LINKS)
     }
     if not isinstance(log, str):
         log, quantities = expanded(log, by_rows, shapes), of_wholes(by_rows)

@@ -19,14 +19,14 @@ from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record.dataset import KNOWN_BEFORE
-from xdynamics.schema import AT, AT_TIME, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
+from xdynamics.schema import AT, AT_TIME, CLOSED_LINKS, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
 from xdynamics.simulation.wanted_states import check_sampled, sampled_march, states_at
 
 if TYPE_CHECKING:
     import xarray as xr
 
 OUTCOME = {"run_outcome": "how the run ended, in one word", "run_outcome_text": "how the run ended, as a sentence"}
-COUNTED = (STEPS, EVENTS, TRIALS, SAMPLES)  # dimensions that sizes can be given of
+COUNTED = (STEPS, EVENTS, TRIALS, SAMPLES, CLOSED_LINKS)  # dimensions that sizes can be given of
 
 
 def unmarched_run(

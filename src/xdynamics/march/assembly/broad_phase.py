@@ -28,9 +28,12 @@ from xdynamics.march.run import Run
 # of `tallies`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
 # arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses, where the
 # trial was to land
-COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING = range(11)
-OVERLAP, CROWDED, UNSOLVED, RESTS, BOUNCED = range(1, 6)  # what was wrong
-SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM = range(7)  # of `spans`
+# whether patterns have the parameters of the run
+COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
+OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY = range(1, 8)  # what was wrong
+# of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
+# gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms
+SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE = range(13)
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates

@@ -10,41 +10,41 @@ from xdynamics.kernels.compiling import apart, shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
+from xdynamics.march.assembly.active_set import rest
 from xdynamics.march.assembly.broad_phase import (
     AIM,
+    ASTRAY,
     BEGUN,
+    CLOSE,
     COUNT,
     CROWDED,
     DEPTH,
-    FAULT,
+    ENERGY,
+    FASTEST,
+    FIGURE,
     LANDING,
-    LEFT,
+    LOSS,
     MEETS,
     OVERLAP,
-    RESIDUAL,
-    RESTS,
-    SHARE,
-    SLOTS,
+    READY,
+    SHIFTED,
+    STRAIN,
+    STRAINED,
+    TERMS,
     TOGETHER,
     WHOLE_STEP,
+    WORK,
     blame,
     keep_boxes,
 )
-from xdynamics.march.assembly.impact import (
-    BIAS,
-    CANDIDATE,
-    GAP,
-    LOST,
-    RATE,
-    ROUGH,
-    SLACK,
-    TOTAL,
-    collide,
-    rate_of,
-)
-from xdynamics.march.assembly.links import ASSEMBLY, END, LINK, pattern_at, touch
-from xdynamics.march.assembly.narrow_phase import NOISE, find_first, resolution_of
-from xdynamics.march.calls import called, enclosed_by
+from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
+from xdynamics.march.assembly.holding import hold, release_moved
+from xdynamics.march.assembly.impact import collide, list_touching, weigh_impulses
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
+from xdynamics.march.assembly.narrow_phase import NOISE, fastest, find_first, find_release, remember_fastest
+from xdynamics.march.assembly.normal_forces import ALLOWED
+from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.calls import called
 from xdynamics.march.control import grow
 from xdynamics.march.events.arming import rearm
 from xdynamics.march.events.event_free_region import end_region
@@ -52,18 +52,19 @@ from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.handle import run_at
 from xdynamics.march.log import note, note_sample, note_samples
-from xdynamics.march.outcomes import CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
-from xdynamics.march.run import ALL, BEGIN_LINKS, ENCLOSE, FIND_MEETING, Run
+from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
+from xdynamics.march.run import BEGIN_LINKS, FIND_MEETING, HOLD_LINKS, LAND_ON_MEETING, NOTE_LINKS, Run
 from xdynamics.march.run import BEGUN as STARTED
 from xdynamics.march.trial_step import copy
-from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, IMPACT, REASON_CONTACT, REASON_EVENT
+from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
+LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)  # no literals: numba compiles a copy for each
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
 
-def meet(address: Any, _number: float, command: int) -> None:
+def meet(address: Any, number: float, command: int) -> None:
     """Do what assemblies need; an entry of the engine.
 
     Parameters
@@ -72,52 +73,67 @@ def meet(address: Any, _number: float, command: int) -> None:
         Of a `Run`.
     command : int
         `BEGIN_LINKS`: check that no links overlap at the start. `FIND_MEETING`: shorten the trial to where links first
-        meet, if any do, which `tallies[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go on after the impacts.
+        meet, or a closed one lifts, if any do, which `tallies[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
+        on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
+        what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
     """
     run = run_at(address)
     if command == BEGIN_LINKS:
         begin(run)
     elif command == FIND_MEETING:
         find(run)
-    else:
+    elif command == LAND_ON_MEETING:
         land(run)
+    elif command == HOLD_LINKS:
+        hold(run, number)
+    elif command == NOTE_LINKS:
+        note_links(run, number)
+    else:
+        release_moved(run, number)
 
 
 @shared
 def begin(run: Run) -> None:
-    """Refuse links that overlap at the start, by more than rounding."""
+    """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
+    run.closed[0] = 0
+    for i in range(run.greatest.shape[0]):
+        run.greatest[i] = 0.0
     copy(run.y, run.z)
+    evaluate(run, run.now[0].t, run.z)
+    copy(run.z, run.y)
     set_out(run)
     span(run, 0.0)
     if not keep_boxes(run):
         blame(run, CROWDED, 0, 0)
         run.now[0].status = REASON_CONTACT
+        return
+    run.tallies[CLOSE], run.spans[FASTEST] = 0, fastest(run)
     for k in range(run.tallies[COUNT]):
-        c = run.candidates[k, ASSEMBLY]
-        touch(run, run.y, run.now[0].t, k)
-        pattern = pattern_at(run.patterns[2 * c + 1])
-        gap = pattern.links[0].gap
-        size = abs(gap)
-        for i in range(run.assemblies[c].coordinates):
-            size += abs(pattern.directions[0, i] * pattern.z[i])
-        if gap < -NOISE * size:
-            blame(run, OVERLAP, c, run.candidates[k, LINK])
-            run.spans[DEPTH] = gap
+        if overlaps(run, k):
             run.now[0].status = CONTACT_PENETRATED
-            break
+            return
+        run.close[run.tallies[CLOSE]] = k
+        run.tallies[CLOSE] += 1
+    if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
+        run.now[0].status = REASON_CONTACT
     run.tallies[BEGUN] = 0
 
 
 @shared
-def set_out(run: Run) -> None:
-    """Give patterns the parameters of the run, and forget all boxes."""
-    run.tallies[BEGUN], run.tallies[FAULT], run.tallies[MEETS], run.spans[SHARE] = 0, 0, 0, 1.0
-    for k in range(run.handed.shape[0]):
-        pattern = pattern_at(run.patterns[run.handed[k, 0]])
-        pattern.p[run.handed[k, 1]] = run.p[run.handed[k, 2]]
-    for c in range(run.patterns.shape[0]):
-        pattern = pattern_at(run.patterns[c])
-        enclosed_by(pattern.functions[ENCLOSE], pattern, pattern.y, pattern.y, 0, pattern.parts[0], ALL)
+def overlaps(run: Run, k: int) -> bool:
+    """Whether a candidate's gap is negative at the start, by more than rounding."""
+    c = run.candidates[k, ASSEMBLY]
+    touch(run, run.y, run.now[0].t, k)
+    pattern = pattern_at(run.patterns[2 * c + 1])
+    gap = pattern.links[0].gap
+    size = abs(gap)
+    for i in range(run.assemblies[c].coordinates):
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    if gap < -NOISE * size:
+        blame(run, OVERLAP, c, run.candidates[k, LINK])
+        run.spans[DEPTH] = gap
+        return True
+    return False
 
 
 @shared
@@ -130,21 +146,40 @@ def span(run: Run, h: float) -> None:
 
 @shared
 def find(run: Run) -> None:
-    """Shorten the trial to where links first meet, if any do."""
-    if run.tallies[BEGUN] == 0:
+    """Shorten the trial to where links first meet, or a closed one lifts, if any do."""
+    if run.tallies[READY] == 0 or run.tallies[BEGUN] == 0:
         set_out(run)
     run.piece[0].substeps, run.tallies[MEETS] = 0, 0
     span(run, run.trial[0].h)
     if not keep_boxes(run):
-        blame(run, CROWDED, 0, 0)
-        end(run, REASON_CONTACT)
-        run.tallies[MEETS] = AT_A_LOSS
+        give_up(run, CROWDED, REASON_CONTACT)
         return
     landing, target = run.trial[0].landing, run.trial[0].t
-    if find_first(run):
+    meets = find_first(run)
+    remember_fastest(run)
+    meets = find_release(run) or meets
+    if holds(run) and meets:
         run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
         run.trial[0].landing = AT_BORDER
+
+
+@shared
+def holds(run: Run) -> bool:
+    """Whether forces of closed links were found, and their gaps are closed; else the march has ended."""
+    if not run.spans[STRAIN] <= ALLOWED:
+        give_up(run, STRAINED, REASON_CONTACT)
+    elif not run.spans[ASTRAY] <= 0.0:
+        give_up(run, SHIFTED, CONTACT_INCONSISTENT)
+    return bool(run.spans[STRAIN] <= ALLOWED and run.spans[ASTRAY] <= 0.0)
+
+
+@shared
+def give_up(run: Run, fault: int, why: int) -> None:
+    """End the march where it stands."""
+    blame(run, fault, 0, 0)
+    end(run, why)
+    run.tallies[MEETS] = AT_A_LOSS
 
 
 @shared
@@ -170,20 +205,29 @@ def land(run: Run) -> None:
     note_samples_apart(run, before)
     run.at[T] = trial.t
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
-    if not collide(run, trial.t):
+    if not (list_touching(run, trial.t) and collide(run)):
         leave(run, before, REASON_CONTACT)
         return
+    weigh_impulses(run)
     note_impacts(run, before)
+    if not rest(run, trial.t):
+        leave(run, before, REASON_CONTACT)
+        return
+    note_changes(run, before)
     evaluate(run, trial.t, run.z)
     note_sample(run, trial.t, run.z, before + 1)
     if not finite_state(run):
         leave(run, before, nonfinite(run))
         return
-    if rests(run):
-        leave(run, before, REASON_CONTACT)
-        return
     if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)
+        return
+    if not holds(run):
+        move_apart(run)
+        return
+    if not keeps_energy(run):
+        move_apart(run)
+        end(run, CONTACT_INCONSISTENT)
         return
     now.on_grid = 0
     if reached:
@@ -198,6 +242,24 @@ def land(run: Run) -> None:
 
 
 @shared
+def keeps_energy(run: Run) -> bool:
+    """Whether kinetic energy changed by what the event took and moving surfaces gave, as far as rounding goes.
+
+    For masses M and impulses p with M (v1 - v0) = p it changes by p (v0 + v1)/2, whatever the law of impacts.
+    """
+    place, row = run.plan[0].kinetic, run.now[0].rows - run.base[0].rows
+    if place < 0:
+        return True
+    before, after = run.log_rows[place, row - 2], run.log_rows[place, row - 1]
+    bound = LEFT_OVER * (run.tallies[TOGETHER] + run.plan[0].coordinates) * (before + after + run.spans[TERMS])
+    run.spans[FIGURE] = abs(after - before + run.spans[LOSS] - run.spans[WORK])
+    if not run.spans[FIGURE] <= bound:
+        blame(run, ENERGY, 0, 0)
+        return False
+    return True
+
+
+@shared
 def leave(run: Run, before: int, why: int) -> None:
     """End the march before impacts that have no state after them."""
     now = run.now[0]
@@ -206,48 +268,3 @@ def leave(run: Run, before: int, why: int) -> None:
             run.log_events[e].row_after = before
     move_apart(run)
     end(run, why)
-
-
-@shared
-def note_impacts(run: Run, before: int) -> None:
-    """Write a row for each link that was struck: its impulse, by coordinates of both ends, and the energy it took."""
-    now, trial, slots = run.now[0], run.trial[0], run.tallies[SLOTS]
-    for a in range(run.tallies[TOGETHER]):
-        impulse = run.touching[a, TOTAL]
-        if impulse == 0.0:
-            continue
-        k = int(run.touching[a, CANDIDATE])
-        c, e = run.candidates[k, ASSEMBLY], now.events - run.base[0].events
-        event, assembly = run.log_events[e], run.assemblies[c]
-        event.time, event.left, event.residual = trial.t, now.t + run.spans[LEFT], run.touching[a, GAP]
-        event.slope, event.uncertainty = run.touching[a, RATE], run.touching[a, ROUGH]
-        event.murk, event.interpolation, event.substeps = 0.0, 0.0, run.piece[0].substeps
-        event.row_before, event.row_after, event.direction, event.kind = before, before + 1, -1, IMPACT
-        event.detector, event.link = assembly.detector, run.candidates[k, LINK]
-        for i in range(run.log_rates.shape[0]):
-            run.log_rates[i, e] = run.slopes[run.detectors.shape[0] + i]
-        for i in range(run.log_impulses.shape[0]):
-            run.log_impulses[i, e] = 0.0
-        for i in range(assembly.coordinates):
-            slot = run.slots[run.reads[a, i]] + slots * run.leafs[assembly.first_leaf + i, END]
-            run.log_impulses[slot, e] += run.normals[a, i] * impulse
-        run.log_impulses[2 * slots, e] = run.touching[a, LOST]
-        run.log_impulses[2 * slots + 1, e] = run.spans[RESIDUAL]
-        now.events += 1
-
-
-@shared
-def rests(run: Run) -> bool:
-    """Whether a link does not part after the impacts for longer than can be resolved, though it is pressed."""
-    accelerations = run.plan[0].used
-    for a in range(run.tallies[TOGETHER]):
-        k = int(run.touching[a, CANDIDATE])
-        fall, size = -run.touching[a, BIAS], abs(run.touching[a, BIAS])
-        for i in range(run.normals.shape[1]):
-            term = run.normals[a, i] * run.z[accelerations + run.reads[a, i]]
-            fall, size = fall - term, size + abs(term)
-        rate = rate_of(run, a)
-        if fall > NOISE * size and rate <= max(run.touching[a, SLACK], 2.0 * fall * resolution_of(run, k, 0.0)):
-            blame(run, RESTS, run.candidates[k, ASSEMBLY], run.candidates[k, LINK])
-            return True
-    return False

@@ -1,27 +1,34 @@
 """Impacts of many links at once: impulses that solve a linear complementarity problem, or one link after the other.
 
-Few links are solved for by Lemke's method, many by projected Gauss-Seidel sweeps over the links, whose residual has to
-fall to rounding (Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 12.4.6; Jourdan,
-Alart, Jean, Comput. Methods Appl. Mech. Eng. 155, 1998, 31). Laws are those of `march.contacts.impact`.
+Few links are solved for by Lemke's method, many by `normal_forces`, whose residual has to fall to rounding. Laws are
+those of `march.contacts.impact`.
 """
 
 from __future__ import annotations
 
-from xdynamics.elementary.rounding_margins import EPS
+from math import sqrt
+
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import (
     BOUNCED,
     CLOSE,
+    COUNT,
     CROWDED,
     DEPTH,
     FASTEST,
+    LOSS,
+    OVERLAP,
     RESIDUAL,
+    TERMS,
     TOGETHER,
     UNSOLVED,
+    WORK,
     blame,
 )
+from xdynamics.march.assembly.closed_links import RIGHT, SCALE, X, closed_index
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
+from xdynamics.march.assembly.normal_forces import ALLOWED, solve_unilateral
 from xdynamics.march.contacts.complementarity import prepare, solve_complementarity
 from xdynamics.march.contacts.impact import NEWTON, POISSON, SEQUENTIAL
 from xdynamics.march.run import Run
@@ -29,20 +36,23 @@ from xdynamics.march.run import Run
 CANDIDATE, GAP, RATE, BOUNCE, SLACK, TARGET_RATE, IMPULSE, TOTAL, LOST, ACTS, BEFORE, OWN, EARLY, BIAS, ROUGH = range(
     15
 )
-NUMBERS = 15  # of a link that touches
+# how far a gap may be from zero; whether the link was closed before, whether it then lifts; its force, the acceleration
+# of its gap, whether its bounces are skipped, how
+# long these would have lasted, and the energy that this takes
+REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
+NUMBERS = 23  # of a link that touches
 MOST_LEMKE = 32  # links that Lemke's method solves for
-MOST_SWEEPS = 1_000_000
 MOST_ROUNDS = 1000
-ENOUGH = 16.0 * EPS  # of the largest velocity: residual at which sweeps end
+OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
 
 @shared
-def collide(run: Run, t: float) -> bool:
-    """Find the links that touch in the trial's state, and change its velocities; whether impulses were found."""
+def collide(run: Run) -> bool:
+    """Change the velocities of the trial's state by the impulses of the links that touch; whether they were found."""
     run.spans[RESIDUAL] = 0.0
-    if not list_touching(run, t):
-        return False
-    law = run.assemblies[run.candidates[run.close[0], ASSEMBLY]].law
+    if not any_approaches(run):
+        return True
+    law = run.assemblies[run.candidates[int(run.touching[0, CANDIDATE]), ASSEMBLY]].law
     if law == SEQUENTIAL:
         return one_after_the_other(run)
     for _ in range(MOST_ROUNDS):
@@ -58,34 +68,50 @@ def collide(run: Run, t: float) -> bool:
 @shared
 def list_touching(run: Run, t: float) -> bool:
     """List the links that touch in the order of their numbers, with what impulses along each do."""
-    count = 0
+    run.tallies[TOGETHER], listed = 0, True
     for m in range(run.tallies[CLOSE]):
-        k = run.close[m]
-        c, link = run.candidates[k, ASSEMBLY], run.candidates[k, LINK]
-        assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c + 1])
-        touch(run, run.z, t, k)
-        gap, steep, size = pattern.links[0].gap, 0.0, abs(pattern.links[0].gap)
-        for i in range(assembly.coordinates):
-            steep += abs(pattern.directions[0, i])
-            size += abs(pattern.directions[0, i] * pattern.z[i])
-        reach = NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
-        if gap > reach:
-            continue
-        if count >= run.touching.shape[0]:
-            blame(run, CROWDED, c, link)
-            return False
-        if not 0.0 <= pattern.links[0].coefficient <= 1.0:
-            blame(run, BOUNCED, c, link)
-            run.spans[DEPTH] = pattern.links[0].coefficient
-            return False
-        place = count
-        while place > 0 and follows(run, place - 1, c, link):
-            move(run, place - 1, place)
-            place -= 1
-        note_link(run, place, k, gap, NOISE * steep * run.spans[FASTEST])
-        run.touching[place, ROUGH] = NOISE * size
-        count += 1
-    run.tallies[TOGETHER] = count
+        listed = listed and admit(run, run.close[m], t, False)
+    if run.closed[0] > 0:
+        for k in range(run.tallies[COUNT]):
+            if closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
+                listed = listed and admit(run, k, t, True)
+    return listed
+
+
+@shared
+def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
+    """List a candidate if it is closed, or its gap is as good as zero; False where the list cannot be made."""
+    c, link, count = run.candidates[k, ASSEMBLY], run.candidates[k, LINK], run.tallies[TOGETHER]
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c + 1])
+    touch(run, run.z, t, k)
+    gap, steep, size = pattern.links[0].gap, 0.0, abs(pattern.links[0].gap)
+    for i in range(assembly.coordinates):
+        steep += abs(pattern.directions[0, i])
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    reach = NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
+    if gap > reach and not is_closed:
+        return True
+    if count >= run.touching.shape[0]:
+        blame(run, CROWDED, c, link)
+        return False
+    if not gap >= -OVERLAPPING * reach:
+        blame(run, OVERLAP, c, link)
+        run.spans[DEPTH] = gap
+        return False
+    if not 0.0 <= pattern.links[0].coefficient <= 1.0:
+        blame(run, BOUNCED, c, link)
+        run.spans[DEPTH] = pattern.links[0].coefficient
+        return False
+    place = count
+    while place > 0 and follows(run, place - 1, c, link):
+        move(run, place - 1, place)
+        place -= 1
+    note_link(run, place, k, gap, NOISE * steep * run.spans[FASTEST])
+    run.touching[place, ROUGH], run.touching[place, REACH] = NOISE * size, reach
+    held = closed_index(run, c, link)
+    run.touching[place, HELD] = 1.0 if held >= 0 else 0.0
+    run.touching[place, LIFTS] = 1.0 if held >= 0 and run.lifted[held] == 1 and run.loads[held] <= 0.0 else 0.0
+    run.tallies[TOGETHER] = count + 1
     return True
 
 
@@ -128,6 +154,17 @@ def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
         moved -= pattern.directions[0, i] * pattern.z[assembly.leaves + i]
     numbers[a, EARLY] = moved
     numbers[a, RATE] = pattern.links[0].rate
+
+
+@shared
+def weigh_impulses(run: Run) -> None:
+    """Sum the energy that impulses took, what moving surfaces gave by them, and the size of the terms."""
+    run.spans[LOSS], run.spans[WORK], run.spans[TERMS] = 0.0, 0.0, 0.0
+    for a in range(run.tallies[TOGETHER]):
+        impulse = run.touching[a, TOTAL]
+        run.spans[LOSS] += run.touching[a, LOST]
+        run.spans[WORK] -= impulse * run.touching[a, EARLY]
+        run.spans[TERMS] += abs(impulse) * (abs(run.touching[a, RATE]) + abs(rate_of(run, a)))
 
 
 @shared
@@ -208,7 +245,7 @@ def solve(run: Run) -> bool:
     for a in range(run.tallies[TOGETHER]):
         run.touching[a, BEFORE], run.touching[a, IMPULSE] = rate_of(run, a), 0.0
         count += 1 if run.touching[a, ACTS] == 1.0 else 0
-    solved = by_lemke(run, count) if count <= MOST_LEMKE else by_sweeps(run)
+    solved = by_lemke(run, count) if count <= MOST_LEMKE else by_gradients(run)
     for a in range(run.tallies[TOGETHER]):
         if run.touching[a, ACTS] == 1.0:
             run.touching[a, TOTAL] += run.touching[a, IMPULSE]
@@ -243,19 +280,18 @@ def unsolved(run: Run) -> float:
 
 
 @shared
-def by_sweeps(run: Run) -> bool:
-    """Correct the impulse of one link after the other until the residual is that of rounding."""
-    enough = ENOUGH / NOISE * largest_slack(run)
-    for _ in range(MOST_SWEEPS // run.tallies[TOGETHER] + 1):
-        for a in range(run.tallies[TOGETHER]):
-            if run.touching[a, ACTS] == 1.0:
-                above = rate_of(run, a) + run.touching[a, TARGET_RATE]
-                impulse = max(0.0, run.touching[a, IMPULSE] - above / run.touching[a, OWN])
-                apply(run, a, impulse - run.touching[a, IMPULSE])
-                run.touching[a, IMPULSE] = impulse
-        if unsolved(run) <= enough:
-            return True
-    return False
+def by_gradients(run: Run) -> bool:
+    """Find the impulses by projected gradients."""
+    count = run.tallies[TOGETHER]
+    for a in range(count):
+        acts = run.touching[a, ACTS] == 1.0
+        run.vectors[SCALE, a] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
+        run.vectors[RIGHT, a] = -(rate_of(run, a) + run.touching[a, TARGET_RATE]) * run.vectors[SCALE, a]
+    left = solve_unilateral(run, 0, count)
+    for a in range(count):
+        run.touching[a, IMPULSE] = run.vectors[X, a] * run.vectors[SCALE, a]
+        apply(run, a, run.touching[a, IMPULSE])
+    return left <= ALLOWED
 
 
 @shared

@@ -112,7 +112,13 @@ def rate_at(run: Run, state: State, t: float, k: int) -> float:
 def touch(run: Run, state: State, t: float, k: int) -> None:
     """Compute gap, rate, restitution and the directions of a candidate; they stand in the second pattern."""
     c = run.candidates[k, ASSEMBLY]
+    touch_link(run, state, t, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
+
+
+@shared
+def touch_link(run: Run, state: State, t: float, c: int, link: int, first: int, second: int) -> None:
+    """Do so for a link by its number and its elements."""
     pattern = pattern_at(run.patterns[2 * c + 1])
-    gather(run, state, pattern.z, c, run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3])
+    gather(run, state, pattern.z, c, link, first, second)
     pattern.at[T] = t
     called(pattern.law[TOUCHING], pattern, pattern.z, pattern.contact_tables, 0)

@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS, SMOOTH
 from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.program import T
 from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, WHOLE_STEP
-from xdynamics.march.assembly.links import ASSEMBLY, enclose_motion, gap_at, pattern_at, rate_at, touch
+from xdynamics.march.assembly.closed_links import RIGHT, SCALE, X, closed_from, closed_index
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, enclose_motion, gap_at, pattern_at, rate_at, touch
+from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import clears
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
@@ -24,6 +28,7 @@ State = NDArray[Any]
 FREE, MEETS, OPEN = range(3)  # what is known of a link on a piece
 NOISE = 64.0 * EPS  # of the terms of a rate: what rounding may leave
 MOST_TURNS = 200
+LIFTING = 1e-10  # of the largest force: a pull that is smaller may be rounding
 INSIDE = 0.4  # of the time tolerance: how far beyond an estimated root the other side of it is looked for
 
 
@@ -32,7 +37,10 @@ def find_first(run: Run) -> bool:
     """Shorten the trial to end just after links first meet; whether any do."""
     piece, trial = run.piece[0], run.trial[0]
     piece.part, run.tallies[CLOSE] = 0, 0
+    run.spans[FASTEST], run.spans[WHOLE_STEP] = max(fastest(run), run.greatest[0]), trial.h
     for k in range(run.tallies[COUNT]):
+        if closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
+            continue
         pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
         enclose_motion(run, pattern, run.y, run.z, k, False)
         place = pattern.detectors[0].value
@@ -42,8 +50,6 @@ def find_first(run: Run) -> bool:
         run.tallies[CLOSE] += 1
     if run.tallies[CLOSE] == 0:
         return False
-    run.spans[FASTEST] = fastest(run)
-    run.spans[WHOLE_STEP] = trial.h
     keep(run)
     start, last, budget, found = 0.0, 0, MOST_SUBSTEPS, False
     push(run, 0, trial.h)
@@ -60,7 +66,7 @@ def find_first(run: Run) -> bool:
             last, budget = last + 1, budget - 1
             push(run, last, middle)
         elif verdict == MEETS:
-            close_in(run, start, end)
+            close_in(run, start, end, True)
             found = True
         else:
             last, start = last - 1, end
@@ -78,6 +84,16 @@ def fastest(run: Run) -> float:
     for i in range(n, 2 * n):
         most = max(most, abs(run.y[i]), abs(run.z[i]))
     return most
+
+
+@shared
+def remember_fastest(run: Run) -> None:
+    """Keep the largest velocity of the march; what rounding leaves of a rate is a share of it, and of what forces give."""
+    lost = 0.0
+    for a in range(run.closed[0]):
+        row = closed_from(run) + a
+        lost = max(lost, abs(run.loads[a]) / run.vectors[SCALE, row] ** 2)
+    run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], lost * run.trial[0].h)
 
 
 @shared
@@ -145,13 +161,13 @@ def resolution_of(run: Run, k: int, s: float) -> float:
 
 
 @shared
-def close_in(run: Run, start: float, end: float) -> None:
-    """Shorten the trial to end just after the first of the links that meet on a piece; all their gaps shrink on it."""
+def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
+    """Shorten the trial to end just after the first zero of a gap, or of a force, on a piece on which they fall."""
     low, high, s = start, end, end
-    t, tolerance = run.now[0].t, resolution_of(run, run.close[0], end)
+    t, tolerance = run.now[0].t, finest_resolution(run, end)
     run.spans[LEFT], earlier = start, 4.0 * (end - start)
     copy(run.far, run.z)
-    at_low, at_high = least_gap(run, run.near, t + start), least_gap(run, run.far, t + end)
+    at_low, at_high = least(run, run.near, t + start, of_gaps), least(run, run.far, t + end, of_gaps)
     turns = 0
     while high - low > tolerance and turns < MOST_TURNS:
         turns += 1
@@ -163,7 +179,7 @@ def close_in(run: Run, start: float, end: float) -> None:
             s = (low + high) / 2.0
         earlier = width if turns % 3 == 0 else earlier
         substep(run, s)
-        value = least_gap(run, run.z, t + s)
+        value = least(run, run.z, t + s, of_gaps)
         if value > 0.0:
             low, at_low = s, value
         else:
@@ -171,6 +187,61 @@ def close_in(run: Run, start: float, end: float) -> None:
     if s != high or turns == 0:
         substep(run, high)
     run.spans[LEFT] = low
+
+
+@shared
+def finest_resolution(run: Run, s: float) -> float:
+    """The width to which the time of an event is located: that of the finest contact."""
+    tolerance = inf
+    for c in range(run.assemblies.shape[0]):
+        tolerance = min(tolerance, run.assemblies[c].tolerance)
+    return max(tolerance, 2.0 * EPS * max(abs(run.now[0].t), abs(run.now[0].t + s)))
+
+
+@shared
+def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
+    """The least of what falls on the piece: gaps, or forces of closed links."""
+    return least_gap(run, state, t) if of_gaps else least_force(run, state, t)
+
+
+@shared
+def find_release(run: Run) -> bool:
+    """Shorten the trial to end just after the force of a closed link passes zero; whether one does."""
+    if run.closed[0] == 0:
+        return False
+    if run.piece[0].substeps > 0:  # else they are those of the trial's last evaluation
+        forces_at(run, run.z, run.trial[0].t)
+    size, lifts = 0.0, False
+    for a in range(run.closed[0]):
+        row = closed_from(run) + a
+        size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
+    for a in range(run.closed[0]):
+        run.lifted[a] = run.vectors[X, closed_from(run) + a] < -LIFTING * size
+        lifts = lifts or run.lifted[a] == 1
+    if lifts:
+        copy(run.y, run.near)
+        copy(run.z, run.far)
+        close_in(run, 0.0, run.trial[0].h, False)
+    return lifts
+
+
+@shared
+def forces_at(run: Run, state: State, t: float) -> None:
+    """Compute the forces of closed links at a state."""
+    copy(state, run.probe)
+    run.at[T] = t
+    called(run.law[FORCES], run, run.probe, run.probe, 0)
+
+
+@shared
+def least_force(run: Run, state: State, t: float) -> float:
+    """The least force of the closed links that lift off in the trial."""
+    forces_at(run, state, t)
+    force = inf
+    for a in range(run.closed[0]):
+        if run.lifted[a] == 1:
+            force = min(force, run.loads[a])
+    return force
 
 
 @shared

@@ -15,6 +15,7 @@ from xdynamics.kernels import Law, law_of
 from xdynamics.kernels.compiling import PLAIN
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
 from xdynamics.march.assembly.broad_phase import GROUP, SLOTS
+from xdynamics.march.assembly.closed_links import VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
 from xdynamics.march.handle import PLAINLY
 from xdynamics.march.run import ASSEMBLY, Run
@@ -22,7 +23,7 @@ from xdynamics.march.settings import EARLIEST_FIRST, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, Leaf, assemblies, slots_of, together
 from xdynamics.model.motion import constants
-from xdynamics.model.parts import IMPACT_LAWS
+from xdynamics.model.parts import IMPACT_LAWS, Contact
 from xdynamics.units import TIME
 
 Whole = NDArray[np.int64]
@@ -36,11 +37,14 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     "candidates": np.zeros((0, 4), np.int64),
     "touching": np.zeros((0, NUMBERS)),
     "reads": np.zeros((0, 0), np.int64),
+    "held": np.zeros((0, 4), np.int64),
     **{
-        name: np.zeros(0, np.int64) for name in ("members", "slots", "patterns", "renewed", "grouped", "close", "meets")
+        name: np.zeros(0, np.int64)
+        for name in ("members", "slots", "patterns", "renewed", "grouped", "close", "meets", "closed", "lifted")
     },
+    **{name: np.zeros(0) for name in ("greatest", "loads", "swing")},
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
-    **{name: np.zeros((0, 0)) for name in ("normals", "replies")},
+    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors")},
 }
 _KEYS = count(-10_000_000, -1)  # of patterns where nothing is compiled
 
@@ -64,11 +68,11 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     """
     every, layout = assemblies(model), law.layout
     if not every:
-        return _NOTHING | {"tallies": np.zeros(16, np.int64), "spans": np.zeros(8)}, []
+        return _NOTHING | {"tallies": np.zeros(16, np.int64), "spans": np.zeros(16)}, []
     if not law.scheme.method.stepper.locates:
         raise InputError(
-            f"method '{law.scheme.method.name}' does not locate impacts, and contacts of more links than are written out"
-            " are impacts alone; choose another method"
+            f"method '{law.scheme.method.name}' does not locate impacts, as contacts of more links than are written out"
+            " need; choose another method"
         )
     if settings.apart:
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
@@ -78,14 +82,16 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
     parts = [_Part(assembly, law, settings) for assembly in every]
     rows, leafs, members = np.zeros(len(every), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()
-    first_order, first_hull = 0, 0
+    first_order, first_hull, first_link = 0, 0, 0
     for row, part in zip(rows, parts, strict=True):
         row.first_leaf, row.first_order, row.first_hull = len(leafs), first_order, first_hull
+        row.first_link = first_link
         for name, value in part.numbers.items():
             setattr(row, name, value)
         leafs += part.leafs(sum(len(places) for places in members))
         members += part.members
         first_order, first_hull = first_order + row.elements, first_hull + row.groups * row.leaves
+        first_link += row.links
     n, most, widest = layout.coordinates.size, together(model), max(row.coordinates for row in rows)
     slots, width = slots_of(model, layout.coordinates)
     tallies = np.zeros(16, np.int64)
@@ -99,7 +105,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "handed": np.array(_handed(every, model, settings), np.int64).reshape(-1, 3),
         "patterns": np.array(_addresses(patterns), np.int64),
         "tallies": tallies,
-        "spans": np.zeros(8),
+        "spans": np.zeros(16),
         "boxes": np.zeros((2, n)),
         "renewed": np.zeros(n, np.int64),
         "hulls": np.zeros((2, first_hull)),
@@ -108,9 +114,16 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "close": np.zeros(room, np.int64),
         "meets": np.zeros(room, np.int64),
         "touching": np.zeros((most, NUMBERS)),
-        "normals": np.zeros((most, widest)),
-        "replies": np.zeros((most, widest)),
-        "reads": np.zeros((most, widest), np.int64),
+        "normals": np.zeros((2 * most, widest)),
+        "replies": np.zeros((2 * most, widest)),
+        "reads": np.zeros((2 * most, widest), np.int64),
+        "closed": np.zeros(1 + most, np.int64),
+        "greatest": np.zeros(1 + len(every)),
+        "held": np.zeros((most, 4), np.int64),
+        "loads": np.zeros(most),
+        "lifted": np.zeros(most, np.int64),
+        "vectors": np.zeros((VECTORS, 2 * most)),
+        "swing": np.zeros(n),
         "problem": np.zeros((MOST_LEMKE, 2 * MOST_LEMKE + 2)),
         "basis": np.zeros(MOST_LEMKE, np.int64),
         "solution": np.zeros(MOST_LEMKE),
@@ -135,6 +148,7 @@ class _Part:
         read = assembly.model.reads(assembly.contact.gap)
         self.numbers: dict[str, Any] = {
             "tolerance": settings.located_within(assembly.contact.time_tolerance) / settings.scales.of(TIME),
+            "rest_height": _height(assembly.contact, settings),
             "links": assembly.links,
             "elements": elements,
             "paired": int(assembly.paired),
@@ -178,6 +192,12 @@ class _Part:
         return rows
 
 
+def _height(contact: Contact, settings: Settings) -> float:
+    """Return how low bounces are that may be skipped; negative where that follows the highest one."""
+    height = contact.rest_height
+    return -1.0 if height is None else height.si / settings.scales.of(height.unit.dimension)
+
+
 def _family(leaf: Leaf) -> int:
     return 2 if leaf.end == SECOND else 1
 
@@ -190,11 +210,14 @@ def _posed(model: Model, settings: Settings, pose: Pose) -> Run:
 
 
 def _addresses(patterns: Sequence[Run]) -> list[int]:
-    if not PLAINLY:
-        return [run.address for run in patterns]
-    keys = [next(_KEYS) for _ in patterns]
+    return keyed(patterns) if PLAINLY else [run.address for run in patterns]
+
+
+def keyed(runs: Sequence[Run]) -> list[int]:
+    """Return keys of `PLAIN` that stand for the addresses of runs where nothing is compiled."""
+    keys = [next(_KEYS) for _ in runs]
     kept: dict[int, Any] = PLAIN
-    kept.update(zip(keys, patterns, strict=True))
+    kept.update(zip(keys, runs, strict=True))
     return keys
 
 

@@ -27,7 +27,21 @@ from xdynamics.march.outcomes import (
     SLIDING_MODE,
     SOUND,
 )
-from xdynamics.march.run import BEFORE, BEGUN, BEHIND, CONTACT_PHASE, GUARD, HOLD, KEPT_ALL, RESOLVE, SETTLE, WEIGH, Run
+from xdynamics.march.run import (
+    ASSEMBLY_PHASE,
+    BEFORE,
+    BEGUN,
+    BEHIND,
+    CONTACT_PHASE,
+    GUARD,
+    HOLD,
+    KEPT_ALL,
+    RELEASE_LINKS,
+    RESOLVE,
+    SETTLE,
+    WEIGH,
+    Run,
+)
 from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
@@ -91,6 +105,8 @@ def cross(run: Run, before: int) -> bool:
             break_off(run, before)
             return False
     note_offsets(run, before)
+    if plan.assemblies > 0 and changed:
+        entered_by(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
     if plan.switches > 0:
         changed = keep_sides(run, changed) or changed
     if changed:

@@ -1,0 +1,89 @@
+"""What the record says of links at an event: impulses, rest and take-off."""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import LEFT, RESIDUAL, SLOTS, TOGETHER
+from xdynamics.march.assembly.closed_links import GAPS, closed_from
+from xdynamics.march.assembly.impact import (
+    ACTS,
+    CANDIDATE,
+    GAP,
+    HELD,
+    LASTS,
+    LOST,
+    OWN,
+    RATE,
+    ROUGH,
+    SKIPS,
+    SLACK,
+    TAKEN,
+    TOTAL,
+)
+from xdynamics.march.assembly.links import ASSEMBLY, END, LINK
+from xdynamics.march.assembly.narrow_phase import forces_at
+from xdynamics.march.run import Run
+from xdynamics.schema import IMPACT, REST, TAKEOFF
+
+
+@shared
+def add_row(run: Run, a: int, before: int, kind: int) -> int:
+    """Add a row for a link that touches; return its number in the log."""
+    now, k = run.now[0], int(run.touching[a, CANDIDATE])
+    e = now.events - run.base[0].events
+    event, assembly = run.log_events[e], run.assemblies[run.candidates[k, ASSEMBLY]]
+    event.time, event.left, event.residual = run.trial[0].t, now.t + run.spans[LEFT], run.touching[a, GAP]
+    event.slope, event.uncertainty = run.touching[a, RATE], run.touching[a, ROUGH]
+    event.murk, event.interpolation, event.substeps = 0.0, 0.0, run.piece[0].substeps
+    event.row_before, event.row_after, event.direction, event.kind = before, before + 1, -1, kind
+    event.detector, event.link = assembly.detector, run.candidates[k, LINK]
+    for i in range(run.log_rates.shape[0]):
+        run.log_rates[i, e] = run.slopes[run.detectors.shape[0] + i]
+    for i in range(run.log_impulses.shape[0]):
+        run.log_impulses[i, e] = 0.0
+    now.events += 1
+    return e
+
+
+@shared
+def note_impacts(run: Run, before: int) -> None:
+    """Write a row for each link that was struck: its impulse, by coordinates of both ends, and the energy it took."""
+    slots = run.tallies[SLOTS]
+    for a in range(run.tallies[TOGETHER]):
+        impulse = run.touching[a, TOTAL]
+        if run.touching[a, OWN] * impulse <= (run.touching[a, SLACK] if run.touching[a, HELD] == 1.0 else 0.0):
+            continue
+        e = add_row(run, a, before, IMPACT)
+        assembly = run.assemblies[run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]]
+        for i in range(assembly.coordinates):
+            slot = run.slots[run.reads[a, i]] + slots * run.leafs[assembly.first_leaf + i, END]
+            run.log_impulses[slot, e] += run.normals[a, i] * impulse
+        run.log_impulses[2 * slots, e] = run.touching[a, LOST]
+        run.log_impulses[2 * slots + 1, e] = run.spans[RESIDUAL]
+
+
+@shared
+def note_changes(run: Run, before: int) -> None:
+    """Write a row for each link that comes to rest, perhaps again after an impact, or takes off without an impulse."""
+    for a in range(run.tallies[TOGETHER]):
+        rests = run.touching[a, HELD] == 0.0 or run.touching[a, SKIPS] == 1.0
+        if run.touching[a, ACTS] == 1.0 and rests:
+            e = add_row(run, a, before, REST)
+            run.log_impulses[2 * run.tallies[SLOTS], e] = run.touching[a, TAKEN]
+            run.log_events[e].residual, run.log_events[e].murk = 0.0, 2.0 * run.touching[a, LASTS]
+        elif run.touching[a, ACTS] == 0.0 and run.touching[a, HELD] == 1.0 and run.touching[a, TOTAL] <= 0.0:
+            e = add_row(run, a, before, TAKEOFF)
+            run.log_events[e].residual = 0.0
+
+
+@shared
+def note_links(run: Run, t: float) -> None:
+    """Write what is closed in the trial's state, which is that of the row that is being written."""
+    if run.closed[0] == 0:
+        return
+    forces_at(run, run.z, t)
+    for a in range(run.closed[0]):
+        place = run.log_links[0]
+        run.log_closed[0, place], run.log_closed[1, place] = run.now[0].rows, run.closed[1 + a]
+        run.log_closed[2, place], run.log_closed[3, place] = run.vectors[GAPS, closed_from(run) + a], run.loads[a]
+        run.log_links[0] = place + 1

@@ -1,0 +1,239 @@
+"""Forces, or impulses, of many links together: equations W x = b, and complementarity 0 <= W x - b, 0 <= x.
+
+W is the effect of each link on each, scaled so that every link answers itself with one; it is never formed. Equations are
+solved by conjugate residuals (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., 2003, algorithm 6.20), whose
+residual never grows; where links hold more than needs holding, the solution from zero on is that of least norm. The
+complementarity problem is that of a quadratic function on x >= 0, solved by modified proportioning with reduced gradient
+projections (Dostal, Schoeberl, Comput. Optim. Appl. 30, 2005, 23, doi:10.1007/s10589-005-4557-7).
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.closed_links import IMAGE, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
+from xdynamics.march.run import Run
+
+ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations end
+ALLOWED = 1e-9  # of that size: a larger residual ends the run
+MOST_RESTARTS = 4
+LEAST_TURNS = 50
+MOST_TURNS = 100  # for each unknown
+
+
+@shared
+def multiply(run: Run, source: int, target: int, first: int, count: int) -> None:
+    """Apply W to a vector."""
+    for a in range(first, first + count):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[a, i]] = 0.0
+    for a in range(first, first + count):
+        amount = run.vectors[source, a] * run.vectors[SCALE, a]
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[a, i]] += run.replies[a, i] * amount
+    for a in range(first, first + count):
+        total = 0.0
+        for i in range(run.reads.shape[1]):
+            total += run.normals[a, i] * run.swing[run.reads[a, i]]
+        run.vectors[target, a] = total * run.vectors[SCALE, a]
+
+
+@shared
+def product(run: Run, one: int, other: int, first: int, count: int) -> float:
+    """The scalar product of two vectors."""
+    total = 0.0
+    for a in range(first, first + count):
+        total += run.vectors[one, a] * run.vectors[other, a]
+    return total
+
+
+@shared
+def largest(run: Run, vector: int, first: int, count: int) -> float:
+    """The largest absolute value in a vector; nan where one is."""
+    most = 0.0
+    for a in range(first, first + count):
+        value = abs(run.vectors[vector, a])
+        most = value if not value <= most else most
+    return most
+
+
+@shared
+def solve_equations(run: Run, first: int, count: int) -> float:
+    """Solve W x = b; return the residual over the size of the terms."""
+    for a in range(first, first + count):
+        run.vectors[X, a] = 0.0
+    given, best = largest(run, RIGHT, first, count), inf
+    if given == 0.0:
+        return 0.0
+    for _ in range(MOST_RESTARTS):
+        multiply(run, X, RESIDUE, first, count)
+        for a in range(first, first + count):
+            run.vectors[RESIDUE, a] = run.vectors[RIGHT, a] - run.vectors[RESIDUE, a]
+        size = max(given, largest(run, X, first, count))
+        share = largest(run, RESIDUE, first, count) / size
+        if share <= ENOUGH or not share < best / 2.0:
+            return min(share, best)
+        best = share
+        reduce_residual(run, ENOUGH * size, first, count)
+    return best
+
+
+@shared
+def reduce_residual(run: Run, enough: float, first: int, count: int) -> None:
+    """Improve the solution by conjugate residuals, from the residual on."""
+    multiply(run, RESIDUE, IMAGE, first, count)
+    for a in range(first, first + count):
+        run.vectors[WAY, a], run.vectors[WAY_IMAGE, a] = run.vectors[RESIDUE, a], run.vectors[IMAGE, a]
+    energy = product(run, RESIDUE, IMAGE, first, count)
+    for _ in range(2 * count + LEAST_TURNS):
+        bent = product(run, WAY_IMAGE, WAY_IMAGE, first, count)
+        if not (energy > 0.0 and bent > 0.0):
+            return
+        length = energy / bent
+        for a in range(first, first + count):
+            run.vectors[X, a] += length * run.vectors[WAY, a]
+            run.vectors[RESIDUE, a] -= length * run.vectors[WAY_IMAGE, a]
+        if largest(run, RESIDUE, first, count) <= enough / 4.0:
+            return
+        multiply(run, RESIDUE, IMAGE, first, count)
+        before, energy = energy, product(run, RESIDUE, IMAGE, first, count)
+        for a in range(first, first + count):
+            run.vectors[WAY, a] = run.vectors[RESIDUE, a] + energy / before * run.vectors[WAY, a]
+            run.vectors[WAY_IMAGE, a] = run.vectors[IMAGE, a] + energy / before * run.vectors[WAY_IMAGE, a]
+
+
+@shared
+def solve_unilateral(run: Run, first: int, count: int) -> float:
+    """Solve 0 <= x, 0 <= W x - b, one by one not both positive; return the residual over the size of the terms.
+
+    The gradient W x - b is in `RESIDUE` afterwards.
+    """
+    for a in range(first, first + count):
+        run.vectors[X, a], run.vectors[RESIDUE, a] = 0.0, -run.vectors[RIGHT, a]
+    given, step, restarts = largest(run, RIGHT, first, count), 1.0 / greatest_answer(run, first, count), 0
+    begin_way(run, first, count)
+    for _ in range(MOST_TURNS * (count + LEAST_TURNS)):
+        share = violation(run, first, count)
+        if share <= ENOUGH * max(given, largest(run, X, first, count)):
+            renew_gradient(run, first, count)
+            share = violation(run, first, count)
+            restarts += 1
+            if share <= ENOUGH * max(given, largest(run, X, first, count)) or restarts > MOST_RESTARTS:
+                break
+        if not is_proportional(run, step, first, count):
+            release(run, first, count)
+        elif not follow_way(run, step, first, count):
+            break
+    renew_gradient(run, first, count)
+    share = violation(run, first, count)
+    return share / max(given, largest(run, X, first, count)) if share > 0.0 else 0.0
+
+
+@shared
+def greatest_answer(run: Run, first: int, count: int) -> float:
+    """An upper bound of what W does to any vector: the largest sum of absolute values in a row."""
+    for a in range(first, first + count):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[a, i]] = 0.0
+    for a in range(first, first + count):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[a, i]] += abs(run.replies[a, i]) * run.vectors[SCALE, a]
+    most = 1.0
+    for a in range(first, first + count):
+        total = 0.0
+        for i in range(run.reads.shape[1]):
+            total += abs(run.normals[a, i]) * run.swing[run.reads[a, i]]
+        most = max(most, total * run.vectors[SCALE, a])
+    return most
+
+
+@shared
+def freely(run: Run, a: int) -> float:
+    """The gradient along an unknown that is not at its bound."""
+    return run.vectors[RESIDUE, a] if run.vectors[X, a] > 0.0 else 0.0
+
+
+@shared
+def chopped(run: Run, a: int) -> float:
+    """The gradient along an unknown that is at its bound, if it is to leave it."""
+    return min(run.vectors[RESIDUE, a], 0.0) if run.vectors[X, a] == 0.0 else 0.0
+
+
+@shared
+def violation(run: Run, first: int, count: int) -> float:
+    """The largest gradient that is not zero as it should be; nan where one is."""
+    most = 0.0
+    for a in range(first, first + count):
+        value = abs(freely(run, a) + chopped(run, a))
+        most = value if not value <= most else most
+    return most
+
+
+@shared
+def renew_gradient(run: Run, first: int, count: int) -> None:
+    """Compute the gradient, and begin a new way."""
+    multiply(run, X, RESIDUE, first, count)
+    for a in range(first, first + count):
+        run.vectors[RESIDUE, a] -= run.vectors[RIGHT, a]
+    begin_way(run, first, count)
+
+
+@shared
+def begin_way(run: Run, first: int, count: int) -> None:
+    """Let the way be the free gradient."""
+    for a in range(first, first + count):
+        run.vectors[WAY, a] = freely(run, a)
+
+
+@shared
+def is_proportional(run: Run, step: float, first: int, count: int) -> bool:
+    """Whether more is to be gained from unknowns off their bounds than from those at them."""
+    free, bound = 0.0, 0.0
+    for a in range(first, first + count):
+        own, other = freely(run, a), chopped(run, a)
+        free += own * (min(run.vectors[X, a] / step, own) if own > 0.0 else own)
+        bound += other * other
+    return bound <= free
+
+
+@shared
+def release(run: Run, first: int, count: int) -> None:
+    """Go along the gradient of unknowns that are to leave their bounds, as far as it falls."""
+    for a in range(first, first + count):
+        run.vectors[WAY, a] = chopped(run, a)
+    multiply(run, WAY, IMAGE, first, count)
+    curve = product(run, WAY, IMAGE, first, count)
+    length = product(run, WAY, WAY, first, count) / curve if curve > 0.0 else 1.0
+    for a in range(first, first + count):
+        run.vectors[X, a] -= length * run.vectors[WAY, a]
+        run.vectors[RESIDUE, a] -= length * run.vectors[IMAGE, a]
+    begin_way(run, first, count)
+
+
+@shared
+def follow_way(run: Run, step: float, first: int, count: int) -> bool:
+    """Make a step of conjugate gradients, or to the first bound and along the free gradient; whether there is one."""
+    multiply(run, WAY, IMAGE, first, count)
+    curve, most = product(run, WAY, IMAGE, first, count), inf
+    if not curve > 0.0:
+        return False
+    length = product(run, RESIDUE, WAY, first, count) / curve
+    for a in range(first, first + count):
+        if run.vectors[WAY, a] > 0.0:
+            most = min(most, run.vectors[X, a] / run.vectors[WAY, a])
+    for a in range(first, first + count):
+        run.vectors[X, a] -= min(length, most) * run.vectors[WAY, a]
+        run.vectors[RESIDUE, a] -= min(length, most) * run.vectors[IMAGE, a]
+    if length > most:
+        for a in range(first, first + count):
+            run.vectors[X, a] = max(0.0, run.vectors[X, a] - step * freely(run, a))
+        renew_gradient(run, first, count)
+        return True
+    along = 0.0
+    for a in range(first, first + count):
+        along += freely(run, a) * run.vectors[IMAGE, a]
+    for a in range(first, first + count):
+        run.vectors[WAY, a] = freely(run, a) - along / curve * run.vectors[WAY, a]
+    return True

@@ -1,0 +1,252 @@
+"""Contacts of many bodies at rest: forces of stacks and piles in closed form, rest, take-off, and what a record has of them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import asin, pi, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+import xdynamics as xd
+from cases.problems import MODELS
+
+Floats = NDArray[np.float64]
+G = 9.81
+DISCS = "norm(second(r, pair) - first(r, pair), axis) - first(radius, pair) - second(radius, pair)"
+VERLET: dict[str, Any] = {"method": "velocity_verlet", "step": "2 ms"}
+
+
+def heap(places: Floats, mass: Floats, contacts: dict[str, Any], radius: float = 0.5, **more: Any) -> xd.Model:
+    """Return discs of one size under gravity that touch each other, and other things."""
+    count = len(places)
+    sections: dict[str, Any] = {
+        "name": "heap",
+        "dimensions": {"disc": count, "axis": ["x", "y"]} | more.pop("dimensions", {}),
+        "relations": {"pair": {"of": "disc"}} | more.pop("relations", {}),
+        "coordinates": {"r": {"unit": "m", "dims": ["disc", "axis"]}},
+        "parameters": {
+            "g": f"{G} m s-2",
+            "m": {"dims": ["disc"], "value": mass.tolist(), "unit": "kg"},
+            "radius": {"dims": ["disc"], "value": [radius] * count, "unit": "m"},
+        }
+        | more.pop("parameters", {}),
+        "mass": {"r": "m"},
+        "forces": {"weight": {"r": "-m*g*index(axis)"}},
+        "contacts": {"discs": {"gap": DISCS, "restitution": 0.5}} | contacts,
+        "initial": {
+            "r": {"unit": "m", "value": places.tolist()},
+            "v_r": {"unit": "m s-1", "value": np.zeros((count, 2)).tolist()},
+        },
+    }
+    return xd.Model(**sections | more)
+
+
+def points(heights: Floats, gap: str, **more: Any) -> xd.Model:
+    """Return points that fall, each by itself, on something that may move."""
+    return xd.Model(
+        name="points",
+        dimensions={"ball": len(heights)},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg", "g": f"{G} m s-2"} | more.pop("parameters", {}),
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        contacts={"floor": {"gap": gap, "restitution": 0.5} | more.pop("floor", {})},
+        initial={"y": {"unit": "m", "value": heights.tolist()}} | more.pop("initial", {}),
+        **more,
+    )
+
+
+def at_end(run: xr.Dataset, contact: str) -> xr.Dataset:
+    """Return the closed links of a contact in the last row."""
+    number = run.closed_contact.attrs["flag_meanings"].split().index(contact)
+    wanted = (run.closed_step == run.sizes["step"] - 1) & (run.closed_contact == number)
+    return run[[name for name in run.variables if str(name).startswith("closed_")]].isel(closed=wanted.values)
+
+
+def kinds(run: xr.Dataset, kind: str) -> NDArray[np.bool_]:
+    """Return which events are of a kind."""
+    words = run.event_kind.attrs["flag_meanings"].split()
+    return np.asarray(run.event_kind.values == run.event_kind.attrs["flag_values"][words.index(kind)])
+
+
+@pytest.mark.parametrize(("method", "count"), [("velocity_verlet", 30), ("dop853", 8), ("radau_iia", 6)])
+def test_stacked_discs_stand(method: str, count: int) -> None:
+    """Assert that a stack stays where it is, and each contact carries the weight above it."""
+    mass = np.linspace(2.0, 1.0, count)
+    places = np.stack([np.full(count, 2.0), np.arange(count) + 0.5], axis=1)
+    model = heap(places, mass, {"floor": {"gap": "r - radius", "restitution": 0.5}})
+    steps = {"rtol": 1e-9} if method == "dop853" else {"step": "5 ms"}
+    run = xd.simulate(model, method=method, until="20 ms", log="full", **steps)
+    above = G * np.cumsum(mass[::-1])[::-1]
+    between, floor = at_end(run, "discs"), at_end(run, "floor")
+    assert run.attrs["run_outcome"] == "completed"
+    assert (between.closed_first.values.tolist(), between.closed_second.values.tolist()) == (
+        [*range(count - 1)],
+        [*range(1, count)],
+    )
+    assert between.closed_force.values == pytest.approx(above[1:], rel=1e-11)
+    assert floor.closed_force.values == pytest.approx(above[:1], rel=1e-11)
+    assert np.abs(run.r.values - places).max() < 1e-13
+    assert np.abs(run.closed_gap.values).max() < 1e-13
+
+
+def test_forces_of_a_pyramid_on_pegs() -> None:
+    """Assert that along each lattice line of a pyramid forces grow by m*g/(2*cos(30 degrees)) at every disc."""
+    rows, spacing = 5, 1.0
+    count = rows * (rows + 1) // 2
+    level = np.concatenate([np.full(rows - k, k) for k in range(rows)])
+    column = np.concatenate([np.arange(rows - k) for k in range(rows)])
+    # rows are a little wider than the discs, so that neighbours of a row do not touch
+    wide = 1.1 * spacing
+    high = sqrt(spacing**2 - wide**2 / 4)
+    places = np.stack([wide * (column + level / 2 + 0.5), high * (level + 1.0)], axis=1)
+    pegs = np.stack([wide * np.arange(rows + 1), np.zeros(rows + 1)], axis=1)
+    model = heap(
+        places,
+        np.ones(count),
+        {"pegs": {"gap": "norm(second(peg, hold) - first(r, hold), axis) - 2*first(radius, hold)", "restitution": 0.5}},
+        dimensions={"pin": rows + 1},
+        relations={"hold": {"from": "disc", "to": "pin"}},
+        parameters={
+            "g": f"{G} m s-2",
+            "m": {"dims": ["disc"], "value": [1.0] * count, "unit": "kg"},
+            "radius": {"dims": ["disc"], "value": [0.5] * count, "unit": "m"},
+            "peg": {"dims": ["pin", "axis"], "value": pegs.tolist(), "unit": "m"},
+        },
+    )
+    run = xd.simulate(model, until="20 ms", **VERLET)
+    share = G / (2 * high / spacing)
+    between, held = at_end(run, "discs"), at_end(run, "pegs")
+    assert (between.sizes["closed"], held.sizes["closed"]) == (rows * (rows - 1), 2 * rows)
+    for lower, upper, force in zip(
+        between.closed_pair_first.values, between.closed_pair_second.values, between.closed_force.values, strict=True
+    ):
+        # a disc passes on what comes along either line, and half of its own weight: as many as are above on the line
+        leans_left = column[lower] == column[upper]
+        discs = rows - level[upper] - column[upper] if leans_left else column[upper] + 1
+        assert force == pytest.approx(share * discs, rel=1e-10)
+    assert np.abs(run.v_r.values).max() < 1e-12
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_bounces_end_when_their_series_does(e: float) -> None:
+    """Assert the time at which balls come to rest, sqrt(2*h/g)*(1 + e)/(1 - e), within its uncertainty, and their energy."""
+    heights = np.linspace(0.1, 0.2, 30)
+    run = xd.simulate(
+        points(heights, "y", floor={"restitution": e}), until="1 s", method="velocity_verlet", step="10 ms"
+    )
+    rest = kinds(run, "rest")
+    order = np.argsort(run.event_ball.values[rest])
+    series = np.sqrt(2 * heights / G) * (1 + e) / (1 - e)
+    away = np.abs(run.event_time.values[rest][order] - series)
+    assert rest.sum() == 30
+    assert (away <= run.event_time_uncertainty.values[rest][order] * (1 + 1e-6) + 1e-11).all()
+    assert away.max() < 1e-4
+    # an impact is located within 1 ps, in which a ball falls by its speed
+    late = 30 * G * np.sqrt(2 * G * heights.max()) * 1e-12
+    assert float(run.event_energy_lost.sum()) == pytest.approx(G * heights.sum(), abs=late)
+    assert at_end(run, "floor").closed_force.values == pytest.approx(np.full(30, G), rel=1e-14)
+    assert np.abs(run.y.values[-1]).max() < 1e-15
+
+
+def test_a_table_that_shakes_lets_go_when_it_pulls() -> None:
+    """Assert that points leave an oscillating table where it accelerates downward with g, and its force until then."""
+    size, omega = 0.05, 20.0
+    move = {"size": f"{size} m", "omega": f"{omega} s-1"}
+    start = {"v_y": {"unit": "m s-1", "value": [size * omega] * 25}}
+    model = points(np.zeros(25), "y - size*sin(omega*t)", parameters=move, initial=start)
+    run = xd.simulate(model, until="35 ms", method="velocity_verlet", step="1 ms")
+    leave = asin(G / (size * omega**2)) / omega
+    offs = kinds(run, "takeoff")
+    pressed = run.closed_force.values.reshape(-1, 25)
+    t = run.time.values[run.closed_step.values].reshape(-1, 25)
+    assert offs.sum() == 25
+    assert np.abs(run.event_time.values[offs] - leave).max() < 1e-9
+    assert np.abs(pressed - (G - size * omega**2 * np.sin(omega * t))).max() < 1e-9
+    free = run.time.values > leave
+    path = size * np.sin(omega * leave) + size * omega * np.cos(omega * leave) * (run.time.values - leave)
+    assert np.abs(run.y.values[free, 0] - (path - G / 2 * (run.time.values - leave) ** 2)[free]).max() < 1e-6
+
+
+@lru_cache
+def pile() -> xr.Dataset:
+    """Return the run of the granular box."""
+    return xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), log="full")
+
+
+def test_a_pile_comes_to_rest() -> None:
+    """Assert, of discs that fell into a box, no motion, no overlap, and forces that balance every disc's weight."""
+    run = pile()
+    r, radius = run.r.values, run.radius.values
+    first, second = run.pair_first.values, run.pair_second.values
+    gaps = np.linalg.norm(r[:, second] - r[:, first], axis=2) - radius[first] - radius[second]
+    assert run.attrs["run_outcome"] == "completed"
+    assert np.abs(run.v_r.values[-1]).max() < 1e-12
+    assert min(gaps.min(), (r - radius[:, None]).min()) > -1e-11
+    weight = 25 * pi * radius**2 * 9.80665
+    total = np.stack([np.zeros(10), -weight], axis=1)
+    for contact, way in (("walls", 1.0), ("far_walls", -1.0)):
+        closed = at_end(run, contact)
+        total[closed.closed_disc.values, closed.closed_axis.values] += way * closed.closed_force.values
+    between = at_end(run, "discs")
+    one, other = between.closed_first.values, between.closed_second.values
+    normal = r[-1, other] - r[-1, one]
+    push = between.closed_force.values[:, None] * normal / np.linalg.norm(normal, axis=1)[:, None]
+    np.add.at(total, one, -push)
+    np.add.at(total, other, push)
+    assert np.abs(total).max() < 1e-9 * weight.sum()
+    floor = at_end(run, "walls")
+    below = floor.closed_axis.values == 1
+    assert floor.closed_force.values[below].sum() == pytest.approx(weight.sum(), rel=1e-11)
+
+
+def test_impacts_of_a_pile_change_energy_by_what_is_recorded() -> None:
+    """Assert at every event that kinetic energy falls by what impacts, and bounces that are skipped, took."""
+    run = pile()
+    energy, before = run.kinetic_energy.values, run.event_row_before.values
+    lost = np.bincount(before, run.event_energy_lost.values, run.sizes["step"])
+    events = np.unique(before)
+    change = energy[events] - energy[events + 1]
+    assert len(events) > 100
+    assert np.abs(change - lost[events]).max() < 1e-11 * energy.max()
+    assert lost.min() > -1e-14 * energy.max()
+
+
+def test_rows_of_closed_links_survive(tmp_path: Any) -> None:
+    """Assert that a pile is saved, opened, extended, thinned and completed with the same closed links."""
+    model = xd.Model.from_toml(MODELS / "granular_box.toml")
+    whole = xd.simulate(model, until="320 ms", nodes=["300 ms"], log="full", time_tolerance="1e-12 s")
+    half = xd.simulate(model, until="300 ms", log="full", time_tolerance="1e-12 s")
+    longer = xd.extend(half, until="320 ms")
+    names = [str(name) for name in whole.variables if str(name).startswith("closed_")]
+    assert len(names) == 9
+    assert whole.sizes["closed"] > 20
+    for name in names:
+        assert np.array_equal(longer[name].values, whole[name].values), name
+    thin = xd.simulate(model, until="320 ms", nodes=["300 ms"], keep_every=5, log="full", time_tolerance="1e-12 s")
+    number, rows = thin.step_number.values[thin.closed_step.values], thin.step_number.values
+    assert np.array_equal(number, whole.closed_step.values[np.isin(whole.closed_step.values, rows)])
+    few = xd.simulate(model, until="320 ms", nodes=["300 ms"], log="states", time_tolerance="1e-12 s")
+    assert "closed" not in few.dims
+    complete = xd.complete(few)
+    for name in names:
+        assert np.array_equal(complete[name].values, whole[name].values), name
+    xd.save(whole, tmp_path / "pile.nc")
+    with xd.open_run(tmp_path / "pile.nc") as read:
+        for name in names:
+            assert np.array_equal(read[name].values, whole[name].values), name
+    assert xd.verify(tmp_path / "pile.nc")
+    assert xd.reproduce(tmp_path / "pile.nc").attrs["identical"] == 1
+
+
+def test_an_event_that_sets_velocities_lets_go_of_links() -> None:
+    """Assert that points at rest that a reset throws up fly as thrown points do."""
+    throw = {"throw": {"function": "t - moment", "action": "reset", "set": {"v_y": "speed"}}}
+    model = points(np.zeros(25), "y", parameters={"moment": "50 ms", "speed": "1 m s-1"}, events=throw)
+    run = xd.simulate(model, until="100 ms", method="velocity_verlet", step="10 ms")
+    flown = 0.05
+    assert np.abs(run.y.values[-1] - (flown - G / 2 * flown**2)).max() < 1e-9
