@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import pytest
 import xarray as xr
 
 import xdynamics as xd
@@ -39,3 +43,65 @@ def test_switches_hidden_in_forces_come_last() -> None:
     assert named[2:5] == ["event_time_apex", "after_apex_y", "event_time_drag.abs"]
     lines = [line.split(" = ")[0] for line in repr(study.dynamics).splitlines()]
     assert lines.index("event_time_apex [1]") < lines.index("event_time_drag.abs [1]")
+
+
+def panels(figure: Any) -> dict[str, Any]:
+    """The visible axes by their titles."""
+    return {
+        axes.get_title(loc="left"): axes for axes in figure.axes if axes.get_visible() and axes.get_title(loc="left")
+    }
+
+
+def test_modes_are_shapes() -> None:
+    """Assert masses in phase and against each other, at the frequencies of two equal masses on three springs."""
+    drawn = panels(xd.plot(xd.modes(xd.Model.from_toml(MODELS / "coupled_masses.toml"))))
+    assert [title.split(":")[1].split(",")[0] for title in drawn] == [" 2 rad s⁻¹", " 3 rad s⁻¹"]
+    together, against = (axes.lines[1].get_ydata() for axes in drawn.values())
+    assert np.asarray(together) == pytest.approx([1.0, 1.0], rel=1e-12)
+    assert np.asarray(against)[0] == pytest.approx(-np.asarray(against)[1], rel=1e-12)
+
+
+def test_the_distance_of_two_runs_is_on_a_logarithmic_scale() -> None:
+    """Assert a straight line of slope 1 for runs that part as exp(t)."""
+    hill = xd.Model(
+        name="hill",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"push": {"x": "x*newton/metre"}},
+        initial={"x": "1e-3 m", "v_x": "1e-3 m s-1"},
+    )
+    given = {"method": "dop853", "rtol": 1e-11, "until": "5 s"}
+    near = hill.replace(initial={"x": "1.001e-3 m", "v_x": "1.001e-3 m s-1"})
+    table = xd.compare(xd.simulate(hill, **given), xd.simulate(near, **given), times="0:5:11 s")
+    axes = panels(xd.plot(table))["distance of the runs"]
+    assert axes.get_yscale() == "log"
+    time, apart = (np.asarray(one) for one in axes.lines[0].get_data())
+    assert np.polyfit(time, np.log(apart), 1)[0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_maps_have_contours_and_their_optimum() -> None:
+    """Assert lines of equal value, and the throw of greatest range near 45 degrees marked where it is."""
+    throw = xd.Model(
+        name="throw",
+        coordinates={"x": "m", "y": "m"},
+        parameters={"angle": "45 degree", "v": "10 m s-1"},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
+        forces={"weight": {"y": "-9.81*newton"}},
+        initial={"x": "-(v*second/metre - 10)**2*metre", "y": "0 m", "v_x": "v*cos(angle)", "v_y": "v*sin(angle)"},
+        events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
+    )
+    axes_of = {"angle": "25:65:9 degree", "v": "8:12:9 m s-1"}
+    grid = xd.sweep(throw, axes_of, keep=["end"], method="rk4", step="10 ms", until="5 s")
+    title, axes = next((title, axes) for title, axes in panels(xd.plot(grid)).items() if title.startswith("end_x"))
+    assert "greatest ▲" in title
+    assert "at angle 45, v 11" in title
+    assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
+
+
+def test_section_values_over_a_parameter_are_a_bifurcation_diagram() -> None:
+    """Assert a dot for every occurrence above its value of the parameter."""
+    model = xd.Model.from_toml(MODELS / "impact_oscillator_section.toml")
+    grid = xd.sweep(model, {"w": "2.5:2.9:3 s-1"}, keep=["after_section_x"], occurrences=[2, 5], until="20 s")
+    ((title, axes),) = [one for one in panels(xd.plot(grid)).items() if one[0].startswith("bifurcation")]
+    assert title == "bifurcation diagram: after_section_x"
+    assert len({*np.asarray(axes.lines[0].get_xdata()).tolist()}) == 3

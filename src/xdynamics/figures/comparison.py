@@ -18,6 +18,7 @@ from xdynamics.schema import AT, AT_TIME
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+MOST_LINES = 6  # in the panel of distances
 FEW = 100  # points up to which each is a dot
 
 
@@ -37,9 +38,11 @@ def panels_of(comparison: xr.Dataset) -> list[Panel]:
     if not names:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
     beside = [partial(_beside, comparison, name) for name in names if f"measured_{name}" in comparison]
-    apart = [partial(_apart, comparison, name) for name in names]
+    apart: list[Panel] = [partial(_apart, comparison, name) for name in names]
+    if not beside and any((np.abs(comparison[f"difference_{name}"]) > 0.0).any() for name in names):
+        apart.insert(0, partial(_distance, comparison, names))
     # measurements are drawn left of their residuals
-    return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else [*apart]
+    return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else apart
 
 
 def foot_of(comparison: xr.Dataset) -> str:
@@ -84,6 +87,27 @@ def _beside(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     )
     axes.set(xlabel=timed(comparison[AT_TIME]), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(f"{name}, measured and computed"), loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _distance(comparison: xr.Dataset, names: list[str], axes: Axes) -> None:
+    """Draw how far two runs are apart on a logarithmic scale, where exponential growth is a straight line."""
+    order = np.argsort(comparison[AT_TIME].values, kind="stable")
+    time = comparison[AT_TIME].values[order]
+    chosen, most = names[:MOST_LINES], 0.0
+    for k, name in enumerate(chosen):
+        apart = np.abs(comparison[f"difference_{name}"].values[order])
+        apart[apart == 0.0] = np.nan
+        most = max(most, float(np.nanmax(apart, initial=0.0)))
+        rows = thinned(apart)
+        units = comparison[f"difference_{name}"].attrs["units"]
+        axes.plot(
+            time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(f"{name} ({units})")
+        )
+    axes.set_yscale("log")
+    axes.set(xlabel=timed(comparison[AT_TIME]), ylabel="|difference|")
+    left_out = f", {len(chosen)} of {len(names)}" if len(chosen) < len(names) else ""
+    axes.set_title(f"distance of the runs{left_out}", loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
 

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import InputError
-from xdynamics.figures import budget, comparison, diagnosis, fit, ledger, overlay, precision, refinement, run, sweep
+from xdynamics.figures import (
+    budget,
+    comparison,
+    diagnosis,
+    fit,
+    ledger,
+    modes,
+    overlay,
+    precision,
+    refinement,
+    run,
+    sweep,
+)
 from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.record import of_elements
@@ -44,7 +56,7 @@ def plot(
     Parameters
     ----------
     record : xarray.Dataset, sequence of these, or mapping of str to these
-        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `error_budget` or `fit` returns; several
+        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `modes`, `error_budget` or `fit` returns; several
         refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
         the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
         stretch are kept, and what is at events.
@@ -81,7 +93,8 @@ def plot(
         kind = str(given.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
             raise InputError(f"a {kind} has no figure; `xdynamics show` prints what it found")
-        page, title = PAGES.get(kind, run.PAGE), str(given.attrs.get("title", "run"))
+        default = modes.PAGE if modes.is_modes(given) else run.PAGE
+        page, title = PAGES.get(kind, default), str(given.attrs.get("title", "run"))
         if page is run.PAGE and others:
             title = title.removesuffix(f", by {given.attrs.get('solver_method')}")
     else:

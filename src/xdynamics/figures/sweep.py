@@ -27,6 +27,9 @@ Values = NDArray[Any]
 
 MOST_LINES = 8
 SHADES = "cividis"
+CONTOURS = 7  # lines of equal value on a smooth map
+ROUGH = 0.05  # of the spread, that a smooth map bends by from one member to the next on the mean
+FEWEST_SIDE = 6  # members along each side of such a map
 FAR = 3.0  # times the span of nearly all values, from which on a few do not set the colours
 FEW = 12  # whole numbers up to which each has a colour of its own
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -106,11 +109,44 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
     bar.set_label(_labelled(sweep, name), fontsize=8)
     bar.ax.tick_params(labelsize=7)
     _regions(axes, ended(sweep).transpose(y, x).values.astype(str), across, up)
+    best = _relief(axes, across, up, values)
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
     if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
         axes.set_aspect("equal", anchor="W")
-    axes.set_title(words(f"{name}{_other_axes(sweep, shown)}"), loc="left", fontsize=10)
+    marked = [f"{word} {mark} {value:.4g} at {x} {at[0]:.4g}, {y} {at[1]:.4g}" for word, mark, value, at in best]
+    axes.set_title("\n".join(map(words, (f"{name}{_other_axes(sweep, shown)}", *marked))), loc="left", fontsize=10)
     axes.grid(visible=False)
+
+
+def _relief(
+    axes: Axes, across: Values, up: Values, values: Values
+) -> list[tuple[str, str, float, tuple[float, float]]]:
+    """Draw lines of equal value on a smooth map, and mark the greatest and the least value that are inside of it.
+
+    Returns
+    -------
+    list of tuple
+        Of each mark its word, its sign, the value, and where it is.
+    """
+    if values.dtype.kind != "f" or min(values.shape) < FEWEST_SIDE or not np.isfinite(values).all():
+        return []
+    spread = float(np.ptp(values))
+    bends = [np.abs(np.diff(values, 2, axis=axis)).mean() for axis in (0, 1)]
+    if not spread > 0.0 or max(bends) > ROUGH * spread or len(np.unique(values)) <= FEW:
+        return []
+    lines = axes.contour(across, up, values, levels=CONTOURS, colors="white", linewidths=0.6, alpha=0.8)
+    axes.clabel(lines, fontsize=6, fmt="%.4g")
+    found = []
+    for word, mark, marker, place in (
+        ("greatest", "\u25b2", "^", values.argmax()),
+        ("least", "\u25bc", "v", values.argmin()),
+    ):
+        row, column = np.unravel_index(int(place), values.shape)
+        if 0 < row < values.shape[0] - 1 and 0 < column < values.shape[1] - 1:
+            at = float(across[column]), float(up[row])
+            axes.plot(*at, marker, color="white", markeredgecolor="black", markersize=7)
+            found.append((word, mark, float(values[row, column]), at))
+    return found
 
 
 def _shades(values: Values) -> tuple[dict[str, Any], Any]:
@@ -187,7 +223,8 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
             )
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
-    axes.set_title(words(f"{name}{omitted}"), loc="left", fontsize=10)
+    what = "bifurcation diagram: " if OCCURRENCE in sweep[name].dims and sweep[name].sizes[OCCURRENCE] > 1 else ""
+    axes.set_title(words(f"{what}{name}{omitted}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
