@@ -147,7 +147,8 @@ xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_i
 fun is called once, with symbols, and what it does to them is written down as expressions. So it may use
   + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside, np.interp, np.sum, np.dot, @,
   np.linalg.solve, np.zeros(n) and assignment to its elements, slices, np.roll, loops over range, functions of yours.
-It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact.
+It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact. Comparisons are joined
+by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic; np.interp takes left, right and period.
 What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down

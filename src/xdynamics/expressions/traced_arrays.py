@@ -108,19 +108,38 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
 
     def interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
         first, second = (np.asarray(_of_floats(value), float).ravel() for value in (xp, fp))
-        if not (left is right is period is None):
-            raise InputError(
-                "the function calls numpy.interp with left, right or period; values outside are held, and"
-                " numpy.where(x < x0, left, …) sets others"
-            )
+        if period is not None:
+            x, first, second = _repeated(x, first, second, float(period))
+            left = right = None
         if first.size != second.size or first.size < 2 or (np.diff(first) <= 0).any():
             raise InputError(
                 f"the function calls numpy.interp with {first.size} and {second.size} points, needs as many of both,"
                 " two at least, in ascending order"
             )
-        return _mapped(lambda value: _interpolated(value, first, second, tables), x)
+        return _mapped(lambda value: _ended(value, first, second, tables, left, right), x)
 
     return interp
+
+
+def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
+    """Return a table over a period, and the argument within it, as `numpy.interp` has them."""
+    if not period:
+        raise InputError("the function calls numpy.interp with period = 0, needs another number")
+    period = abs(period)
+    folded = xp % period
+    order = np.argsort(folded)
+    folded, values = folded[order], fp[order]
+    folded = np.concatenate([[folded[-1] - period], folded, [folded[0] + period]])
+    values = np.concatenate([[values[-1]], values, [values[0]]])
+    return _mapped(lambda value: value % period, x), folded, values
+
+
+def _ended(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
+    """Return a value of a table, with those that are said beyond its ends; else it is held there."""
+    value = _interpolated(x, xp, fp, tables)
+    if right is not None:
+        value = choice(x > float(xp[-1]), right, value)
+    return value if left is None else choice(x < float(xp[0]), left, value)
 
 
 def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:

@@ -11,42 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.conditions import Junction, chosen, counted, is_condition, junction, opposite
+from xdynamics.expressions.numpy_names import COMPARED, NAMED
 from xdynamics.expressions.tree import FUNCTIONS, Binary, Call, Compare, Name, Negative, Node, Number
 from xdynamics.faults import InputError
 
 MOST_NODES = 200_000
 LARGEST_EXPONENT = 16
 REMEDY = "write numpy.where(condition, a, b) in the place of a branch"
-# numpy's name of a function -> ours
-NAMED = {
-    "sin": "sin",
-    "cos": "cos",
-    "tan": "tan",
-    "arcsin": "asin",
-    "arccos": "acos",
-    "arctan": "atan",
-    "arctan2": "atan2",
-    "sinh": "sinh",
-    "cosh": "cosh",
-    "tanh": "tanh",
-    "exp": "exp",
-    "log": "log",
-    "sqrt": "sqrt",
-    "absolute": "abs",
-    "fabs": "abs",
-    "sign": "sign",
-    "hypot": "hypot",
-    "maximum": "max",
-    "minimum": "min",
-    "fmax": "max",
-    "fmin": "min",
-    "floor": "floor",
-    "ceil": "ceil",
-    "rint": "round",
-    "remainder": "mod",
-    "mod": "mod",
-}
-COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
+TABLE = "numpy.interp(t, x, y) in that of an interpolator of scipy"
 
 
 class WholeNumberError(InputError):
@@ -60,8 +33,9 @@ class Row:
 class Traced:
     """An unknown number that records the operations on it."""
 
-    def __init__(self, node: Node, nodes: int = 1) -> None:
-        self.node, self.nodes = node, nodes
+    def __init__(self, node: Node | Junction, nodes: int = 1) -> None:
+        self.node: Any = node
+        self.nodes = nodes
         if nodes > MOST_NODES:
             raise InputError(f"the function writes an expression of over {MOST_NODES} nodes; it is too long for one")
 
@@ -116,8 +90,19 @@ class Traced:
     def __rpow__(self, base: Any) -> Any:
         return _power(base, self)
 
+    def __and__(self, other: Any) -> Any:
+        return _junction("and", self, other)
+
+    def __or__(self, other: Any) -> Any:
+        return _junction("or", self, other)
+
+    __rand__, __ror__ = __and__, __or__
+
+    def __invert__(self) -> Traced:
+        return Traced(opposite(self.node), self.nodes)
+
     def __neg__(self) -> Traced:
-        return Traced(Negative(self.node), self.nodes + 1)
+        return Traced(Negative(counted(self.node)), self.nodes + 1)
 
     def __pos__(self) -> Traced:
         return self
@@ -149,7 +134,7 @@ class Traced:
         raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
 
     def __float__(self) -> float:
-        raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}")
+        raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}, {TABLE}")
 
     __int__ = __float__
 
@@ -185,7 +170,8 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - somebody else's code
-        raise InputError(f"the function ends with {type(error).__name__}: {error}") from None
+        hint = f"; {TABLE}" if "object arrays" in str(error) else ""
+        raise InputError(f"the function ends with {type(error).__name__}: {error}{hint}") from None
 
 
 def name(word: str) -> Traced:
@@ -201,7 +187,7 @@ def node_of(one: Any) -> Node:
     InputError
         If it is neither, or not finite.
     """
-    return _as(one).node
+    return counted(_as(one).node)
 
 
 def called(function: str, *given: Any) -> Traced:
@@ -214,7 +200,7 @@ def called(function: str, *given: Any) -> Traced:
     """
     arguments = [_as(argument) for argument in given]
     return Traced(
-        Call(function, tuple(argument.node for argument in arguments)),
+        Call(function, tuple(counted(argument.node) for argument in arguments)),
         1 + sum(argument.nodes for argument in arguments),
     )
 
@@ -233,10 +219,24 @@ def _as(value: Any) -> Traced:
     return Traced(Negative(Number(-number)) if number < 0 else Number(number))
 
 
+def _number(value: Any) -> Traced:
+    number = _as(value)
+    return Traced(counted(number.node), number.nodes + 3) if is_condition(number.node) else number
+
+
+def _junction(word: str, left: Any, right: Any) -> Any:
+    if isinstance(right, _ARRAYS):
+        return NotImplemented
+    if isinstance(right, bool | np.bool_):
+        return left if bool(right) is (word == "and") else bool(right)
+    first, second = _as(left), _as(right)
+    return Traced(junction(word, first.node, second.node), first.nodes + second.nodes + 6)
+
+
 def _joined(operator: str, left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
-    first, second = _as(left), _as(right)
+    first, second = _number(left), _number(right)
     nodes = first.nodes + second.nodes + 1
     if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
@@ -252,7 +252,7 @@ def _power(base: Any, exponent: Any) -> Any:
         return NotImplemented
     if isinstance(exponent, Traced) or abs(float(exponent)) > LARGEST_EXPONENT:
         return called("exp", _joined("*", exponent, called("log", base)))
-    traced_base = _as(base)
+    traced_base = _number(base)
     return Traced(Binary("**", traced_base.node, _as(exponent).node), traced_base.nodes + 2)
 
 
@@ -292,7 +292,8 @@ def choice(condition: Any, yes: Any, no: Any) -> Traced:
     """Trace a choice by a condition, or make it where the condition is known."""
     if not isinstance(condition, Traced):
         return _as(yes if condition else no)
-    return called("where", condition, yes, no)
+    first, second = _number(yes), _number(no)
+    return Traced(chosen(condition.node, first.node, second.node), condition.nodes + first.nodes + second.nodes + 1)
 
 
 def each(ufunc: str, given: Sequence[Any]) -> Any:
@@ -327,6 +328,9 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "square": lambda x: _joined("*", x, x),
     "power": _power,
     "float_power": _power,
+    **{f"{head}_and": lambda x, y: _junction("and", x, y) for head in ("bitwise", "logical")},
+    **{f"{head}_or": lambda x, y: _junction("or", x, y) for head in ("bitwise", "logical")},
+    **{word: lambda x: ~_as(x) for word in ("invert", "logical_not")},
     "reciprocal": lambda x: _joined("/", 1.0, x),
     "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
     "floor_divide": _whole_quotient,
@@ -336,13 +340,11 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "log10": lambda x: _joined("/", called("log", x), float(np.log(10.0))),
     "log2": lambda x: _joined("/", called("log", x), float(np.log(2.0))),
     "exp2": lambda x: called("exp", _joined("*", x, float(np.log(2.0)))),
-    "rad2deg": lambda x: _joined("*", x, 180 / np.pi),
-    "degrees": lambda x: _joined("*", x, 180 / np.pi),
+    **dict.fromkeys(("rad2deg", "degrees"), lambda x: _joined("*", x, 180 / np.pi)),
+    **dict.fromkeys(("deg2rad", "radians"), lambda x: _joined("*", x, np.pi / 180)),
     "conjugate": lambda x: x,
     "expm1": lambda x: called("exp", x) - 1.0,
     "log1p": lambda x: called("log", _joined("+", 1.0, x)),
-    "deg2rad": lambda x: _joined("*", x, np.pi / 180),
-    "radians": lambda x: _joined("*", x, np.pi / 180),
 }
 
 

@@ -16,6 +16,7 @@ from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.tracing import Traced, name, node_of
 from xdynamics.faults import InputError
+from xdynamics.march.configuration import DEFAULT_RTOL
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
 from xdynamics.simulation.array_models import array_sections
@@ -114,10 +115,12 @@ def solve(
     ('completed', 28.0, -9.3786)
     """
     settings = {option: value for option, value in settings.items() if option not in WITHOUT_EFFECT}
-    if (first := settings.pop("first_step", None)) is not None:
-        settings["step"] = first
     if settings.get("max_step") == np.inf:
         del settings["max_step"]
+    if (first := settings.pop("first_step", None)) is not None:
+        settings["step"] = first
+    if (first is not None or "max_step" in settings) and not {"rtol", "atol"} & {*settings}:
+        settings["rtol"] = DEFAULT_RTOL  # scipy's solvers choose their steps, whatever the first is
     model = model_of(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
         tolerances = [float(number) for number in settings["atol"]]
