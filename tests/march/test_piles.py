@@ -54,7 +54,7 @@ def points(heights: Floats, gap: str, **more: Any) -> xd.Model:
         parameters={"m": "1 kg", "g": f"{G} m s-2"} | more.pop("parameters", {}),
         mass={"y": "m"},
         forces={"weight": {"y": "-m*g"}},
-        contacts={"floor": {"gap": gap, "restitution": 0.5} | more.pop("floor", {})},
+        contacts=more.pop("contacts", {"floor": {"gap": gap, "restitution": 0.5} | more.pop("floor", {})}),
         initial={"y": {"unit": "m", "value": heights.tolist()}} | more.pop("initial", {}),
         **more,
     )
@@ -250,3 +250,20 @@ def test_an_event_that_sets_velocities_lets_go_of_links() -> None:
     run = xd.simulate(model, until="100 ms", method="velocity_verlet", step="10 ms")
     flown = 0.05
     assert np.abs(run.y.values[-1] - (flown - G / 2 * flown**2)).max() < 1e-9
+
+
+def test_gaps_of_two_units_are_refused() -> None:
+    """Assert that contacts of many links whose gaps differ in unit are named with their units: forces share a column."""
+    roof = {"roof": {"gap": "1 - y/(1*metre)", "restitution": 0.5}}
+    floor = {"floor": {"gap": "y", "restitution": 0.5}}
+    with pytest.raises(xd.ModelError, match="their gaps are of one unit \\('floor': m, 'roof': 1\\)"):
+        points(np.linspace(0.1, 0.2, 30), "y", contacts=floor | roof)
+
+
+def test_closed_is_a_name_of_records_of_many_bodies_alone() -> None:
+    """Assert that a parameter may be called as the dimension of closed links where there are none."""
+    text = 'name = "valve"\n[coordinates]\ny = "m"\n[parameters]\nm = "1 kg"\nclosed = "1 N"\n[mass]\ny = "m"\n'
+    text += '[forces.push]\ny = "closed"\n[initial]\ny = "0 m"\nv_y = "0 m s-1"\n'
+    assert "closed" in xd.Model.from_text(text).parameters
+    with pytest.raises(xd.ModelError, match="parameter 'closed' and the record both claim the name"):
+        points(np.linspace(0.1, 0.2, 30), "y", parameters={"closed": "1"})

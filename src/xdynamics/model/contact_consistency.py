@@ -65,7 +65,9 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
         if contact.slip is not None:
-            ledger.note(f"{many} none has friction: remove slip and friction of contact '{name}'")
+            ledger.note(
+                f"{many} none has friction: remove slip and friction of contact '{name}', or write what rubs as a force"
+            )
         if contact.law == ENERGETIC:
             ledger.note(
                 f"{many} law = '{ENERGETIC}' is not among their laws; choose 'newton', 'poisson' or 'sequential'"
