@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
-from xdynamics.figures import control, energy, lattice, lines, plane
+from xdynamics.figures import control, energy, lattice, lines, plane, space
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
@@ -27,6 +27,8 @@ KINDS = (
     "velocity",
     "state",
     "profile",
+    "space",
+    "map",
     "contact",
     "drive",
     "phase",
@@ -38,7 +40,20 @@ KINDS = (
 )
 
 # kinds in the order in which they are chosen for a sheet of few panels: what a person came for
-FIRST = ("plane", "trajectory", "section", "energy", "contact", "drive", "state", "velocity", "profile", "phase")
+FIRST = (
+    "plane",
+    "space",
+    "map",
+    "trajectory",
+    "section",
+    "energy",
+    "contact",
+    "drive",
+    "state",
+    "velocity",
+    "profile",
+    "phase",
+)
 FEW, ALL = AMOUNTS = ("few", "all")  # of panels
 MOST = 4  # panels, where few are drawn
 
@@ -128,8 +143,13 @@ def foot_of(run: xr.Dataset) -> str:
 
 def _panels(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
-    for view in plane.views(run):
+    views = plane.views(run)
+    for view in views:
         yield "plane", [], partial(plane.draw, run, view, beside)
+    for seen in space.spaces(views):
+        yield "space", [], partial(space.draw, seen, views)
+    for names, panel in space.fields(run):
+        yield "map", names, panel
     yield from _of_motion(run, beside, wanted)
     yield from _of_forces(run, beside, wanted)
     yield from _of_march(run, beside)

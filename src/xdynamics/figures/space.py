@@ -1,0 +1,102 @@
+"""Where bodies are in three dimensions, and fields over two: what neither lines in time nor a plane can show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
+from xdynamics.figures.lines import MOST_NAMED
+from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, left_out
+from xdynamics.figures.sheet import Panel
+from xdynamics.shapes import Shapes
+from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_POINTS = 4000  # of a path
+POSITION = ("coordinate", "state")  # roles
+
+
+class Orbit(NamedTuple):
+    """The path of a body in three dimensions; its points have the shape (3, n)."""
+
+    body: str
+    points: NDArray[np.float64]
+
+
+class Space(NamedTuple):
+    """Paths in three dimensions, with what the axes are and their unit."""
+
+    orbits: list[Orbit]
+    axes: tuple[str, str, str]
+    units: str
+
+
+def spaces(views: list[list[BodyPath]]) -> Iterator[Space]:
+    """Yield the paths in three dimensions that are seen from three sides."""
+    for front, above, side in zip(views, views[1:], views[2:], strict=False):
+        first, second, third = front[0], above[0], side[0]
+        names = (first.across, first.up, second.up)
+        same = (second.across, third.across, third.up) == names
+        if not (same and first.is_space and first.units == second.units == third.units):
+            continue
+        if any(path.x.shape != other.x.shape for path, other in zip(front, above, strict=True)):
+            continue
+        orbits = [
+            Orbit(path.body, np.stack([path.x, path.y, other.y])) for path, other in zip(front, above, strict=True)
+        ]
+        yield Space(orbits, names, first.units)
+
+
+def draw(space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
+    """Draw paths in three dimensions in the place of some axes, with one scale for all three, a dot at each start."""
+    place: Any = axes.get_subplotspec()
+    figure: Any = axes.figure
+    axes.remove()
+    solid: Any = figure.add_subplot(place, projection="3d")
+    for k, orbit in enumerate(space.orbits[:MOST_BODIES]):
+        colour, points = COLOURS[k % len(COLOURS)], orbit.points[:, :: 1 + orbit.points.shape[1] // MOST_POINTS]
+        solid.plot(*points, "-", color=colour, linewidth=1.0)
+        solid.plot(*points[:, :1], "o", color=colour, markersize=4)
+        if orbit.body and len(space.orbits) <= MOST_NAMED:
+            solid.text(*points[:, -1], words(f" {orbit.body}"), color=colour, fontsize=8)
+    solid.set_aspect("equal", adjustable="box")
+    for axis, name in zip("xyz", space.axes, strict=True):
+        getattr(solid, f"set_{axis}label")(words(name), fontsize=8)
+    solid.locator_params(nbins=5)
+    solid.tick_params(labelsize=7)
+    solid.set_title(f"in space, in {typeset(space.units)} (dot: start){left_out(views[0])}", loc="left", fontsize=10)
+
+
+def fields(run: xr.Dataset) -> Iterator[tuple[list[str], Panel]]:
+    """Yield a panel for each coordinate and state over two dimensions of many elements, and what it draws."""
+    shapes = shapes_of(run)
+    for name, dims in shapes.dims.items():
+        if len(dims) != 2 or min(shapes.shape(dims)) < FEWEST_ELEMENTS:
+            continue
+        elements = shapes.elements(name)
+        if all(element in run and run[element].attrs.get("role") in POSITION for element in elements):
+            yield elements, partial(field, run, name, dims, shapes)
+
+
+def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axes: Axes) -> None:
+    """Draw a quantity over two dimensions at the last recorded state, with its unit beside the colours."""
+    elements = shapes.elements(name)
+    values = np.array([float(run[element][-1]) for element in elements]).reshape(shapes.shape(dims))
+    units = str(run[elements[0]].attrs["units"])
+    mesh = axes.pcolormesh(values.T, cmap="viridis", rasterized=True)
+    figure: Any = axes.figure
+    figure.colorbar(mesh, ax=axes, label=f"{words(name)} ({typeset(units)})")
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(visible=False)
+    axes.set(xlabel=words(f"element of {dims[0]}"), ylabel=words(f"element of {dims[1]}"))
+    time, suffix = float(run["time"][-1]), unit_suffix(str(run["time"].attrs["units"]))
+    axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at t = {time:.4g}{suffix}"), loc="left", fontsize=10)

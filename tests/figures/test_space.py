@@ -1,0 +1,89 @@
+"""Figures in three dimensions and of fields over two: what is drawn are the numbers of the record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import xdynamics as xd
+from xdynamics.figures.plane import views
+from xdynamics.figures.run import panels_of
+from xdynamics.figures.sheet import sheet
+from xdynamics.figures.space import spaces
+from xdynamics.record import unfold
+
+SPRINGS = """
+name = "two bodies on springs"
+[dimensions]
+body = ["a", "b"]
+axis = ["x", "y", "z"]
+[coordinates]
+r = { unit = "m", dims = ["body", "axis"] }
+[parameters]
+m = "1 kg"
+k = { dims = ["axis"], value = [1, 4, 9], unit = "N m-1" }
+[mass]
+r = "m"
+[forces.springs]
+r = "-k*r"
+[initial]
+r = { unit = "m", value = [[1, 0.5, 0.2], [-1, 0.7, 0.3]] }
+v_r = { unit = "m s-1", value = [[0, 1, 0], [0.5, 0, 1]] }
+[run]
+method = "rk4"
+step = "0.05 s"
+until = "6 s"
+"""
+PLATE = """
+name = "cooling plate"
+[dimensions]
+across = 7
+up = 8
+[parameters]
+D = "0.1 s-1"
+[states.T]
+unit = "K"
+dims = ["across", "up"]
+rate = "D*(shift(T, across, 1, 0*kelvin) + shift(T, across, -1, 0*kelvin) - 2*T)"
+[initial]
+T = "(8*index(across) + index(up))*kelvin"
+[run]
+method = "heun"
+step = "0.1 s"
+until = "0.2 s"
+"""
+
+
+def drawn(run: Any, kind: str) -> Any:
+    """The sheet of the panels of one kind."""
+    return sheet(panels_of(unfold(run), [kind]), "title", "foot")
+
+
+def test_orbits_are_drawn_in_space() -> None:
+    """Assert that each body has its path in three dimensions, its name at the end, and one scale on all axes."""
+    run = xd.simulate(xd.Model.from_text(SPRINGS))
+    (space,) = spaces(views(unfold(run)))
+    for orbit, body in zip(space.orbits, "ab", strict=True):
+        assert orbit.body == body
+        ends = orbit.points[:, [0, -1]].T
+        assert (ends == run.r.sel(body=body).values[[0, -1]]).all()
+    (axes,) = [each for each in drawn(run, "space").axes if each.get_visible()]
+    assert axes.name == "3d"
+    assert [text.get_text().strip() for text in axes.texts] == ["a", "b"]
+    assert (axes.get_xlabel(), axes.get_zlabel()) == ("r[x]", "r[z]")
+    assert "in m" in axes.get_title(loc="left")
+    paths = [np.array(line.get_data_3d()) for line in axes.lines if line.get_linestyle() == "-"]
+    assert [path.shape[0] for path in paths] == [3, 3]
+    assert (paths[1][:, -1] == run.r.sel(body="b").values[-1]).all()
+
+
+def test_a_field_over_two_dimensions_is_a_map() -> None:
+    """Assert that the map shows the last state, the first dimension across, with its unit beside the colours."""
+    run = xd.simulate(xd.Model.from_text(PLATE))
+    figure = drawn(run, "map")
+    axes = figure.axes[0]
+    assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[-1].T).all()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("element of across", "element of up")
+    assert figure.axes[-1].get_ylabel() == "T (K)"
+    assert "at t = 0.2 s" in axes.get_title(loc="left")
