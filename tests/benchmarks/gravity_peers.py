@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import xdynamics as xd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from many_bodies import ABREAST, bodies, program
+from many_bodies import ABREAST, CLUSTER, bodies, program
 
 from cases.array_programs import bound
 
@@ -34,26 +34,6 @@ MODELS = Path(__file__).resolve().parents[2] / "data" / "models"
 BODIES, INTERACTIONS, ROUNDS = (30, 100, 1000), 4_000_000, 5
 DAY = 86400.0  # s
 SPAN, TARGETS = 36525.0, (1e-9, 1e-12)  # day, astronomical units
-CLUSTER = """
-name = "cluster"
-[dimensions]
-body = {n}
-axis = ["x", "y", "z"]
-[relations.pair]
-of = "body"
-[coordinates]
-r = {{ unit = "m", dims = ["body", "axis"] }}
-[parameters]
-G = "1 N m2 kg-2"
-m = "1 kg"
-[mass]
-r = "m"
-[forces.gravity]
-over = "pair"
-potential = "-G*m*m/norm(second(r, pair) - first(r, pair), axis)"
-[initial]
-r = {{ unit = "m", value = {start} }}
-"""
 State = NDArray[np.float64]
 Way = Callable[[], State]
 

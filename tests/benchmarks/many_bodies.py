@@ -50,6 +50,27 @@ potential = "k*(second(u, spring) - first(u, spring))**2/2"
 u = "0.1*metre*sin(pi*(index(site) + 1)/(size(site) + 1))"
 """
 
+CLUSTER = """
+name = "cluster"
+[dimensions]
+body = {n}
+axis = ["x", "y", "z"]
+[relations.pair]
+of = "body"
+[coordinates]
+r = {{ unit = "m", dims = ["body", "axis"] }}
+[parameters]
+G = "1 N m2 kg-2"
+m = "1 kg"
+[mass]
+r = "m"
+[forces.gravity]
+over = "pair"
+potential = "-G*m*m/norm(second(r, pair) - first(r, pair), axis)"
+[initial]
+r = {{ unit = "m", value = {start} }}
+"""
+
 
 def program(shapes: Shapes, potential: str, dims: tuple[str, ...]) -> Program:
     """Return the force of a potential on `r`, whose numbers stand before masses and a constant in `p`."""

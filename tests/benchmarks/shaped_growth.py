@@ -1,0 +1,118 @@
+"""What models with dimensions cost as they grow: building and compiling, a step, and the record of a run.
+
+python tests/benchmarks/shaped_growth.py
+
+Chains of springs and bodies that all attract each other. Building is reading, writing down and compiling a law that no
+cache holds, without the march; a step is the longer of two runs less the shorter, for each coordinate. Then a record of 300
+coordinates and 1,000 rows with all columns is saved, opened and verified. Times are of the processor, the least of some
+rounds but for building, which is done once a process: each row is one of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from many_bodies import CHAIN, CLUSTER
+
+import xdynamics as xd
+
+SIZES = {"chain": (10, 30, 100, 1000, 10_000), "bodies": (10, 30, 100, 300, 1000)}
+STEPS = {"chain": 2_000_000, "bodies": 200_000}  # times coordinates, of the longer run
+ROUNDS = 3
+
+
+def text_of(kind: str, n: int) -> str:
+    """Return a model as text."""
+    if kind == "chain":
+        return CHAIN.format(n=n)
+    return CLUSTER.format(n=n, start=(np.random.default_rng(n).uniform(-1.0, 1.0, (n, 3)) * n).tolist())
+
+
+def least(call: Callable[[], object]) -> float:
+    """Return the least processor time of some calls."""
+    found = np.inf
+    for _ in range(ROUNDS):
+        begin = time.process_time()
+        call()
+        found = min(found, time.process_time() - begin)
+    return found
+
+
+def measured(kind: str, n: int) -> dict[str, float]:
+    """Measure in this process."""
+    text, width = text_of(kind, n), n if kind == "chain" else 3 * n
+    xd.simulate(xd.Model.from_text(text_of("chain", 3)), method="velocity_verlet", step=1e-3, until=1e-3)  # imports
+    begin = time.process_time()
+    model = xd.Model.from_text(text)
+
+    def run(steps: int) -> object:
+        return xd.simulate(
+            model,
+            method="velocity_verlet",
+            step=1e-3,
+            until=steps * 1e-3,
+            log="states",
+            keep_every=steps,
+            estimator="none",
+            force_samples="none",
+        )
+
+    run(1)
+    built = time.process_time() - begin
+    again = least(lambda: run(1))
+    many = max(20, STEPS[kind] // width)
+    return {"built": built - again, "again": again, "step": (least(lambda: run(many)) - again) / (many - 1) / width}
+
+
+def in_a_process(kind: str, n: int) -> dict[str, float]:
+    """Measure in a process of its own, which finds no law."""
+    from xdynamics.kernels import cache
+
+    for path in cache.folder().glob("law-*.o"):
+        path.unlink()
+    words = [sys.executable, str(Path(__file__).resolve()), "--as-row", kind, str(n)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def record() -> None:
+    """Print what saving, opening and verifying takes."""
+    model = xd.Model.from_text(CHAIN.format(n=300))
+    run = xd.simulate(model, method="velocity_verlet", step=1e-3, until=0.999, log="full", force_samples="none")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.nc"
+        verbs: dict[str, Callable[[], object]] = {
+            "save": lambda: xd.save(run, path),
+            "open": lambda: xd.open_run(path).close(),
+            "verify": lambda: xd.verify(path),
+        }
+        times = ", ".join(f"{name} {least(call):.3f} s" for name, call in verbs.items())
+        print(f"300 coordinates, {run.sizes['step']} rows: {times}, {path.stat().st_size / 1e6:.1f} MB")
+
+
+def main() -> None:
+    """Print the tables."""
+    if sys.argv[1:2] == ["--as-row"]:
+        print(json.dumps(measured(sys.argv[2], int(sys.argv[3]))))
+        return
+    record()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.setdefault("XDYNAMICS_CACHE", folder)
+        for kind, sizes in SIZES.items():
+            print(f"{kind:>8}{'built in':>12}{'a run again':>14}{'a step and coordinate':>26}")
+            for n in sizes:
+                one = in_a_process(kind, n)
+                row = f"{n:8}{one['built']:10.3f} s{one['again']:12.4f} s{1e9 * one['step']:23.2f} ns"
+                print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
