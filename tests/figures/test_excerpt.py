@@ -61,6 +61,22 @@ def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Datase
         assert all(np.array_equal(*pair) for pair in zip(*marks, strict=True))
 
 
+@pytest.mark.parametrize("is_lazy", [False, True])
+def test_no_chord_is_drawn_through_a_phase_portrait(monkeypatch: pytest.MonkeyPatch, *, is_lazy: bool) -> None:
+    """Assert that every piece of the curve of a long oscillation is as near to its circle as the record is."""
+    monkeypatch.setattr(excerpt, "MOST_NUMBERS", 200_000)
+    run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.01, until=300.0)
+    assert run.sizes["step"] > 20_000
+    axes = xd.plot(run.chunk(step=7000, inline_array=True) if is_lazy else run, only="phase").axes[-1]
+    assert axes.get_title(loc="left").startswith("phase portrait")
+    x, v = np.asarray(max((line.get_xydata() for line in axes.lines), key=len)).T
+    assert np.isfinite(x).sum() > 1000
+    amplitudes = float(np.abs(run.x).max()), float(np.abs(run.v_x).max())
+    middles = [(values[1:] + values[:-1]) / 2.0 / size for values, size in zip((x, v), amplitudes, strict=True)]
+    distances = np.hypot(*middles)
+    assert np.nanmin(distances) == pytest.approx(1.0, abs=2e-3)
+
+
 @pytest.mark.usefixtures("few")
 def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of many events the first and last of each name and the largest impulses are kept, each chunk read once."""

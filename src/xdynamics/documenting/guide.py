@@ -62,9 +62,14 @@ STORES = (
     "  xd.save(run, 's3://bucket/run.nc'); xd.open_run('s3://bucket/run.nc'); xd.report('s3://bucket/page', run=run)",
     "  xd.sweep(model, axes, path='grid.zarr')      a Zarr store, of files or objects, for grids too large for one file",
     "  xd.open_logs('s3://bucket/grid', '0:10:101 s')      the runs of a sweep with keep=['log'] at common times, lazily",
-    "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is verified and read.",
+    "  xd.refine(model, steps=[...], keep='s3://bucket/levels')      a run for each level; the same call goes on with those",
+    "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is read: its seal is of",
+    "every byte, and nothing is believed before. Of a Zarr store each chunk is read alone when it is used; xd.verify compares",
+    "all of them with their digest, which does not depend on how members were cut into chunks. Members are added, and whole",
+    "runs kept, by sweeps into folders; not in a Zarr store.",
     "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
-    "the second is told, and nothing is lost. A lock that its process does not renew is free after a minute.",
+    "the second is told, and nothing is lost. A lock that its process does not renew is free after a minute, one that a dead",
+    "process of this machine left at once.",
     "xd.save_many(runs, 's3://bucket/runs') sends several files at once, and names them when all are there: if one cannot be",
     "sent, none has changed; if the store fails between the first name and the last, the error says how many have theirs.",
 )
@@ -180,7 +185,9 @@ Kubernetes: pip install dask-kubernetes; the image has to have xdynamics in it.
   kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
 Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
 the verb ends with a line for each. The finest level of a study begins first. A worker that is lost loses what it was
-marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a sweep goes on from its folder.
+marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
+The same command goes on: a sweep from its folder, refine --keep FOLDER with the levels that are whole there (a folder that all
+machines see, or s3://bucket/levels). budget, validate and certify keep nothing before they end, and begin again.
 Stages whose sizes follow from the march need them stated: --occurrences 10 (refine), --impacts 10 (validate).
 """
 

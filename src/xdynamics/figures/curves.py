@@ -21,6 +21,9 @@ from xdynamics.schema import STEPS, acceleration, rate, velocity
 from xdynamics.units import parse_unit
 
 DRAWN = 4000  # points of a line; what is longer is thinned
+GOLDEN = 0.6180339887498949
+LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
+DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5}  # of rows whose neighbours are left out
 MOST_BETWEEN = 40  # points inside each step, however long it is
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
@@ -84,6 +87,27 @@ def extremes(values: NDArray[Any], edges: Rows) -> Rows:
         ],
         np.int64,
     )
+
+
+def spread(n: int) -> Rows:
+    """Return rows all over a long run, at distances that follow no period of it."""
+    count = min(DRAWN, n // 10)
+    return np.unique((np.arange(count) + np.arange(count) * GOLDEN % 1.0) * (n / max(count, 1))).astype(np.int64)
+
+
+def is_long(run: xr.Dataset) -> bool:
+    """Whether a figure leaves out rows of a run, or an excerpt has left them out, which numbers its own."""
+    return run.sizes[STEPS] > DRAWN or STEPS in run.coords
+
+
+def unjoined(x: Floats, y: Floats, times: Floats) -> tuple[Floats, Floats]:
+    """Return a curve in a plane of a long run, broken where it leaps between rows that are left out: no chord is its own."""
+    chosen = [thinned(x, times=times), thinned(y, times=times), spread(len(x))]
+    rows = np.unique(np.concatenate(chosen)) if len(x) > 5 * DRAWN else np.arange(len(x))
+    x, y = x[rows], y[rows]
+    leaps = [np.abs(np.diff(values)) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)]
+    breaks = 1 + np.flatnonzero(np.hypot(*leaps) > LEAP)
+    return np.insert(x, breaks, np.nan), np.insert(y, breaks, np.nan)
 
 
 def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:

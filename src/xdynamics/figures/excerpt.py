@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.stages import computed
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
-from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes
+from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes, spread
 from xdynamics.figures.lattice import moments_of
 from xdynamics.figures.lines import strobes
 from xdynamics.figures.marks import MOST_BANDS
@@ -207,7 +207,7 @@ class _Shown:
         """Yield rows of a part, by their places in its columns."""
         time, numbers = part.columns["time"], part.numbers
         middle = np.array([0, (self.size - 1) // 2, self.size // 2, self.size - 1])  # the median of the times, too
-        yield np.flatnonzero(np.isin(numbers, np.concatenate([self.events, middle])))
+        yield np.flatnonzero(np.isin(numbers, np.concatenate([self.events, middle, spread(self.size)])))
         apart = np.diff(time)
         long = np.flatnonzero(apart * (DRAWN // 2) >= self.span)
         yield from (long, long + 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,7 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import drawn, has_chords, moments
+from xdynamics.figures.curves import DOTS, drawn, has_chords, is_long, moments, unjoined
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
 from xdynamics.model import Model
 from xdynamics.model.drives import looked_up
@@ -258,8 +258,14 @@ def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None
             if name in around:
                 start, line = wrapped(start, units), torn(line, units)  # noqa: PLW2901
             colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
-            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label))
-            axes.plot(start, speeds[:1], "o", color=colour, markersize=4)
+            first = speeds[:1]
+            points: dict[str, Any] = {}
+            if k == 0 and is_long(run):
+                columns = (run[entry].values for entry in (name, velocity(name), "time"))
+                (line, speeds), points = unjoined(*columns), DOTS  # noqa: PLW2901
+                line = torn(line, units) if name in around else line  # noqa: PLW2901
+            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label), **points)
+            axes.plot(start, first, "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(
         xlabel=words(f"{_joined(names)} ({units})"),

@@ -16,7 +16,7 @@ from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import between, thinned
+from xdynamics.figures.curves import DOTS, between, is_long, unjoined
 from xdynamics.figures.lines import DASHES, MOST_NAMED, straight
 from xdynamics.figures.marks import COLOURS, INK, counted, words
 from xdynamics.model import Model
@@ -155,10 +155,10 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
     every, view = view, view[:MOST_BODIES]
     for k, body in enumerate(view):
         colour = COLOURS[k % len(COLOURS)]
-        rows = np.union1d(thinned(body.x, times=body.times), thinned(body.y, times=body.times))
+        x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
         label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
         label = words(beside.own) if beside.own and not body.body and k == 0 else label
-        axes.plot(body.x[rows], body.y[rows], "-", color=colour, linewidth=1.1, label=label)
+        axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label, **(DOTS if is_long(run) else {}))
         axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
