@@ -15,8 +15,10 @@ import pytest
 from mpmath import MPContext
 from numpy.typing import NDArray
 
+import xdynamics as xd
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.methods import composition, nystrom, runge_kutta
-from xdynamics.methods.lines import Evaluation, read_lines
+from xdynamics.methods.lines import Evaluation, VectorStatement, read_lines
 from xdynamics.methods.method import Method
 
 mp = MPContext()  # its own context: the digits are no one else's
@@ -308,3 +310,26 @@ def test_composition_is_symplectic(method: Method) -> None:
     q, v = mp.mpf("0.7"), mp.mpf("0.4")
     (a, c), (b, d) = ((moved(q + i, v + j) - moved(q - i, v - j)) / (2 * tiny) for i, j in ((tiny, 0), (0, tiny)))
     assert abs(a * d - b * c - 1) < 1e-20  # the difference quotients err by tiny**2
+
+
+@pytest.mark.parametrize("method", xd.METHODS.values(), ids=lambda method: method.name)
+def test_interpolant_is_the_polynomial_of_its_coefficients(method: Method) -> None:
+    """Assert that the coefficients in s, of one degree for all vectors, have the values of the nested lines."""
+    draw, lines = np.random.default_rng(4), method.interpolant.polynomials
+    names = {name for line in lines if isinstance(line, VectorStatement) for name in line.vectors}
+    values: dict[str, float] = {name: float(draw.normal()) for name in sorted(names)} | {"h": 0.7, "s": 0.3}
+    for part in (method.interpolant.lines, lines):
+        for line in part:
+            if isinstance(line, VectorStatement):
+                values[line.target] = evaluate(line.expression, values)
+    for vector in ("qs", "vs", "xs"):
+        terms = [values[f"{vector}{k}"] * values["s"] ** k for k in range(method.interpolant.degree + 1)]
+        assert values[vector] == pytest.approx(sum(terms), rel=1e-11)
+
+
+def test_degrees_of_polynomials() -> None:
+    """Assert the degree of each kind of interpolant."""
+    found = {
+        name: xd.METHODS[name].interpolant.degree for name in ("rk4", "dormand_prince", "dop853", "dprkn6", "radau_iia")
+    }
+    assert found == {"rk4": 5, "dormand_prince": 4, "dop853": 7, "dprkn6": 6, "radau_iia": 3}

@@ -11,10 +11,12 @@ from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
-from xdynamics.expressions import Node, free_names, parse
+from xdynamics.expressions import Node, Number, free_names, parse, text_of
+from xdynamics.expressions.polynomial import coefficients
 from xdynamics.model import Model
 
 SCALARS = ("t", "t1", "h", "s")
+_ENDS = ("qs", "vs", "xs")  # the state inside a step
 
 _HERMITE = """
     qi = q1 - q - h*v - h**2/2*a
@@ -145,6 +147,21 @@ class Interpolant:
         """Its lines."""
         return read_lines(self.text)
 
+    @property
+    def polynomials(self) -> tuple[Line, ...]:
+        """Its lines, with one for each coefficient in s: ``qs0, qs1, …``, ``vs0, …`` and ``xs0, …``, of the same degree.
+
+        It is evaluated by `lines`, whose nested form keeps its digits; by these coefficients it is bounded.
+        """
+        return _polynomials(self.text)
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomial in s, the highest of those of its vectors."""
+        last = self.polynomials[-1]
+        assert isinstance(last, VectorStatement)  # noqa: S101 - that of the highest power of the states
+        return int(last.target[2:])
+
 
 @lru_cache(maxsize=256)
 def read_lines(text: str) -> tuple[Line, ...]:
@@ -167,6 +184,22 @@ def read_lines(text: str) -> tuple[Line, ...]:
         unknowns = tuple(part.strip() for part in match.group(1).split(","))
         statements.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
     return tuple(statements)
+
+
+@lru_cache(maxsize=256)
+def _polynomials(text: str) -> tuple[Line, ...]:
+    lines: list[Line] = []
+    states: dict[str, tuple[Node, ...]] = {}
+    for line in read_lines(text):
+        if isinstance(line, VectorStatement) and line.target in _ENDS:
+            states[line.target] = coefficients(line.expression, "s")
+        else:
+            lines.append(line)
+    length = max(map(len, states.values()))
+    for target, terms in states.items():
+        for k, term in enumerate((*terms, *[Number(0.0)] * (length - len(terms)))):
+            lines.append(VectorStatement(f"{target}{k}", term, f"{target}{k} = {text_of(term)}"))
+    return tuple(lines)
 
 
 def printed(text: str, model: Model | None = None) -> str:
