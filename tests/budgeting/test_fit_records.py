@@ -305,3 +305,13 @@ def test_the_verb_takes_several_files_and_writes_their_models(tmp_path: Path) ->
     begun = [xd.Model.from_toml(tmp_path / f"found_{name}.toml").initial["x"].value for name in ("up", "down")]
     assert begun == found.estimate.values[1:].tolist()
     assert call("plot", tmp_path / "F.nc", "-o", tmp_path / "F.png").exit_code == 0
+
+
+def test_the_variance_of_a_robust_estimate_is_hubers() -> None:
+    """Assert his formula by hand: influences 0.5, -0.5, 1.345, -0.2 and slopes 1, 1, 0, 1, of two numbers from four values."""
+    residuals = np.array([0.5, -0.5, 3.0, -0.2])
+    squares, mean, spread = 0.5**2 + 0.5**2 + 1.345**2 + 0.2**2, 0.75, 0.1875
+    wanted = (1.0 + 2 / 4 * spread / mean**2) ** 2 * squares / 2 / mean**2
+    assert loss_named("huber").variance(residuals, 2) == pytest.approx(wanted, rel=1e-14)
+    assert loss_named("linear").variance(residuals, 2) == pytest.approx(float(residuals @ residuals) / 2, rel=1e-14)
+    assert loss_named("huber").variance(np.full(4, 9.0), 2) == np.inf

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
+from xdynamics.evidence.comparing.measured import measured
 from xdynamics.model import Table
 from xdynamics.model.instruments import KEYS, Reading, as_table
 from xdynamics.units import parse_quantity, parse_scale, parse_unit
@@ -270,3 +272,45 @@ def test_uncertainties_in_every_spelling(header: str, swing: tuple[Path, Path], 
     (tmp_path / "x.csv").write_text(f"{header}\n0,1,2\n0.1,0.995,2\n")
     found = xd.compare(xd.open_run(swing[1]), tmp_path / "x.csv")
     assert found.measured_uncertainty_x.values.tolist() == [0.002, 0.002]
+
+
+def test_data_with_names_of_their_own_are_compared(tmp_path: Path) -> None:
+    """Assert that a column and its uncertainty are called as the model calls them, with their units, and what is refused."""
+    path = tmp_path / "vernier.csv"
+    path.write_text(
+        "Latest: Time (s),Latest: Position (mm),Latest: u(Position) (mm),Latest: Note\n0,100,1,a\n1,90,2,b\n"
+    )
+    known = ["x", "v_x"]
+    data = measured(path, known, reading={"columns": {"x": "Position"}})
+    assert (data.values["x"][0].tolist(), data.values["x"][1].text) == ([100.0, 90.0], "mm")
+    assert data.uncertainties["x"][0].tolist() == [1.0, 2.0]
+    assert data.left_out == ("Note",)
+    with pytest.raises(xd.InputError, match="has no column 'Place', which columns names; there are 'Time', 'Position'"):
+        measured(path, known, reading={"columns": {"x": "Place"}})
+    with pytest.raises(xd.InputError, match="needs names of the file by those of the model"):
+        measured(path, known, reading={"columns": ["x"]})
+    (tmp_path / "tracker.csv").write_text("#multi:\nt,x,\n0,1.0,\n0.5,2.0,\n")
+    tracked = measured(tmp_path / "tracker.csv", known, reading={"units": {"t": "s", "x": "m"}})
+    assert tracked.values["x"][0].tolist() == [1.0, 2.0]
+
+
+def test_tables_of_pandas_with_dates_and_series_are_read() -> None:
+    """Assert one motion from a DataFrame with dates, a Series and a mapping, as data and as a drive; and a zero of time."""
+    stamps = pd.date_range("2024-05-01 12:00", periods=3, freq="500ms", name="time")
+    numbers = [1.0, 3.0, 2.0]
+    tables: list[Any] = [
+        pd.DataFrame({"x [m]": numbers}, index=stamps),
+        pd.Series(numbers, index=pd.Index([0.0, 0.5, 1.0], name="time [s]"), name="x [m]"),
+        {"time [s]": [0.0, 0.5, 1.0], "x [m]": numbers},
+    ]
+    model = {"coordinates": {"q": "m"}, "mass": {"q": "1*kilogram"}, "initial": {"q": "0 m"}}
+    for table in tables:
+        data = measured(table, ["x"])
+        assert (data.times.tolist(), data.values["x"][0].tolist()) == ([0.0, 0.5, 1.0], numbers)
+        driven = xd.Model(
+            name="driven", **model, forces={"pull": {"q": "x*newton/metre"}}, drives={"x": {"table": table}}
+        )
+        run = xd.simulate(driven, method="rk4", step="0.25 s", until="1 s")
+        assert run.force_pull_q.values[[0, 2, 4]].tolist() == numbers
+    later = measured({"t [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"], reading={"time_zero": "first"})
+    assert later.times.tolist() == [0.0, 1.0]

@@ -26,6 +26,13 @@ _OPTIONS = {
     "units": click.option(
         "--units", multiple=True, metavar="NAME=UNIT", help="The unit of a column whose title has none, like t=s."
     ),
+    "columns": click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        metavar="NAME=COLUMN",
+        help="The file's name for a quantity of the model, like x=Position.",
+    ),
     "time_zero": click.option("--time-zero", metavar="TIME|first", help="What the times of the data are counted from."),
     "decimal": click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; by default found."),
 }
@@ -41,7 +48,8 @@ def measured_data(verb: Callable[..., Any]) -> Callable[..., Any]:
 def reading_of(named: Mapping[str, Any]) -> dict[str, Any]:
     """Return what these options say, as `compare` and `fit` take it."""
     said = {name: named[name] for name in _OPTIONS if name != "gaps" and named.get(name) not in (None, ())}
-    return said | ({"units": pairs(said["units"], "--units")} if "units" in said else {})
+    tables = {"units": "--units", "columns": "--column"}
+    return said | {name: pairs(said[name], option) for name, option in tables.items() if name in said}
 
 
 def without(named: Mapping[str, Any]) -> dict[str, Any]:

@@ -138,6 +138,7 @@ Files of instruments are read as they come:
 What a file does not say is said by keys of the drive, by reading={...} in Python, by options of compare and fit:
   skip       --skip 3                      lines before the header
   header     --header "t [s],x [mm]"       titles, one for each column, in the place of the file's own
+  columns    --column x=Position           a column's name where it is not the model's (compare and fit; a drive has `column`)
   units      --units t=s --units x=mm      of columns whose titles have none
   time_zero  --time-zero 2.5s | first      what times are counted from
   decimal    --decimal ,                   where it cannot be found

@@ -45,6 +45,7 @@ from xdynamics.model.csv_sheet import (
 from xdynamics.units import SECONDS, parse_quantity, parse_scale, parse_unit
 
 KEYS = ("skip", "header", "units", "time_zero", "decimal")
+COLUMNS = "columns"  # of `compare` and `fit`; a drive has a name of its own, and `column`
 FIRST, TIME = "first", "time [s]"
 CLOCKS = ("time", "t")
 
@@ -69,6 +70,8 @@ class Reading:
         What the column of times is counted from: a time, or ``"first"``, its first number.
     decimal : {"", ".", ","}
         Decimal mark; detected if empty.
+    columns : mapping of str to str
+        Names of the model, by the names that the file has: ``{"x": "Position"}``; `u(x)` follows.
     """
 
     skip: int = 0
@@ -76,6 +79,7 @@ class Reading:
     units: Mapping[str, str] = field(default_factory=dict)
     time_zero: str = ""
     decimal: str = ""
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, keys: Mapping[str, Any]) -> Reading:
@@ -87,8 +91,8 @@ class Reading:
             Naming the one that is wrong.
         """
         skip, header, units = keys.get("skip", 0), keys.get("header", ()), keys.get("units", {})
-        if unknown := [key for key in keys if key not in KEYS]:
-            raise InputError(f"'{unknown[0]}' does not say how a file is read; there are {', '.join(KEYS)}")
+        if unknown := [key for key in keys if key not in (*KEYS, COLUMNS)]:
+            raise InputError(f"'{unknown[0]}' does not say how a file is read; there are {', '.join((*KEYS, COLUMNS))}")
         if isinstance(skip, bool) or not isinstance(skip, int) or skip < 0:
             raise InputError(f"skip is {skip!r}, needs the number of lines before the header")
         header = next(csv.reader([header])) if isinstance(header, str) else header
@@ -103,7 +107,12 @@ class Reading:
             _checked("time_zero", lambda: parse_quantity(zero))
         if decimal not in ("", ".", ","):
             raise InputError(f"decimal is {decimal!r}, needs '.' or ','")
-        return cls(skip, tuple(header), dict(units), str(zero), str(decimal))
+        columns = keys.get(COLUMNS, {})
+        if not isinstance(columns, Mapping) or not all(isinstance(name, str) for name in columns.values()):
+            raise InputError(
+                f'columns is {columns!r}, needs names of the file by those of the model, {{ x = "Position" }}'
+            )
+        return cls(skip, tuple(header), dict(units), str(zero), str(decimal), dict(columns))
 
 
 AS_IT_IS = Reading()
@@ -162,7 +171,7 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     if reading == AS_IT_IS:
         return text if grid is None else grid.text(name)
     grid = grid or _split(lines, reading)
-    return _counted(name, _with_units(name, grid, reading), reading).text(name)
+    return _counted(name, _renamed(name, _with_units(name, grid, reading), reading), reading).text(name)
 
 
 def _checked(what: str, make: Callable[[], Any]) -> Any:
@@ -382,7 +391,10 @@ def _split(lines: list[str], reading: Reading) -> Cells:
     """Split a file whose first line is its header."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     rows = (_numbers(line, reading.decimal) or _cells(line) for line in lines[1:])
-    return Cells("read as it was said", tuple(_cells(lines[0])), tuple(tuple(row) for row in rows))
+    header = _cells(lines[0])
+    while header and not header[-1]:
+        header.pop()
+    return Cells("read as it was said", tuple(header), tuple(tuple(row) for row in rows))
 
 
 def _with_units(name: str, grid: Cells, reading: Reading) -> Cells:
@@ -399,6 +411,21 @@ def _with_units(name: str, grid: Cells, reading: Reading) -> Cells:
                 f"table '{name}': column {shown(header[k])} has a unit already, and units gives '{unit}'; write header to change it"
             )
         header[k] = f"{column} [{unit}]"
+    return replace(grid, header=tuple(header))
+
+
+def _renamed(name: str, grid: Cells, reading: Reading) -> Cells:
+    """Give columns, and those of their uncertainties, the names that the model has."""
+    header = list(grid.header)
+    names = [name_of_title(title) for title in header]
+    for ours, theirs in reading.columns.items():
+        if names.count(theirs) != 1:
+            raise InputError(
+                f"table '{name}' has no column '{theirs}', which columns names; there are {', '.join(map(shown, names))}"
+            )
+        for k, column in enumerate(names):
+            if column in (theirs, f"u({theirs})"):
+                header[k] = header[k].replace(theirs, ours, 1)
     return replace(grid, header=tuple(header))
 
 

@@ -27,17 +27,35 @@ def tabled(owner: str, table: Any) -> str:
     InputError
         If it is none of these, or a unit is missing.
     """
-    if hasattr(table, "columns") and hasattr(table, "reset_index"):
-        frame = table.reset_index() if table.index.name else table
-        return written({str(name): frame[name] for name in frame.columns})
+    if hasattr(table, "to_frame") and not hasattr(table, "columns") and not hasattr(table, "dims"):
+        table = table.to_frame()  # a Series of pandas
     if hasattr(table, "dims") and hasattr(table, "coords"):
         return written(_columns(owner, table))
-    if isinstance(table, Mapping):
-        return written({str(name): column for name, column in table.items()})
+    if hasattr(table, "columns") or isinstance(table, Mapping):
+        return written(columns_of(table))
     raise InputError(
         f"table is {shown(str(table))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
         f' headers: {{"t [s]": …, "{owner} [N]": …}}'
     )
+
+
+def columns_of(table: Any) -> dict[str, Any]:
+    """Return the columns of a DataFrame, its index among them if it has a name, or of a mapping; dates in seconds.
+
+    Dates and time differences are counted from the first, ``time [s]``.
+    """
+    import numpy as np
+
+    if hasattr(table, "reset_index"):
+        table = table.reset_index() if table.index.name else table
+    columns = {}
+    for name in [*table.keys()]:
+        values = np.asarray(table[name])
+        if values.dtype.kind in "mM":
+            columns[f"{name} [{SECONDS.text}]"] = (values - values[0]) / np.timedelta64(10**9, "ns")
+        else:
+            columns[str(name)] = values
+    return columns
 
 
 def _columns(owner: str, table: Any) -> dict[str, Any]:

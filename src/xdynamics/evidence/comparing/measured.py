@@ -23,7 +23,7 @@ from xdynamics.model.csv_sheet import Sheet, Title, name_of_title, shown, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.instruments import AS_IT_IS, FIRST, Reading, as_table
-from xdynamics.model.python_tables import stamps
+from xdynamics.model.python_tables import columns_of, stamps
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.flag_words import time_unit
@@ -43,7 +43,7 @@ TIMES = ("time", "t")
 EVENT_TIMES, OCCURRENCES = "event_time_", "occurrence"  # columns of a table of events: one row is an occurrence
 ARRAYS = (".nc", ".nc4", ".netcdf", ".cdf")  # files that are read as a Dataset
 REMEDY = (
-    "how it is to be read is said by skip (lines before the header), header = t [s],x [m] (titles in the place of its own),"
+    "how it is to be read is said by columns = x=Position (its name for x), skip (lines before the header), header = t [s],x [m] (titles in the place of its own),"
     " units = t=s,x=m or decimal"
 )
 
@@ -88,7 +88,9 @@ class Measured:
 
 def is_measured(source: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
-    if isinstance(source, str | Path) or hasattr(source, "columns"):
+    if isinstance(source, str | Path) or hasattr(source, "columns") or hasattr(source, "reset_index"):
+        return True
+    if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
         return True
     attributes = getattr(source, "attrs", {})
     held = getattr(source, "variables", getattr(source, "coords", ("row_kind",)))
@@ -130,15 +132,16 @@ def measured(
     said = Reading.of(reading or {})
     if isinstance(source, str | Path) and Path(source).suffix.lower() in ARRAYS:
         source = _opened(Path(source))
+    if hasattr(source, "to_frame") and not hasattr(source, "columns"):
+        source = source.to_frame()  # a Series of pandas
     if isinstance(source, str | Path):
         data = _of_file(Path(source), known, said, skip=gaps == SKIP)
     elif said not in (AS_IT_IS, Reading(time_zero=said.time_zero)):
         raise InputError(
             f"{', '.join(reading or {})} say how a file is read, and the data are a {type(source).__name__}"
         )
-    elif hasattr(source, "columns"):
-        table = source.reset_index() if source.index.name else source
-        columns = {str(name): table[name].to_numpy() for name in table.columns}
+    elif hasattr(source, "columns") or (isinstance(source, Mapping) and not hasattr(source, "data_vars")):
+        columns = columns_of(source)
         data = _counted(_of_columns("the DataFrame", columns, known, skip=gaps == SKIP), said)
     else:
         data = _of_dataset(_of_elements(_of_array(source), shapes), known, said)
