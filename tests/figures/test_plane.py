@@ -354,3 +354,72 @@ def test_sections_that_are_none(figure: dict[str, Any], said: str | None) -> Non
         return
     with pytest.raises(xd.ModelError, match=said):
         driven(figure=figure)
+
+
+def fastened(**figure: Any) -> xd.Model:
+    """A mass beside a wall, in the plane."""
+    return xd.Model(
+        name="fastened",
+        coordinates={"x": "cm", "y": "cm"},
+        parameters={"A": "1 cm"},
+        mass={"x": "1*kilogram", "y": "1*kilogram"},
+        forces={"weight": {"y": "-9.81*newton"}},
+        initial={"x": "10 cm", "y": "20 cm", "v_x": "100 cm s-1"},
+        contacts={
+            "floor": {"gap": "y - A*sin(t/second)", "restitution": 0.5},
+            "wall": {"gap": "0.3*metre - x", "restitution": 1.0},
+        },
+        figure={"plane": ["x", "y"], "bodies": ["ball"]} | figure,
+        run={"method": "rk4", "step": "2 ms", "until": "0.4 s"},
+    )
+
+
+def test_films_have_rods_springs_walls_and_floors() -> None:
+    """Assert a rod from the origin to the ball, a zigzag as long, a wall where its gap closes, a floor that moves."""
+    run = xd.simulate(fastened(links=[["origin", "ball"]], springs=[["ball", "origin"]]))
+    scene = scene_of(run, None)
+    assert scene is not None
+    axes = Figure(figsize=scene.size).subplots()
+    scene.start(axes)
+    wall = next(item for item in axes.collections if type(item).__name__ == "QuadContourSet" and item.filled is False)
+    (line,) = (path.vertices for path in wall.get_paths() if len(path.vertices))
+    assert line[:, 0] == pytest.approx(np.full(len(line), 0.3), abs=1e-12)
+    for now in (0.1, 0.3):
+        moved = scene.at(now)
+        place = np.asarray(moved[-1].get_offsets())[0]
+        (rod,), (spring,), (floor,) = (part.get_segments() for part in moved[2:5])
+        assert rod == pytest.approx(np.array([[0.0, 0.0], place]))
+        assert spring[[0, -1]] == pytest.approx(np.array([place, [0.0, 0.0]]))
+        assert len(spring) > 10
+        assert floor[:, 1] == pytest.approx(np.full(len(floor), 0.01 * np.sin(now)), abs=1e-9)
+
+
+def test_a_ball_that_only_falls_is_filmed_upright() -> None:
+    """Assert a film of one height, with the floor, and that an angle alone has none."""
+    scene = scene_of(xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until="1 s"), None)
+    assert scene is not None
+    axes = Figure(figsize=scene.size).subplots()
+    scene.start(axes)
+    assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
+    scene.at(0.0)
+    assert np.asarray(scene.at(0.0)[-1].get_offsets())[0] == pytest.approx([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        (
+            {"links": [["origin", "bob"]]},
+            "figure: links has 'bob'; there are ball, origin, and others are named by bodies",
+        ),
+        ({"springs": ["origin", "ball"]}, "springs is .*, needs pairs of names, like"),
+        ({"threads": "ball"}, "threads is 'ball', needs pairs of names"),
+        ({"bodies": ["a", "b"]}, "figure: bodies names 2, plane has 1 pairs"),
+    ],
+)
+def test_links_of_films_that_are_none(figure: dict[str, Any], said: str) -> None:
+    """Assert that an unknown end, another shape and a wrong number of bodies are refused; and that links come back from TOML."""
+    with pytest.raises(xd.ModelError, match=said):
+        fastened(**figure)
+    model = fastened(threads=[["origin", "ball"]])
+    assert xd.Model.from_text(model.to_toml()) == model

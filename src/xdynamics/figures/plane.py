@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 POSITIONS = ("coordinate", "state")  # roles
+UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where they are alone
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
@@ -105,6 +106,18 @@ def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
         [BodyPath(names[i], names[j], units[i], times, lines[i], lines[j], up_units=units[j])]
         for i, j in combinations(range(len(names)), 2)
     ]
+
+
+def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
+    """Return the view of a motion with a single coordinate that is a length: upright if it is called like a height."""
+    names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
+    if len(names) != 1 or run[names[0]].dims != ("step",) or not _is_length(units := str(run[names[0]].attrs["units"])):
+        return []
+    times, values = _line(run, names[0])
+    zero = np.zeros(times.size)
+    if names[0] in UPRIGHT:
+        return [[BodyPath("", names[0], units, times, zero, values)]]
+    return [[BodyPath(names[0], "", units, times, values, zero)]]
 
 
 def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.marks import COLOURS, typeset, words
-from xdynamics.figures.plane import MOST_BODIES, BodyPath, drawn_links, left_out, views
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, drawn_links, left_out, views
+from xdynamics.figures.scenery import Boundary, Fastening, boundaries, fastenings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,8 +48,11 @@ class Scene(Protocol):
 
 def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     """Return the scene of a run's plane, or of its first quantity along a dimension; None if it has neither."""
-    if shown := views(run):
-        return Bodies(shown[0], drawn_links(run), trail) if shown[0] else None
+    if (shown := views(run) or along_a_line(run)) and shown[0]:
+        view = shown[0]
+        return Bodies(view, drawn_links(run), trail, fastenings(run, view), boundaries(run, view))
+    if shown:
+        return None
     for name, dim, elements in profiled(run, shapes_of(run)):
         values = np.stack([run[element].values for element in elements], axis=-1)
         return Profile(name, dim, str(run[elements[0]].attrs["units"]), run["time"].values, values)
@@ -65,11 +70,17 @@ class Bodies:
         Which bodies have a line between them.
     trail : float, optional
         How far back trails go; a tenth of the run.
+    fastenings : list of Fastening
+        Rods, springs and threads that the model names.
+    boundaries : list of Boundary
+        Walls and floors, where gaps are zero.
     """
 
     view: list[BodyPath]
     links: NDArray[np.int_]
     trail: float | None = None
+    fastenings: Sequence[Fastening] = ()
+    boundaries: Sequence[Boundary] = ()
     _dots: Any = None
     _trails: Any = None
     _lines: Any = None
@@ -95,6 +106,8 @@ class Bodies:
             [[getattr(body, letter).min(), getattr(body, letter).max()] for body in self.view for letter in "xy"]
         )
         ends = ends.reshape(-1, 2, 2)
+        if any((part.ends < 0).any() for part in self.fastenings):  # to the origin
+            ends = np.concatenate([ends, np.zeros((1, 2, 2))])
         low, high = ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
         half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
@@ -116,6 +129,10 @@ class Bodies:
         few = len(shown) <= MOST_TRAILS
         trails = LineCollection([], colors=colours[: len(shown)], linewidths=1.2 if few else 0.0, alpha=0.6)
         self._trails = axes.add_collection(trails, autolim=False)
+        for fastening in self.fastenings:
+            fastening.start(axes, self._limits)
+        for boundary in self.boundaries:
+            boundary.start(axes, self._limits)
         none = np.full(len(shown), np.nan)
         self._dots = axes.scatter(none, none, s=64.0 if few else 16.0, c=colours[: len(shown)], zorder=3)
         return left_out(view)
@@ -126,10 +143,12 @@ class Bodies:
         places = np.array([[np.interp(now, body.times, part) for part in (body.x, body.y)] for body in shown])
         self._dots.set_offsets(places)
         self._lines.set_segments(places[self.links])
+        known = np.vstack([places, np.zeros((1, 2))])  # the last is the origin
+        others = [part.at(known) for part in self.fastenings] + [part.at(now) for part in self.boundaries if part.moves]
         if len(shown) <= MOST_TRAILS:
             back = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
             self._trails.set_segments([_trail(body, now - back, now) for body in shown])
-        return [self._trails, self._lines, self._dots]
+        return [self._trails, self._lines, *others, self._dots]
 
 
 def _trail(body: BodyPath, begin: float, end: float) -> Floats:

@@ -24,7 +24,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import unit_of
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
-from xdynamics.model.parts import Event, Function
+from xdynamics.model.parts import ORIGIN, Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
 from xdynamics.schema import CLOSED_LINKS, acceleration, record_names, velocity
@@ -480,6 +480,14 @@ def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], l
                     f"reads the drive '{forbidden[0]}'; a place in the plane is of coordinates, velocities, states, t and"
                     " parameters"
                 )
+    pictured = statement.pictured
+    if pictured.bodies and not statement.extents and len(pictured.bodies) != len(pictured.plane):
+        ledger.note(f"figure: bodies names {len(pictured.bodies)}, plane has {len(pictured.plane)} pairs")
+    for kind in ("links", "springs", "threads"):
+        for end in (end for pair in getattr(pictured, kind) for end in pair):
+            if end not in (*pictured.bodies, ORIGIN):
+                known = ", ".join((*pictured.bodies, ORIGIN))
+                ledger.note(f"figure: {kind} has '{end}'; there are {known}, and others are named by bodies")
     with ledger.entry("figure: section"):
         if (section := statement.pictured.section) is not None:
             dimension = dimension_of(section, dimensions)

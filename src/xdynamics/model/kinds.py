@@ -153,6 +153,13 @@ def _trees(value: Any, key: str, source: Source) -> dict[str, Node]:
     return {name: _expression(text, f"{key} '{name}'", source) for name, text in value.items()}
 
 
+def _links(value: Any, key: str, _source: Source) -> tuple[tuple[str, str], ...]:
+    is_list = isinstance(value, list | tuple) and all(isinstance(pair, list | tuple) for pair in value)
+    if not is_list or any([type(end) for end in pair] != [str, str] for pair in value):
+        raise InputError(f'{key} is {value!r}, needs pairs of names, like [["origin", "bob"]]')
+    return tuple((first, second) for first, second in value)
+
+
 def _pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...]:
     one_pair = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
     pairs = [value] if one_pair else value
@@ -236,6 +243,7 @@ FORMULA = Kind(
 )  # named by its entry alone
 COMPONENT = Kind("expression", _component, _written, None)
 EXPRESSIONS = Kind("table of expressions", _trees, lambda trees, _: {key: text_of(trees[key]) for key in trees}, {})
+LINKS = Kind("list of pairs of names", _links, lambda pairs, _: [[*pair] for pair in pairs], ())
 PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())
 FLAG = Kind("true | false", _flag, omitted=False)
 COUNT = Kind("whole number from 1 on", _count, omitted=1)

@@ -209,11 +209,18 @@ class Observable:
     description: str = ""
 
 
+ORIGIN = "origin"  # the point 0, 0 of a plane
+
+
 @dataclass(frozen=True)
 class Pictured:
     """What figures show of a motion, by the keys of `[figure]`."""
 
     plane: tuple[tuple[Node, Node], ...] = ()
+    bodies: tuple[str, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()
+    springs: tuple[tuple[str, str], ...] = ()
+    threads: tuple[tuple[str, str], ...] = ()
     section: Node | None = None
     wrap: tuple[str, ...] = ()
 
