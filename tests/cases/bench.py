@@ -14,6 +14,12 @@ from xdynamics.kernels.program import AT, TABLE, WORDS
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.units import UNSCALED
 
+# in the place of the engine, which laws of contacts of many bodies call: what does nothing. As a float its address is
+# next to 0, the key of what does nothing where the law is Python
+_nothing = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_int64)(lambda *_: None)
+_NO_ENGINE = np.array([0, ctypes.cast(_nothing, ctypes.c_void_p).value], np.int64).view(float)
+PLAIN[0] = lambda *_: None
+
 
 class Bench:
     """Arrays that a law's programs are called with, each number once for every lane."""
@@ -25,7 +31,8 @@ class Bench:
         self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
         self.y = np.zeros((len(layout.record), lanes))
         self.y[: len(layout.used)] = states
-        self.p = np.repeat(np.array(list(constants(model).values()))[:, None], lanes, axis=1)
+        known = [*constants(model).values(), *(_NO_ENGINE if model.assemblies else ())]
+        self.p = np.repeat(np.array(known)[:, None], lanes, axis=1)
         self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
         self.pieces[2::3] = 1
         # more than any program fills: the table of contacts is the longest
