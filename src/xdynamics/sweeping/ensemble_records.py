@@ -134,7 +134,8 @@ class Harvest:
             factors_of(self.model, self.settings)[:, None],
             reintegrated=True,
             judged=judged,
-            parameters=self.runs.parameters,
+            # the model's own numbers: what may follow them are addresses of the run that was marched
+            parameters=self.runs.parameters[:, : len(constants(self.model))],
             runs=members,
         )
 
