@@ -88,7 +88,7 @@ class Measured:
 
 def is_measured(source: Any) -> bool:
     """Tell measured data from a run record: a path, a table of pandas, a Dataset that was not marched."""
-    if isinstance(source, str | Path) or hasattr(source, "columns") or hasattr(source, "reset_index"):
+    if isinstance(source, str | Path) or hasattr(source, "columns") or hasattr(source, "to_frame"):
         return True
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
         return True
