@@ -1,13 +1,14 @@
 """One token of the source is made wrong at a time; the tests that touch it are to find it.
 
     python tests/mutation.py                                      all that is listed in TOUCHED
-    python tests/mutation.py units.py --most 40 --seed 1          a sample of one file: of 40 in evidence, budgeting, units
+    python tests/mutation.py units/reading.py --most 40 --seed 1  a sample of one file: of 40 in evidence, budgeting, units
                                                                   and march/events 34 are to be found
     python tests/mutation.py march/events/root_finding.py --lines 38 40        all mutants of some lines
 
 A mutant is compiled in memory and takes the place of its module in a forked process: no file is ever changed, and the
 libraries are imported once. Tests that start processes of their own do not see it. What is compiled by numba runs as
-plain Python here; what prints laws prints each anew, and none is kept. A mutant that makes the tests hang is found. A file's own doctests are tried before its tests. What
+plain Python here; what prints laws prints each anew, and none is kept. Lines of a program that stand in a text, as
+those of step control, are made wrong like the source's own. A mutant that makes the tests hang is found. A file's own doctests are tried before its tests. What
 only guards (`strict` of a zip whose parts are equally long) or is only shown (`repr` of a field) is left as it is.
 """
 
@@ -87,7 +88,9 @@ TRANSITIONS = (
     "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
 )
 TOUCHED = {
-    "units.py": ("test_units.py",),
+    **{f"units/{name}.py": ("test_units.py",) for name in ("dimension", "reading", "scales", "spelling", "unit")},
+    "units/digits.py": ("test_digits.py",),
+    "keywords.py": ("test_keywords.py -k not (chosen or stiff)", "test_settings.py"),
     "model/drives.py": (
         "test_drives.py",
         "test_splines.py",
@@ -204,9 +207,9 @@ TOUCHED = {
         "test_loops.py",
         "test_programs.py -k grouping or stores or powers or unsound or (printed and (pendulum or kepler))",
     ),
-    "kernels/step_control.py": ("test_control.py",),
+    "kernels/step_control.py": ("test_controller.py", f"test_control.py -k {CONTROL}"),
     "kernels/interval_program.py": ("test_intervals.py", ENCLOSED),
-    "methods/steppers.py": ("test_coefficients.py", "test_control.py", "test_collocation.py"),
+    "methods/steppers.py": ("test_steppers.py", "test_coefficients.py"),
     "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
     "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": TRANSITIONS,
@@ -482,7 +485,7 @@ REACHED |= {ast.FloorDiv: ast.Div, ast.Mod: ast.Mult, ast.BitOr: ast.BitAnd, ast
 NAMES = {"min": "max", "minimum": "maximum", "any": "all", "sorted": "list", "left": "right"}
 NAMES |= {other: name for name, other in NAMES.items() if name != "sorted"}
 UNTOUCHED = ("annotation", "returns", "decorator_list", "type_params", "keywords_only")
-GUARDS = ("strict", "repr")  # keywords that no value which comes out depends on
+GUARDS = ("strict", "repr", "covariant")  # keywords that no value which comes out depends on
 
 
 @dataclass(frozen=True)
@@ -545,6 +548,8 @@ def variants(node: Any) -> Iterator[ast.AST]:
             yield ast.IfExp(test, orelse, body)
         case ast.Constant(value) if (other := other_value(value)) is not None:
             yield ast.Constant(other)
+        case ast.Constant(str() as text):
+            yield from map(ast.Constant, other_programs(text))
         case ast.Name(name) if name in NAMES:
             yield ast.Name(NAMES[name], node.ctx)
         case ast.Attribute(of, name) if name in NAMES:
@@ -560,6 +565,20 @@ def other_value(value: Any) -> Any:
     if isinstance(value, int | float):
         return type(value)({0: 1, 1: 0}.get(value, 2 * value))
     return NAMES.get(value) if isinstance(value, str) else None
+
+
+def other_programs(text: str) -> Iterator[str]:
+    """Yield what the lines of a program may wrongly be; nothing of a text that has none."""
+    try:
+        tree = ast.parse(text.strip())
+    except SyntaxError:
+        return
+    if tree.body and all(isinstance(line, ast.Assign) for line in tree.body):
+        for parent, field, index, node in list(places(tree)):
+            for other in variants(node):
+                replace(parent, field, index, other)
+                yield f"\n{ast.unparse(tree)}\n"
+                replace(parent, field, index, node)
 
 
 def statements(node: ast.stmt) -> Iterator[ast.stmt]:

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.keywords import IN_FILES, KEYWORDS, RECORD
+from xdynamics.keywords import IN_FILES, KEYWORDS, RECORD, Keyword, columns_of, number
 from xdynamics.record.arguments import asked_of
+from xdynamics.units import parse_unit
 
 MODEL = xd.Model(
     name="swing",
@@ -156,6 +158,58 @@ def test_options_are_keywords(case: str, tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("keyword", KEYWORDS.values(), ids=KEYWORDS)
+def test_defaults_are_among_the_words(keyword: Keyword) -> None:
+    """Assert that where words are listed, what holds without one begins with one of them."""
+    words = [word.strip('" ') for word in keyword.takes.split(" | ")] if " | " in keyword.takes else [""]
+    assert keyword.default.startswith(tuple(words)) or keyword.name == "estimator"
+    assert keyword.written == (keyword.takes or keyword.kind)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "read"),
+    [
+        ("safety", "0.8", 0.8),
+        ("max_steps", 5e3, 5000),
+        ("growth_limits", np.array([0.3, 5.0]), (0.3, 5.0)),
+        ("growth_limits", ["0.3", 5], (0.3, 5.0)),
+        ("compress", True, True),
+        ("method", "rk4", "rk4"),
+        ("min_step", "2 ms", 2e-3),
+        ("atol", "1 um", "1 um"),
+    ],
+)
+def test_values_are_read(name: str, value: Any, read: Any) -> None:
+    """Assert what a march is given for a value; what is read with the model is left as it is."""
+    found = KEYWORDS[name].read(value, parse_unit("s"))
+    assert (found, type(found)) == (read, type(read))
+
+
+@pytest.mark.parametrize(
+    ("given", "read"), [("full", "full"), ("states", "states"), (["x", "v_x", "x"], ("x", "v_x")), (("x",), ("x",))]
+)
+def test_columns_are_read(given: Any, read: Any) -> None:
+    """Assert a word for many columns, or names, each once."""
+    assert columns_of(given) == read
+
+
+def test_a_tolerance_for_one_variable_is_a_table() -> None:
+    """Assert that an absolute tolerance with a unit is told how to be written, and no other number is."""
+    with pytest.raises(
+        xd.InputError, match=r"^atol is '1 um', needs a number; for one variable write \{'y': '1 um'\}$"
+    ):
+        number("1 um", "atol")
+    with pytest.raises(xd.InputError, match=r"^safety is '1 um', needs a number$"):
+        number("1 um", "safety")
+
+
+@pytest.mark.parametrize("given", [[], ["x", 3], {"x": 1}, 7])
+def test_wrong_columns(given: Any) -> None:
+    """Assert that what is neither a word nor a list of names is refused."""
+    with pytest.raises(xd.InputError, match=r"^log is .*, needs 'full', 'states' or a list of variables, like \['x'"):
+        columns_of(given)
+
+
 @pytest.mark.parametrize("verb", ["run", "refine", "sweep", "budget", "certify", "fit"])
 def test_verbs_that_march_take_them_all(verb: str) -> None:
     """Assert that every verb that marches has every setting as an option; those of records where there is one."""
@@ -191,10 +245,13 @@ def test_the_help_gathers_what_belongs_together() -> None:
         ("max_steps", True, "max_steps is True, needs a number"),
         ("growth_limits", 3.0, r"growth_limits are 3.0, need two factors, like \(0.2, 10\)"),
         ("growth_limits", "0.2", r"growth_limits are '0.2', need two factors"),
+        ("growth_limits", "12", r"growth_limits are '12', need two factors"),
+        ("growth_limits", (0.2, 1.5, 10.0), r"growth_limits are \(0.2, 1.5, 10.0\), need two factors"),
+        ("growth_limits", {0.2: 1, 10.0: 2}, r"growth_limits are \{0.2: 1, 10.0: 2\}, need two factors"),
         ("compress", "yes", "compress is 'yes', needs true or false"),
         ("estimator", 3, "estimator is 3, needs a word"),
         ("min_step", "1 m", "min_step '1 m' has units 'm', needs 's'"),
-        ("rtol", "small", "rtol is 'small', needs a number"),
+        ("rtol", "small", "rtol is 'small', needs a number$"),
         ("log", 7, r"log is 7, needs 'full', 'states' or a list of variables"),
     ],
 )

@@ -106,18 +106,21 @@ def enclosed(program: Program) -> Program:
     return replace(program, body=lines(program.body, set()))
 
 
-def compiled(program: Program, *called: Program, runs: int = 1, abreast: int = 1) -> Any:
+def compiled(program: Program, *called: Program, **sizes: int) -> Any:
     """Return the machine code of a program, and of those that it calls, as a function of arrays by their names."""
-    return lambda **arrays: bound(program, *called, runs=runs, abreast=abreast, **arrays)()
+    return lambda **arrays: bound(program, *called, **sizes, **arrays)()
 
 
-def bound(program: Program, *called: Program, runs: int = 1, abreast: int = 1, **arrays: Floats) -> Callable[[], None]:
-    """Compile the program and return a call of it with these arrays."""
+def bound(
+    program: Program, *called: Program, runs: int = 1, abreast: int = 1, apart: int = 0, **arrays: Floats
+) -> Callable[[], None]:
+    """Compile the program and return a call of it with these arrays; elements of a row of the log are so far apart."""
     code = machine.Code(machine.built(llvm_of([*called, program], runs, abreast=abreast)), [program.name])
     entry = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(code.addresses[program.name])
     table = np.zeros(WORDS * len(TABLE), np.int64)
     for name, array in arrays.items():
         table[WORDS * ARRAYS.index(name)] = array.ctypes.data
+    table[WORDS * TABLE.index("rows") + 2] = apart
     given = [arrays[name].ctypes.data if name in arrays else 0 for name in ("y", "z", "samples")]
     call: Callable[[], None] = partial(entry, table.ctypes.data, *given)
     _KEPT.append((code, table, arrays))  # as long as the process

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import UNCOMPILED
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.program import AT, TABLE, WORDS
 from xdynamics.model.motion import constants, tables_of
@@ -52,9 +52,10 @@ class Bench:
 
     def call(self, address: int) -> None:
         """Call a compiled program."""
+        assert address not in UNCOMPILED, "without numba a law has keys, no addresses: a call of one ends the process"
         call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(address)
         call(*(one.ctypes.data for one in (self.table, self.y, self.z, self.samples)))
 
     def call_plainly(self, key: int) -> None:
         """Call a printed one, lane 0 being all there is."""
-        PLAIN[key](*(array if array is self.tables else array[:, 0] for array in self.arrays()))
+        UNCOMPILED[key](*(array if array is self.tables else array[:, 0] for array in self.arrays()))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.intervals import Interval, Intervals
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import UNCOMPILED, keys_of
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
@@ -32,8 +32,8 @@ def plain(function: Any) -> Callable[..., Any]:
             "noted": noted_plainly,
             "applied": applied_plainly,
             "run_at": lambda run: run,
-            "entered_by": lambda entry, *given: PLAIN[int(entry)](*given),
-            "row_by": lambda entry, *given: PLAIN[int(entry)](*given),
+            "entered_by": lambda entry, *given: UNCOMPILED[int(entry)](*given),
+            "row_by": lambda entry, *given: UNCOMPILED[int(entry)](*given),
         }
     return _KNOWN[python]
 
@@ -143,9 +143,7 @@ def law_of(*functions: Callable[..., None]) -> Any:
     """Put plain functions behind addresses."""
     import numpy as np
 
-    first = max(PLAIN, default=0) + 1
-    PLAIN.update({first + i: one for i, one in enumerate([*(FUNCTIONS[name] for name in CONTROL), *functions])})
-    return np.append(np.arange(first, first + len(CONTROL) + len(functions), dtype=np.int64), 0)
+    return np.array([*keys_of([*(FUNCTIONS[name] for name in CONTROL), *functions]), 0], np.int64)
 
 
 def rules_in_python() -> Any:
@@ -155,9 +153,7 @@ def rules_in_python() -> Any:
     from xdynamics.march.events.intervals import ROUGH, in_python
 
     rules = [in_python(name, NAME, rough=rough and name in ROUGH) for rough in (False, True) for name in RULES]
-    first = max(PLAIN, default=0) + 1
-    PLAIN.update(enumerate(rules, first))
-    return first + np.arange(len(rules))
+    return np.array(keys_of(rules), np.int64)
 
 
 def between_states(name: str, y: Any, z: Any, places: Any, width: float) -> Interval:
@@ -174,8 +170,7 @@ def entries() -> Any:
     from xdynamics.march import trial_step
 
     found = np.zeros(EVENT_PHASE + 1, np.int64)
-    found[SUBSTEP] = max(PLAIN, default=0) + 1
-    PLAIN[int(found[SUBSTEP])] = plain(trial_step.part_of_step)
+    found[SUBSTEP] = keys_of([plain(trial_step.part_of_step)])[0]
     return found
 
 

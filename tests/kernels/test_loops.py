@@ -305,6 +305,24 @@ def test_rows_as_long_as_there_are_runs() -> None:
         assert z[:, lane].tobytes() == alone.tobytes()
 
 
+@pytest.mark.parametrize("view", ["z", "part"])
+@pytest.mark.parametrize("runs", [1, 4])
+def test_a_row_of_the_log_is_written_to_its_column(runs: int, view: str) -> None:
+    """Assert that elements of a row go as far apart as the log says, by number and in loops, and nowhere else."""
+    body = Load("x", Place("y", 1, (("i", 3), J))), Compute("twice", "add", ("x", "x"))
+    loops = Loop("i", 40, (Loop("j", 3, (*body, StoreTo(Place(view, 2, (("i", 3), J)), "twice"))),))
+    made = program(StoreTo(Place("z"), 7.0), loops, spread=True, views={"part": ("z", 3, 122)})
+    first = 2 + 3 * (view == "part")
+    y, log = np.random.default_rng(9).normal(size=(121, runs)), np.zeros((130, 11, runs))
+    wanted = log.copy()
+    wanted[0, 4], wanted[first : first + 120, 4] = 7.0, 2.0 * y[1:]
+    compiled(made, runs=runs, abreast=8, apart=11)(y=y, z=log.reshape(-1)[4 * runs :])
+    assert log.tobytes() == wanted.tobytes()
+    plain = np.zeros((130, 11))
+    in_python(made)(y=y[:, 0], z=plain[:, 4])
+    assert plain.tobytes() == wanted[..., 0].tobytes()
+
+
 @pytest.mark.parametrize("abreast", WIDTHS)
 def test_gathered_indices_have_strides(abreast: int) -> None:
     """Assert that elements of vectors that lie body by body are read at gathered bodies."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, touches
 from xdynamics.kernels import Layout, machine, model_programs
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
@@ -48,7 +47,6 @@ NO_MAP = (
     "stick",
     "slip",
 )  # kinds of events that are not described by a map of the state
-_KEYS = count(-1000, -1)
 
 
 @dataclass(frozen=True)
@@ -295,7 +293,7 @@ class RunPath:
 
 
 def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
-    """Compile a program and return its address; without compilation, its key in `PLAIN`."""
+    """Compile a program and return its address; without compilation, its key in `UNCOMPILED`."""
     model = layout.model
     functions = {f"_{model_programs.PYTHON}{name}": function for name, function in model.functions.items()}
     if not config.DISABLE_JIT:  # type: ignore[attr-defined]
@@ -304,7 +302,7 @@ def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple
         return code.addresses[program.name], code
     scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
     exec(compile(python_of(program), "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees
-    key, written = next(_KEYS), scope[program.name]
+    written = scope[program.name]
     at, y, p, tables, places, z, e = (arrays[name] for name in ("at", "y", "p", "tables", "pieces", "z", "e"))
-    PLAIN[key] = lambda *_given: written(at, y, p, tables, places, z, e, z, z)
+    (key,) = keys_of([lambda *_given: written(at, y, p, tables, places, z, e, z, z)])
     return key, written

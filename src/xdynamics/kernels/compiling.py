@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
+from itertools import count
 from typing import Any
 
 from numba import njit
@@ -35,5 +36,13 @@ entry: Any = njit(**OPTIONS)
 overload(numbers.choose)(lambda truth, yes, no: lambda truth, yes, no: yes if truth else no)  # noqa: ARG005
 overload(numbers.absolute)(lambda x: lambda x: abs(x))  # noqa: ARG005, PLW0108
 
-# where nothing is compiled, an address is a key of this mapping: functions of the arrays of `program.ARRAYS`
-PLAIN: dict[int, Callable[..., None]] = {}
+# where nothing is compiled, an address is a key of this mapping
+UNCOMPILED: dict[int, Any] = {}
+_KEYS = count(1)
+
+
+def keys_of(functions: Iterable[Any]) -> list[int]:
+    """Return keys of `UNCOMPILED` that no other function has, in the place of addresses."""
+    keyed = {next(_KEYS): function for function in functions}
+    UNCOMPILED.update(keyed)
+    return list(keyed)

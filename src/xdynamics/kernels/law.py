@@ -7,7 +7,6 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import UNCOMPILED, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
@@ -40,7 +39,6 @@ HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
 
-_KEYS = count(1)
 _LOCK = waited_for(threading.RLock())
 
 
@@ -134,7 +132,7 @@ class Law:
 
     @property
     def addresses(self) -> NDArray[np.int64]:
-        """Addresses of the compiled programs of a march; without a compiler, keys of `PLAIN`."""
+        """Addresses of the compiled programs of a march; without a compiler, keys of `UNCOMPILED`."""
         with _LOCK:  # of two threads that compile at once, one would free code that the other uses
             return self._addresses
 
@@ -162,7 +160,7 @@ class Law:
 
     @cached_property
     def plain(self) -> NDArray[np.int64]:
-        """Keys of the programs in `PLAIN`, as Python functions."""
+        """Keys of the programs in `UNCOMPILED`, as Python functions."""
         functions = {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
@@ -175,18 +173,8 @@ class Law:
             }
         )
         exec(compile(self.source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
-        keys = [next(_KEYS) for _ in range(len(CONTROL) + len(self.entries))]
-        PLAIN.update(
-            zip(
-                keys,
-                [
-                    *(SETS[self.scheme.math_functions][name] for name in CONTROL),
-                    *(scope[entry.name] for entry in self.entries),
-                ],
-                strict=True,
-            )
-        )
-        return np.array(keys, np.int64)
+        control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
+        return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
 
     def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
@@ -288,5 +276,5 @@ def _law_of_form(form: _Form) -> Law:
 
 
 def _entered(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:
-    """Call an entry of the engine by the keys of `PLAIN` that stand for the addresses of the run and the entry."""
-    PLAIN[int(entry)](PLAIN[int(run)], t, z)
+    """Call an entry of the engine by the keys of `UNCOMPILED` that stand for the addresses of the run and the entry."""
+    UNCOMPILED[int(entry)](UNCOMPILED[int(run)], t, z)

@@ -78,7 +78,7 @@ class Places:
     def pointer(self, place: Place) -> str:
         """Return the address of an element of a given array, a view, a local array or a table: of the first lane's."""
         program, runs, scalar = self._program, self._runs, "double"
-        array, first, _ = program.views.get(place.array, (place.array, 0, 0))
+        array, first = program.views.get(place.array, (place.array, 0))[:2]
         base = f"%_{array}" if array in ARRAYS else f"%{array}"
         if place.array in program.tables:
             base, scalar, runs = f"@{program.name}.{array}", "i64", 1
@@ -127,8 +127,7 @@ class Places:
         if not scattered and own in (0, 1):
             return None
         for value, stride in scattered:
-            far = value * stride if stride != 1 else value
-            steps = far if steps is None else steps + far
+            steps = value * stride if steps is None else steps + value * stride
         return steps.text if steps is not None else None
 
     def _gathered(self, place: Place) -> list[tuple[Index, int]]:

@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import UNCOMPILED
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.handle import LAWS, NOTHING, PLACES, PLAINLY, POINTER, WORD, data_of, marked, word_of
 
@@ -144,17 +144,17 @@ def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
 
 
 def _by_key(entry: int, *arguments: Any) -> None:
-    PLAIN[int(entry)](*arguments)
+    UNCOMPILED[int(entry)](*arguments)
 
 
 def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
     """Call the Python function that stands for an address where nothing is compiled."""
-    PLAIN[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
+    UNCOMPILED[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
 
 
 def applied_plainly(address: int, x: float) -> Any:
     """Call the function of one number that stands for an address where nothing is compiled."""
-    return np.float64(PLAIN[int(address)](float(x)))
+    return np.float64(UNCOMPILED[int(address)](float(x)))
 
 
 def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import count
 from typing import NamedTuple
 
 from numba import config, types
 
 from xdynamics.faults import InputError
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import array
 from xdynamics.march import entries, loop, trial_step
@@ -60,7 +59,6 @@ class Watchers(NamedTuple):
     watch: int  # `events.dispatch.watch`
 
 
-_KEYS = count(-1, -1)  # of entries where nothing is compiled
 _WHOLE, _LISTS, _FLAGS = array("i8", 1), array("i8", 2), array("i1", 2)
 _ROW, _BLOCK = array("f8", 1), array("f8", 2)
 _ROWS = (array("f8", 3), array("i1", 3), _LISTS)  # with their flags and owners
@@ -228,9 +226,7 @@ def origin() -> str:
 
 
 def _addresses(part: EnginePart) -> Sequence[int]:
-    """Return where the functions of a part begin; where nothing is compiled, their keys in `PLAIN`."""
+    """Return where the functions of a part begin; where nothing is compiled, their keys in `UNCOMPILED`."""
     if not config.DISABLE_JIT:  # type: ignore[attr-defined]
         return [entry.address for entry in part.entries()]
-    keys = [next(_KEYS) for _ in part.functions]
-    PLAIN.update(zip(keys, (function for function, _ in part.functions), strict=True))
-    return keys
+    return keys_of(function for function, _ in part.functions)

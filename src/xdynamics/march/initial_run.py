@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from xdynamics.elementary.rounding_margins import LEAST, LEAST_OF_0_2
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.program import AT
-from xdynamics.march.assembly.tables import assembled, keyed
+from xdynamics.march.assembly.tables import assembled
 from xdynamics.march.engine import assemblies as meeting
 from xdynamics.march.engine import contacts, pressing, watchers
 from xdynamics.march.equation_solvers import solver_of
@@ -117,7 +118,7 @@ def _pattern(model: Model, settings: Settings, law: Law) -> Run:
 def _words(run: Run) -> Floats:
     """Return the addresses of a run, and of the code that finds forces of closed links, as a law reads them."""
     if PLAINLY:
-        return np.array([keyed([run])[0], pressing()], float)
+        return np.array([keys_of([run])[0], pressing()], float)
     return np.array([run.address, pressing()], np.int64).view(float)
 
 

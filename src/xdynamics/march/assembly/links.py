@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import SMOOTH
-from xdynamics.kernels.compiling import PLAIN, shared
+from xdynamics.kernels.compiling import UNCOMPILED, shared
 from xdynamics.kernels.law import DETECT, SLOPES, TOUCHING
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called, enclosed_by
@@ -22,7 +22,7 @@ State = NDArray[Any]
 BASE, FAMILY, MOVES, TARGET, END = range(5)
 ASSEMBLY, LINK, FIRST, SECOND = range(4)  # of a candidate
 
-pattern_at: Any = PLAIN.__getitem__ if PLAINLY else run_at
+pattern_at: Any = UNCOMPILED.__getitem__ if PLAINLY else run_at
 
 
 @shared

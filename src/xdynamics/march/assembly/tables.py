@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
 from xdynamics.march.assembly.broad_phase import GROUP, SLOTS
 from xdynamics.march.assembly.closed_links import VECTORS
@@ -46,7 +45,6 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
     **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors")},
 }
-_KEYS = count(-10_000_000, -1)  # of patterns where nothing is compiled
 
 
 def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[dict[str, NDArray[Any]], list[Run]]:
@@ -210,15 +208,7 @@ def _posed(model: Model, settings: Settings, pose: Pose) -> Run:
 
 
 def _addresses(patterns: Sequence[Run]) -> list[int]:
-    return keyed(patterns) if PLAINLY else [run.address for run in patterns]
-
-
-def keyed(runs: Sequence[Run]) -> list[int]:
-    """Return keys of `PLAIN` that stand for the addresses of runs where nothing is compiled."""
-    keys = [next(_KEYS) for _ in runs]
-    kept: dict[int, Any] = PLAIN
-    kept.update(zip(keys, runs, strict=True))
-    return keys
+    return keys_of(patterns) if PLAINLY else [run.address for run in patterns]
 
 
 def _handed(every: Sequence[Assembly], model: Model, settings: Settings) -> list[tuple[int, int, int]]:

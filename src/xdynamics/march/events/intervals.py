@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,13 @@ from xdynamics.elementary.intervals import Interval, Intervals
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.text import called_in, declarations, definitions, written_intervals
 from xdynamics.kernels import machine
-from xdynamics.kernels.compiling import PLAIN
+from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.interval_program import OPERANDS, RULES, VARIABLES
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, PIECE, PLAN, Run
 
 Rule = tuple[str, bool]  # an operation, and whether it is for a first look at a step
 ROUGH = ("sin", "cos")  # those that a first look evaluates once instead of twice
-_KEYS = count(-1_000_000, -1)
 _KEPT: list[machine.Code] = []  # as long as the process, as the addresses
 
 
@@ -46,9 +44,8 @@ def _compiled(math_functions: str, wanted: list[Rule]) -> dict[Rule, int]:
 
 
 def _plain(math_functions: str, wanted: list[Rule]) -> dict[Rule, int]:
-    keys = {rule: next(_KEYS) for rule in wanted}
-    PLAIN.update({key: in_python(name, math_functions, rough=rough) for (name, rough), key in keys.items()})
-    return keys
+    keys = keys_of(in_python(name, math_functions, rough=rough) for name, rough in wanted)
+    return dict(zip(wanted, keys, strict=True))
 
 
 def in_python(name: str, math_functions: str, *, rough: bool = False) -> Callable[[Run, Any, Any, int], None]:
