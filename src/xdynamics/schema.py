@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -369,84 +369,3 @@ TIMES = {
 def in_time(variable: Variable, unit: Unit) -> Variable:
     """Return a variable with its model's unit of time, if it is a time."""
     return replace(variable, units=unit.text) if variable.name in TIMES else variable
-
-
-OTHER_NAMES = (
-    "regime",
-    "event_detector",
-    "event_residual",
-    "event_function_uncertainty",
-    "event_substeps",
-    "error_norm",
-    "newton_iterations",
-    "given_step_size",
-    "end_memory",
-    STEP_NUMBER.name,
-    PASSED.name,
-    FIRST_PASSED.name,
-    *ENERGIES,
-    *DIMENSIONS,
-)
-
-
-def _of_coordinate(name: str) -> tuple[str, ...]:
-    moved = (name, velocity(name))
-    own = (*moved, acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
-    return (*own, *map(sampled, moved), *map(error, moved))
-
-
-def _of_reaction(name: str) -> tuple[str, ...]:
-    return (name, sampled(name))
-
-
-def _of_friction(name: str) -> tuple[str, ...]:
-    return (friction_state(name), *_of_reaction(friction_force(name)))
-
-
-# what entries of a section call variables of the record
-_CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
-    "parameters": lambda name: (name,),
-    "definitions": lambda name: (name,),
-    "observables": lambda name: (name, f"event_{name}", f"event_{name}_uncertainty"),
-    "drives": lambda name: (name, sampled(name)),
-    "coordinates": _of_coordinate,
-    "states": lambda name: (name, rate(name), sampled(name), error(name)),
-    "contacts": lambda name: (
-        contact_gap(name),
-        contact_state(name),
-        *_of_reaction(contact_force(name)),
-        *_of_friction(name),
-    ),
-    "frictions": _of_friction,
-}
-
-
-def _of_dimensions(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the names of parameters with dimensions, of labels, of ends of links, and of elements at events."""
-    for name in parts["arrays"]:
-        yield name, f"parameter '{name}'"
-    for section, called in (("extents", "dimension"), ("relations", "relation")):
-        for name in parts[section]:
-            made = (label_of(name),) if section == "extents" else (end_of(name, "first"), end_of(name, "second"))
-            for variable_name in (*made, f"event_{name}"):
-                yield variable_name, f"{called} '{name}'"
-
-
-def record_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield every name that the record of a model uses, each with what claims it."""
-    for variable in (*FIXED, *EVENT_UNCERTAINTIES):
-        yield variable.name, "the record"
-    for name in OTHER_NAMES:
-        yield name, "the record"
-    for section, claimed in _CLAIMED.items():
-        for name in parts[section]:
-            for variable_name in claimed(name):
-                yield variable_name, f"{section.removesuffix('s')} '{name}'"
-    yield from _of_dimensions(parts)
-    for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
-        for name in parts[section]:
-            yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"
-    for term, one_force in parts["forces"].items():
-        for name in one_force.components or parts["coordinates"]:
-            yield force(term, name), f"force '{term}'"
-            yield sampled(force(term, name)), f"force '{term}'"

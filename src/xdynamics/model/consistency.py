@@ -2,44 +2,28 @@
 
 from __future__ import annotations
 
-import keyword
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import count, islice
 from typing import Any
 
 from xdynamics.expressions import (
-    CALLED_ALONE,
-    FUNCTIONS,
     Node,
-    Number,
     dimension_of,
     expand,
     free_names,
-    shown,
-    text_of,
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import unit_of
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
+from xdynamics.model.name_consistency import check_names
 from xdynamics.model.parts import ORIGIN, Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
-from xdynamics.schema import CLOSED_LINKS, acceleration, record_names, velocity
+from xdynamics.schema import acceleration, velocity
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-MOST_EVENTS = 100
-# what no dimension may be called: dimensions of records and of evidence, and what `event_…` names beside elements
-OF_RECORD = {
-    "step", "trial", "event", "sample", "bound", "at", "level", "occurrence", "cycle", "case", "exponent", "given",
-    "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
-    "residual", "first", "second", "turn", "variable", "draw", "method", "rtol", "eigenvalue", "start", "other", "gate",
-    "sweep_axis",
-}  # fmt: skip
-RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
 
 
 def check(statement: Statement) -> dict[str, Dimension]:
@@ -64,7 +48,7 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check`."""
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
     _check_times(statement, ledger)
-    _check_names(statement, ledger)
+    check_names(statement, ledger)
     ledger.raise_faults()
     dimensions = _declared(statement, ledger)
     ledger.raise_faults()
@@ -73,14 +57,14 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     _check_initial(statement, dimensions, ledger)
     if energies := statement.lagrangian:
         joule = constant("joule").dimension
-        _needs(ledger, "kinetic energy", energies.kinetic, dimensions, joule)
+        check_dimension(ledger, "kinetic energy", energies.kinetic, dimensions, joule)
         if energies.potential is not None:
-            _needs(ledger, "potential energy", energies.potential, dimensions, joule)
+            check_dimension(ledger, "potential energy", energies.potential, dimensions, joule)
         ledger.raise_faults()
     if statement.mass or not statement.lagrangian:
-        _check_motion(statement, dimensions, ledger)
+        check_motion(statement, dimensions, ledger)
     for name, state in statement.states.items():
-        _needs(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
+        check_dimension(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, dimensions, ledger)
     for name, event in statement.events.items():
@@ -103,7 +87,7 @@ def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion
     """Check what is checked on single numbers: closed forms, uncertainties, contacts, perhaps a motion; as `check`."""
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     if motion:
-        _check_motion(statement, dimensions, ledger)
+        check_motion(statement, dimensions, ledger)
     if statement.validation:
         check_validation(statement, dimensions, ledger)
     known = dimensions | _accelerations(statement, dimensions) if statement.discrepancy else dimensions
@@ -125,7 +109,7 @@ def _check_event(
 ) -> None:
     """Check the function of an event, and that a position tolerance is in its unit."""
     if isinstance(event.function, Function):
-        _check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
+        check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
     with ledger.entry(f"event '{name}'"):
         if isinstance(event.function, Function):
             dimension = event.unit.dimension if event.unit else NONE
@@ -150,77 +134,6 @@ def _check_place(tolerance: Quantity | None, what: str, dimension: Dimension) ->
     """Check that a position tolerance is in the unit of its function."""
     if tolerance is not None and tolerance.unit.dimension != dimension:
         raise InputError(f"position_tolerance is '{tolerance}', needs the unit of the {what}, '{dimension}'")
-
-
-def _check_names(statement: Statement, ledger: Ledger) -> None:
-    if not statement.coordinates and not statement.states:
-        ledger.note("has neither coordinates nor states: there is nothing to march")
-    if len(statement.events) > MOST_EVENTS:
-        ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
-    functions = statement.functions
-    for name in sorted({function.name for function in functions}):
-        if len({function.digest for function in functions if function.name == name}) > 1:
-            ledger.note(f"two different functions are named '{name}'; rename one")
-    owner_of: dict[str, str] = {}
-    sections = (
-        "extents",
-        "relations",
-        "coordinates",
-        "parameters",
-        "arrays",
-        "definitions",
-        "drives",
-        "states",
-        "forces",
-        "events",
-        "contacts",
-        "frictions",
-        "regimes",
-        "observables",
-    )
-    refused = set[str]()
-    for section in sections:
-        for name in getattr(statement, section):
-            if fault := _fault_of(section, str(name)):
-                refused.add(str(name))
-                ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
-    for name, owner in _record_names(statement):
-        if name in owner_of and not any(owner == f"dimension '{word}'" for word in refused):
-            ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
-        owner_of.setdefault(name, owner)
-    owner_of |= {name: f"definition '{name}'" for name in statement.definitions}
-    for section in ("extents", "relations"):
-        for name in getattr(statement, section):
-            if name in owner_of and name not in refused:
-                ledger.note(
-                    f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
-                )
-            owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
-
-
-def _record_names(statement: Statement) -> Iterator[tuple[str, str]]:
-    """Yield names of the record, of models with dimensions alone that of the dimension of their closed links."""
-    for name, owner in record_names(vars(statement)):
-        if (name, owner) != (CLOSED_LINKS, "the record") or statement.extents:
-            yield name, owner
-
-
-def _fault_of(section: str, name: str) -> str:
-    """Return why nothing in a section may have a name; empty if it may."""
-    if keyword.iskeyword(name):
-        return f"'{name}' is a word of Python; choose another name, like '{name}_'"
-    if not _NAME.fullmatch(name):
-        return "a name is a letter, then letters, digits and underscores, 40 at most"
-    if section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "over", "t"):
-        return f"'{name}' is a key of the model file; choose another name"
-    if section in ("extents", "relations") and name in OF_RECORD:
-        return f"'{name}' is a dimension of the record, or begins names in it; choose another name"
-    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
-        return f"the name '{name}' is a word of the expression language"
-    return ""
-
-
-_CALLED = {"extents": "dimension", "arrays": "parameter"}
 
 
 def _declared(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
@@ -283,7 +196,7 @@ def _check_action(
     )
     for target, node in event.reset.items():
         if target in variables:
-            _needs(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[target])
+            check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[target])
         else:
             ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
 
@@ -307,7 +220,7 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
     needed = ["t", *coordinates, *statement.states]
     for name in needed:
         if (values := statement.starting.get(name)) is not None and values.tree is not None:
-            _needs(ledger, f"initial value of '{name}'", values.tree, dimensions, dimensions[name])
+            check_dimension(ledger, f"initial value of '{name}'", values.tree, dimensions, dimensions[name])
         elif values is not None and values.unit is not None:
             if values.unit.dimension != dimensions[name]:
                 ledger.note(
@@ -355,89 +268,6 @@ def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], le
                 raise InputError(f"standard has units '{discrepancy.standard.unit.dimension}', needs '{needed}'")
 
 
-def _check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check that every entry of M a = F has the unit that its row needs."""
-    coordinates, time = list(statement.coordinates), statement.time_unit.dimension
-    force_dimensions: dict[str, Dimension] = {}
-    for i, name in enumerate(coordinates):
-        with ledger.entry(f"mass of '{name}'"):
-            force_dimensions[name] = dimension_of(statement.mass[i][i], dimensions) * dimensions[name] / time**2
-    if len(force_dimensions) < len(coordinates):
-        return
-    for (i, j), entry in statement.mass_entries.items():
-        row, column, mirrored = coordinates[i], coordinates[j], statement.mass[j][i]
-        if i != j:
-            _needs(
-                ledger,
-                f"mass entry ({i + 1}, {j + 1})",
-                entry,
-                dimensions,
-                force_dimensions[row] / dimensions[column] * time**2,
-            )
-        if entry != mirrored and (i < j or (j, i) not in statement.mass_entries):
-            first, second = sorted([(i, j), (j, i)])
-            pair = text_of(statement.mass[first[0]][first[1]]), text_of(statement.mass[second[0]][second[1]])
-            ledger.note(
-                f"mass matrix is not symmetric: entry ({first[0] + 1}, {first[1] + 1}) is '{pair[0]}',"
-                f" ({second[0] + 1}, {second[1] + 1}) is '{pair[1]}'"
-            )
-    for term, force in statement.forces.items():
-        if force.potential is not None:
-            _check_potential(term, force.potential, statement, dimensions, force_dimensions, ledger)
-        for name, node in force.components.items():
-            if name not in force_dimensions:
-                ledger.note(
-                    f"force '{term}' acts on '{name}', which is no coordinate; there are {', '.join(coordinates)}"
-                )
-            elif isinstance(node, Function):
-                _check_function(f"force '{term}'", node, statement, dimensions, ledger)
-            else:
-                _needs(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
-
-
-def _check_potential(
-    term: str,
-    potential: Node,
-    statement: Statement,
-    dimensions: Mapping[str, Dimension],
-    force_dimensions: Mapping[str, Dimension],
-    ledger: Ledger,
-) -> None:
-    try:
-        tree = expand(potential, statement.definitions)
-    except InputError as error:
-        ledger.note(f"potential of '{term}': {error}")
-        return
-    used = free_names(tree)
-    for drive in used & set(statement.drives):
-        if statement.drives[drive].argument != "t":
-            ledger.note(
-                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a"
-                " component"
-            )
-    if any(name.startswith("v_") and name[2:] in force_dimensions for name in used):
-        ledger.note(f"potential of '{term}' depends on a velocity; write a component")
-    if not force_dimensions:
-        ledger.note(f"potential of '{term}' has no coordinate to act on")
-        return
-    acted = [name for name in force_dimensions if name in used] or list(force_dimensions)[:1]
-    for energy in dict.fromkeys(force_dimensions[name] * dimensions[name] for name in acted):
-        _needs(ledger, f"potential of '{term}'", potential, dimensions, energy)
-
-
-def _check_function(
-    what: str, function: Function, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
-) -> None:
-    for name in function.arguments:
-        if name in statement.definitions:
-            ledger.note(
-                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is"
-                " made of"
-            )
-        elif name not in dimensions:
-            ledger.note(f"{what}: function '{function.name}' asks for '{name}', which is not declared")
-
-
 def _check_drive(
     name: str, drive: Any, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
@@ -449,18 +279,6 @@ def _check_drive(
             f"drive '{name}': the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}',"
             f" its argument '{drive.argument}' in '{dimensions[drive.argument]}'"
         )
-
-
-def _needs(ledger: Ledger, what: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension) -> None:
-    """Check one expression against the unit that is needed."""
-    try:
-        dimension = dimension_of(node, dimensions)
-    except InputError as error:
-        ledger.note(f"{what}: {error}")
-        return
-    if dimension != needed and node != Number(0.0):
-        column = getattr(node, "column", 1) or 1
-        ledger.note(f"{what} has units '{dimension}', needs '{needed}' (column {column}: {shown(node)})")
 
 
 def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:

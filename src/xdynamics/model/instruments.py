@@ -24,9 +24,7 @@ phyphox writes a table with units already: ``"Time (s)";"Acceleration x (m/s^2)"
 from __future__ import annotations
 
 import csv
-import io
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -35,23 +33,20 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import (
     COMMENTS,
     LONGEST_HEADER,
-    SEPARATORS,
     name_of_title,
     normal,
     number_of,
     shown,
     title,
 )
-from xdynamics.units import SECONDS, parse_quantity, parse_scale, parse_unit
+from xdynamics.model.instrument_files import RUN, STEP, preambled, rasp, rigol, tds, vernier
+from xdynamics.model.text_cells import Cells, cells_of, first_numbers, has_unit, is_table, numbers_of
+from xdynamics.units import parse_quantity, parse_scale
 
 KEYS = ("skip", "header", "units", "time_zero", "decimal")
+FIRST = "first"  # of `time_zero`: times are counted from the first
 COLUMNS = "columns"  # of `compare` and `fit`; a drive has a name of its own, and `column`
-FIRST, TIME = "first", "time [s]"
 CLOCKS = ("time", "t")
-
-_RUN = re.compile(r"((?:Data Set|Run) \d+|Latest)\s*:\s*(.*)", re.IGNORECASE)
-_CHANNEL = re.compile(r"\s*([A-Za-z]+[0-9]+)\s*:?\s*\(?([A-Za-z]*)\)?\s*")
-_START, _STEP = (re.compile(rf"{name}\s*=\s*([-+0-9.eE]+)\s*s?", re.IGNORECASE) for name in ("t0", "tInc"))
 
 
 @dataclass(frozen=True)
@@ -118,23 +113,6 @@ class Reading:
 AS_IT_IS = Reading()
 
 
-@dataclass(frozen=True)
-class Cells:
-    """A table in cells: titles, rows of texts, and what kind of file they are from."""
-
-    kind: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def text(self, name: str) -> str:
-        """Write it as CSV, with a comment that says where it is from."""
-        written = io.StringIO()
-        rows = csv.writer(written, lineterminator="\n")
-        rows.writerow(self.header)
-        rows.writerows(self.rows)
-        return f"# {name}, {self.kind}\n{written.getvalue()}"
-
-
 def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     r"""Return the text of a file as that of a table with units in its header; one that is such a table is unchanged.
 
@@ -158,14 +136,14 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
         raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
     grid: Cells | None = None
     first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
-    ready = _is_table(first) and not any(form.search(first) for form in (_RUN, _STEP))
+    ready = is_table(first) and not any(form.search(first) for form in (RUN, STEP))
     if ready and reading == AS_IT_IS:
         return text
     if reading.header:
         grid = _titled(name, lines, reading)
     elif not ready:
         known: Callable[[list[str], str], Cells | None]
-        for known in (_rasp, _vernier, _tds, _rigol, _preambled):
+        for known in (rasp, vernier, tds, rigol, preambled):
             if (grid := known(lines, reading.decimal)) is not None:
                 break
     if reading == AS_IT_IS:
@@ -181,204 +159,15 @@ def _checked(what: str, make: Callable[[], Any]) -> Any:
         raise InputError(f"{what}: {error}") from None
 
 
-def _cells(line: str) -> list[str]:
-    """Split a line by the separator that it has; by spaces where it has none."""
-    separator = next((separator for separator in SEPARATORS if separator in line), "")
-    try:
-        cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()
-    except csv.Error:
-        raise InputError(
-            f"a cell of the line {shown(line)} has over {csv.field_size_limit()} characters, the limit"
-        ) from None
-    return [cell.strip() for cell in cells]
-
-
-def _numbers(line: str, decimal: str) -> list[str]:
-    """Return the cells of a line of numbers with decimal points, without empty ones at its end; none if it is no such line."""
-    cells = _cells(line)
-    while cells and not cells[-1]:
-        cells.pop()
-    comma = decimal == "," or (not decimal and ";" in line) or (not decimal and "\t" in line and "." not in line)
-    cells = [cell.replace(",", ".") if comma else cell for cell in cells]
-    good = any(cells) and all(not cell or number_of(cell) is not None for cell in cells)
-    return cells if good else []
-
-
-def _first_numbers(lines: Sequence[str], decimal: str) -> int:
-    """Return the number of the first line of numbers that another one with as many cells follows."""
-    for k in range(min(len(lines) - 1, 200)):
-        one, other = _numbers(lines[k], decimal), _numbers(lines[k + 1], decimal)
-        if one and len(one) == len(other):
-            return k
-    return -1
-
-
-def _is_table(line: str) -> bool:
-    """Whether a line is a header with a unit in it already."""
-    return any(_has_unit(cell) for cell in _cells(line))
-
-
-def _has_unit(cell: str) -> bool:
-    try:
-        title(cell)
-    except InputError:
-        return False
-    return True
-
-
-def _word(cell: str) -> str:
-    """Return the unit that a cell is, as a symbol or a word, ``(ms)``, ``Volt``; empty if it is none."""
-    bare = cell.strip().strip("()[]").strip()
-    for word in (bare, re.sub("s$", "", bare.lower()) if len(bare) > 2 else bare):
-        try:
-            return parse_unit(word).text if word else ""
-        except InputError:
-            continue
-    return ""
-
-
-def _rasp(lines: list[str], _: str) -> Cells | None:
-    entries = [line for line in lines if not line.lstrip().startswith(";")]
-    words = entries[0].split() if entries else []
-    if len(words) < 7 or any(number_of(words[k]) is None for k in (1, 2, 4, 5)) or "," in entries[0]:
-        return None
-    points = [entry.split(";")[0].split() for entry in entries[1:]]
-    if motor := next((point for point in points if len(point) >= 7), None):
-        raise InputError(f"holds several motors, {words[0]} and {motor[0]}; keep the lines of one")
-    if any(len(point) != 2 or None in map(number_of, point) for point in points):
-        return None
-    start = [] if not points or number_of(points[0][0]) == 0 else [("0", "0")]
-    rows = (*start, *((time, thrust) for time, thrust in points))
-    return Cells(f"thrust of the motor {words[0]} by {' '.join(words[6:])}, as RASP has it", (TIME, "thrust [N]"), rows)
-
-
-def _vernier(lines: list[str], decimal: str) -> Cells | None:
-    titles = [_RUN.fullmatch(cell) for cell in _cells(lines[0])]
-    first = titles[0]
-    if first is None:
-        return None
-    places = [k for k, title in enumerate(titles) if title and title[1] == first[1]]
-    rows = [_cells(line) for line in lines[1:]]
-    comma = decimal == "," or (not decimal and ";" in lines[0])
-    taken = [
-        tuple(row[k].replace(",", ".") if comma else row[k] for k in places) for row in rows if len(row) > max(places)
-    ]
-    kind = f"columns of '{first[1]}', as Vernier's programs export them"
-    return Cells(
-        kind,
-        tuple(title[2] for title in titles if title and title[1] == first[1]),
-        tuple(row for row in taken if any(row)),
-    )
-
-
-def _tds(lines: list[str], _: str) -> Cells | None:
-    first = _cells(lines[0])
-    if first[0] != "Record Length" or len(first) < 5 or None in map(number_of, first[3:5]):
-        return None
-    rows = [_cells(line) for line in lines]
-    said = {row[0]: row[1] for row in rows if row[0]}
-    header = (
-        f"time [{said.get('Horizontal Units') or SECONDS.text}]",
-        f"{said.get('Source') or 'value'} [{said.get('Vertical Units') or 'V'}]",
-    )
-    return Cells(
-        "a record of a Tektronix TDS", header, tuple((row[3], row[4]) for row in rows if len(row) > 4 and row[4])
-    )
-
-
-def _rigol(lines: list[str], decimal: str) -> Cells | None:
-    cells = [cell for cell in _cells(lines[0]) if cell]
-    if [*map(str.lower, cells[:1]), *map(str.lower, cells[-2:])] == ["x", "start", "increment"] and len(lines) > 1:
-        below = _cells(lines[1])
-        count = len(cells) - 3
-        start, step = (number_of(cell) for cell in below[count + 1 : count + 3])
-        titles = [f"{name} [{_word(unit) or 'V'}]" for name, unit in zip(cells[1 : count + 1], below[1:], strict=False)]
-        rows = [_numbers(line, decimal) for line in lines[2:]]
-        return _stepped("a record of a Rigol oscilloscope", titles, [row[1 : count + 1] for row in rows], start, step)
-    start, step = ((match := form.search(lines[0])) and number_of(match[1]) for form in (_START, _STEP))
-    if start is None or step is None:
-        return None
-    names = [cell for cell in cells if not (_START.search(cell) or _STEP.search(cell))]
-    timed = names[0].lower().startswith("time")
-    titles = [
-        f"{match[1]} [{_word(match[2]) or 'V'}]" if (match := _CHANNEL.fullmatch(name)) else name
-        for name in names[timed:]
-    ]
-    rows = [_cells(line) for line in lines[1:]]
-    if timed and rows and number_of(rows[0][0]) is not None:
-        return Cells(
-            "a record of a Rigol oscilloscope", (TIME, *titles), tuple(tuple(row[: 1 + len(titles)]) for row in rows)
-        )
-    rows = [row[timed : timed + len(titles)] for row in rows]
-    return _stepped("a record of a Rigol oscilloscope", titles, rows, start, step)
-
-
-def _stepped(kind: str, titles: Sequence[str], rows: Sequence[Sequence[str]], start: Any, step: Any) -> Cells:
-    """Return rows with their times: from a start on, a step apart."""
-    if start is None or not step:
-        raise InputError(f'is {kind} without its start and increment; give header = ["t [s]", …] and skip')
-    begin, width = Fraction(repr(start)), Fraction(repr(step))
-    times = [repr(float(begin + k * width)) for k in range(len(rows))]
-    return Cells(kind, (TIME, *titles), tuple((time, *row) for time, row in zip(times, rows, strict=True)))
-
-
-def _preambled(lines: list[str], decimal: str) -> Cells | None:
-    """Read lines before a header, units in a line of their own, and the units of oscilloscopes' preambles."""
-    lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    begin = _first_numbers(lines, decimal)
-    if begin < 1:
-        return None
-    count = len(_numbers(lines[begin], decimal))
-    header, above = _cells(lines[begin - 1])[:count], lines[: begin - 1]
-    if len(header) < count:
-        return None
-    said = {row[0].lower(): row[1:] for row in map(_cells, above) if row}
-    units = [_word(cell) for cell in header]
-    if units[0] and "second" in header[0].lower():
-        header, units = _of_channels(units, said), [""] * count
-    elif all(units) and above and len(names := _cells(above[-1])[:count]) == count:
-        header, units = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)], [""] * count
-        above = above[:-1]
-    elif "vertical units" in said:
-        header = _of_preamble(header, said)
-    elif not above:
-        return None
-    kind = f"lines before its header left out: {len(above)}" if above else "names and units in two lines"
-    rows = (_numbers(line, decimal) for line in lines[begin:])
-    return Cells(kind, tuple(header), tuple(tuple(row) for row in rows if row))
-
-
-def _of_channels(units: Sequence[str], said: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the titles of columns whose header is words for units, ``Second,Volt``: channels are named above it."""
-    named = [match for cell in said.get("vertical units", ()) if (match := _CHANNEL.fullmatch(cell))]
-    sources = [cell for cell in (*said.get("source", ()), *said.get("time", ())) if cell] or [
-        title[1] for title in named
-    ]
-    sources = [match[1] if (match := re.search(r"\((\w+)\)", cell)) else cell for cell in sources]
-    titles = [f"time [{units[0]}]"]
-    for k, unit in enumerate(units[1:]):
-        name = sources[k] if k < len(sources) else "value" if len(units) == 2 else f"value{k + 1}"
-        titles.append(f"{name} [{unit or (named[k][2] if k < len(named) else '') or 'V'}]")
-    return titles
-
-
-def _of_preamble(header: Sequence[str], said: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the titles of columns whose units are said in the lines above, the same for all or one for each."""
-    vertical = [cell for cell in said["vertical units"] if cell] or ["V"]
-    horizontal = next((cell for cell in said.get("horizontal units", ()) if cell), SECONDS.text)
-    of = [vertical[min(k, len(vertical) - 1)] for k in range(len(header) - 1)]
-    return [f"{name} [{unit}]" for name, unit in zip(header, [horizontal, *of], strict=True)]
-
-
 def _titled(name: str, lines: list[str], reading: Reading) -> Cells:
     """Read the numbers of a file below the titles that are said."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    begin = _first_numbers(lines, reading.decimal)
+    begin = first_numbers(lines, reading.decimal)
     if begin < 0:
         raise InputError(
             f"table '{name}' has no two lines of as many numbers below each other; it begins {shown(lines[0])}"
         )
-    rows = tuple(tuple(row) for line in lines[begin:] if (row := _numbers(line, reading.decimal)))
+    rows = tuple(tuple(row) for line in lines[begin:] if (row := numbers_of(line, reading.decimal)))
     if len(rows[0]) != len(reading.header):
         raise InputError(
             f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(shown, rows[0][:6]))}, and header has"
@@ -390,8 +179,8 @@ def _titled(name: str, lines: list[str], reading: Reading) -> Cells:
 def _split(lines: list[str], reading: Reading) -> Cells:
     """Split a file whose first line is its header."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    rows = (_numbers(line, reading.decimal) or _cells(line) for line in lines[1:])
-    header = _cells(lines[0])
+    rows = (numbers_of(line, reading.decimal) or cells_of(line) for line in lines[1:])
+    header = cells_of(lines[0])
     while header and not header[-1]:
         header.pop()
     return Cells("read as it was said", tuple(header), tuple(tuple(row) for row in rows))
@@ -406,7 +195,7 @@ def _with_units(name: str, grid: Cells, reading: Reading) -> Cells:
                 f"table '{name}' has no column '{column}', which units names; there are {', '.join(map(shown, names))}"
             )
         k = names.index(column)
-        if _has_unit(header[k]):
+        if has_unit(header[k]):
             raise InputError(
                 f"table '{name}': column {shown(header[k])} has a unit already, and units gives '{unit}'; write header to change it"
             )

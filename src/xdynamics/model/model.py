@@ -15,16 +15,9 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
-from xdynamics.model.elements import (
-    Elements,
-    check_shapes,
-    declared_shapes,
-    dimensions_of,
-    following,
-    gathered,
-    in_units_of,
-    of_elements,
-)
+from xdynamics.model.element_shapes import check_shapes, declared_shapes, dimensions_of
+from xdynamics.model.element_values import following, gathered, in_units_of, of_elements
+from xdynamics.model.elements import Elements
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
 from xdynamics.model.lagrangian import Lagrangian

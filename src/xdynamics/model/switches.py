@@ -11,26 +11,23 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from xdynamics.expressions import (
-    CALLED_ALONE,
     Along,
     Binary,
     Call,
     Compare,
     Name,
-    Negative,
     Node,
-    Number,
-    chain,
     free_names,
 )
-from xdynamics.expressions.calculus import ONE, TWO, ZERO
-from xdynamics.expressions.tree import children, every
+from xdynamics.expressions.calculus import ZERO
+from xdynamics.expressions.tree import every
+from xdynamics.model.kinks import SWITCHING, Path, kinks
 from xdynamics.model.model import Model
+from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Function
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
-SWITCHING = ("abs", "sign", "min", "max", "where", *CALLED_ALONE)
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 LOCATED, STEPPED_OVER = "located", "stepped over"
 SWITCHES = (LOCATED, STEPPED_OVER)
@@ -40,12 +37,6 @@ BENT = (
     "previous",
     "linear",
 )  # interpolations that jump or have a kink at every point; the others are smooth enough to step over
-
-
-_ROUNDING = Number(1e-15)
-
-# The conditions for a switch to have an effect: comparisons of the `where`s around it, each with its required truth.
-Path = tuple[tuple[Compare, bool], ...]
 
 
 @dataclass(frozen=True)
@@ -117,7 +108,7 @@ def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
     merged: dict[tuple[str, Node], Switch] = {}
     counts: dict[str, int] = {}
     for tree in trees:
-        for name, function, jumps, at_zero, path, flatness in _kinks(tree):
+        for name, function, jumps, at_zero, path, flatness in kinks(tree):
             if not _moves(model, function):
                 continue
             previous = merged.get((name, function))
@@ -233,7 +224,7 @@ class RegimeModel(Model):
             for i, switch in enumerate(self.switches)
             if switch.owner == owner and not switch.drive
         }
-        return _on_sides(self.plain.expanded(tree), sides) if sides else tree
+        return on_sides(self.plain.expanded(tree), sides) if sides else tree
 
 
 @lru_cache(maxsize=64)
@@ -266,83 +257,6 @@ def side(i: int) -> str:
     return f"_side_{i}"
 
 
-def _on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
-    """Substitute sides for signs and comparisons."""
-    if isinstance(node, Binary):
-        first, links = chain(node)
-        tree = _on_sides(first, sides)
-        for child in links:
-            tree = Binary(child.operator, tree, _on_sides(child.right, sides), child.column)
-        return tree
-    if isinstance(node, Negative):
-        return Negative(_on_sides(node.operand, sides), node.column)
-    if isinstance(node, Compare):
-        return Compare(node.operator, _on_sides(node.left, sides), _on_sides(node.right, sides), node.column)
-    if not isinstance(node, Call):
-        return node
-    inner = tuple(_on_sides(child, sides) for child in node.arguments)
-    if node.function in ("abs", "sign") and node.arguments[0] in sides:
-        side_name = Name(sides[node.arguments[0]])
-        return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
-    if node.function in ("min", "max"):
-        return _extremum_on_sides(node, inner, sides)
-    if node.function in CALLED_ALONE and (name := sides.get(_turning(node))) is not None:
-        return _whole_on_side(node.function, inner, Name(name))
-    if node.function == "where" and isinstance(node.arguments[0], Compare):
-        condition = node.arguments[0]
-        known_side = sides.get(Binary("-", condition.left, condition.right))
-        if known_side is not None:
-            return Call("where", (Compare(condition.operator[0], Name(known_side), ZERO), *inner[1:]), node.column)
-    return Call(node.function, inner, node.column)
-
-
-def _turning(node: Call) -> Node:
-    """Return the function that passes through zero where `floor`, `ceil`, `round` or `mod` jumps.
-
-    It is positive where the whole number is even. The small terms put a whole number, where sines and cosines of
-    multiples of pi are off by rounding, on its own side; they move a jump by less than 1e-15 of the argument.
-    """
-    u = _counted(node.function, node.arguments)
-    far = Call("hypot", (ONE, u))
-    if node.function == "round":
-        return Binary("+", Call("cos", (Binary("*", Name("pi"), u),)), Binary("*", _ROUNDING, far))
-    return Call("sin", (Binary("+", Binary("*", Name("pi"), u), Binary("*", _ROUNDING, Binary("-", far, ONE))),))
-
-
-def _counted(function: str, arguments: tuple[Node, ...]) -> Node:
-    """Return what is rounded down, or to the nearest whole number."""
-    if function == "mod":
-        return Binary("/", arguments[0], arguments[1])
-    return Negative(arguments[0]) if function == "ceil" else arguments[0]
-
-
-def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
-    """Write `floor`, `ceil`, `round` and `mod` for a known side: the even, or odd, whole number that is near."""
-    moved = Binary("+", ONE, side_name) if function == "round" else side_name
-    halves = Binary("+", Binary("/", _counted(function, inner), TWO), Binary("/", moved, Number(4.0)))
-    odd = Binary("/", Binary("-", ONE, side_name), TWO)
-    whole = Binary("+", Binary("*", TWO, Call("floor", (halves,))), odd)
-    if function == "mod":
-        return Binary("-", inner[0], Binary("*", inner[1], whole))
-    return Negative(whole) if function == "ceil" else whole
-
-
-def _extremum_on_sides(node: Call, inner: tuple[Node, ...], sides: Mapping[Node, str]) -> Node:
-    """Write min and max as `where`, as far as their sides are known."""
-    result, others = inner[-1], node.arguments[-1:]
-    for i in range(len(inner) - 2, -1, -1):
-        best = others[0] if len(others) == 1 else Call(node.function, others)
-        side_name = sides.get(Binary("-", node.arguments[i], best))
-        if side_name is None:
-            result = Call(node.function, (inner[i], result))
-        else:
-            result = Call(
-                "where", (Compare("<" if node.function == "min" else ">", Name(side_name), ZERO), inner[i], result)
-            )
-        others = (node.arguments[i], *others)
-    return result
-
-
 def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
     if model.shapes.dims and not _may_switch(model):
         return
@@ -370,88 +284,6 @@ def _may_switch(model: Model) -> bool:
 def _of_numbers(node: Call | Along) -> bool:
     """Whether it is a `where` with a condition on numbers of elements alone, which never changes."""
     return node.function == "where" and not free_names(node.arguments[0])
-
-
-Kink = tuple[str, Node, bool, int, Path, int]
-
-
-def _kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterator[Kink]:
-    """Yield the switches of a tree from the inside out.
-
-    Each is the name of a function, the expression that passes through zero, whether there is a jump, the side of zero,
-    the `where`s around it, and the derivative that jumps: ``v*abs(v)`` is flatter at zero than ``abs(v)``.
-
-    Parameters
-    ----------
-    node : Node
-    path : Path
-        The `where`s around the node.
-    factors : tuple of Node
-        What the node is multiplied by.
-    """
-    if isinstance(node, Binary):
-        yield from _kinks_of_chain(node, path, factors)
-        return
-    condition = node.arguments[0] if isinstance(node, Call) and node.function == "where" else None
-    if isinstance(condition, Compare):
-        branches = children(node)[1:]
-        yield from _kinks(condition, path)
-        bounded = condition.operator in ("==", "!=")  # of a moving value, these change at single instants only
-        for part, holds in zip(branches, (True, False), strict=True):
-            yield from _kinks(part, path if bounded else (*path, (condition, holds)), factors)
-    else:
-        for part in children(node):
-            yield from _kinks(part, path, factors if isinstance(node, Negative) else ())
-    if not isinstance(node, Call):
-        return
-    for function, jumps, at_zero in _own(node):
-        flatness = int(not jumps) + sum(factor == function for factor in factors)
-        yield node.function, function, jumps, at_zero, path, flatness
-
-
-def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:
-    """Yield the switches of sums, and of products, where a factor can make a switch of another flatter."""
-    first, links = chain(node)
-    pending = [factors]  # the factors that the value up to each link is multiplied by, from the last link to the first
-    for link in reversed(links):
-        right_factors = _powers(link.right) if link.operator == "*" else ()
-        pending.append(() if link.operator == "**" else (*pending[-1], *right_factors))
-    yield from _kinks(first, path, pending.pop())
-    for link in links:
-        after = pending.pop()
-        others = (*after, *_powers(link.left)) if link.operator == "*" else after
-        yield from _kinks(link.right, path, others if link.operator in "+-*" else ())
-
-
-def _powers(node: Node) -> Iterator[Node]:
-    """Yield the factors of a product, those of integer powers repeated; the product itself is included."""
-    yield node
-    if isinstance(node, Negative):
-        yield from _powers(node.operand)
-    elif isinstance(node, Binary) and node.operator == "*":
-        yield from _powers(node.left)
-        yield from _powers(node.right)
-    elif isinstance(node, Binary) and node.operator == "/":
-        yield from _powers(node.left)
-    elif isinstance(node, Binary) and node.operator == "**" and isinstance(node.right, Number):
-        yield from [node.left] * int(node.right.value)
-
-
-def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
-    """Yield the functions of the switches of a call itself, whether there is a jump, and the side of zero."""
-    if node.function in ("abs", "sign"):
-        yield node.arguments[0], node.function == "sign", 1
-    elif node.function in CALLED_ALONE:
-        yield _turning(node), True, 1
-    elif node.function in ("min", "max"):
-        *rest, last = node.arguments
-        for i, argument in enumerate(rest):
-            others = (*rest[i + 1 :], last)
-            yield Binary("-", argument, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
-    elif node.function == "where":
-        condition = node.arguments[0]
-        if isinstance(condition, Compare) and condition.operator not in ("==", "!="):
-            yield Binary("-", condition.left, condition.right), True, 1 if condition.operator in ("<", ">=") else -1
 
 
 def _moves(model: Model, function: Node) -> bool:

@@ -14,8 +14,9 @@ from xdynamics.expressions import Binary, Compare, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march import LogBlock, March
 from xdynamics.march.log import PIECES
+from xdynamics.model.kinks import Path
 from xdynamics.model.motion import constants
-from xdynamics.model.switches import Path, Switch, watched_by
+from xdynamics.model.switches import Switch, watched_by
 from xdynamics.record.column import About, Column
 from xdynamics.schema import STEPS, Variable
 from xdynamics.units import TIME

@@ -15,7 +15,7 @@ from xdynamics.expressions.repeating import check_repeats
 from xdynamics.expressions.substitution import Substitution
 from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
 from xdynamics.faults import InputError
-from xdynamics.model.consistency import RESERVED
+from xdynamics.model.name_consistency import RESERVED
 from xdynamics.units import parse_quantity, parse_time, parse_unit
 
 DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}

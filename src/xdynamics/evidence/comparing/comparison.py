@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.comparing.differences import compared
 from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
-from xdynamics.evidence.comparing.measured import is_measured, residuals
+from xdynamics.evidence.comparing.measured import is_measured
+from xdynamics.evidence.comparing.residuals import residuals
 from xdynamics.evidence.stages import task_of
 from xdynamics.faults import InputError
 from xdynamics.record import check, of_elements

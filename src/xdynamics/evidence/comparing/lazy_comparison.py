@@ -24,7 +24,7 @@ from xdynamics.evidence.comparing.differences import (
     title_of,
     wanted,
 )
-from xdynamics.evidence.comparing.measured import measured_for, residuals_of, residuals_with
+from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
 from xdynamics.evidence.stages import Stage, Task, foreseen, is_lazy, lazy, subject_of, task_of

@@ -1,0 +1,165 @@
+"""Which dimensions everything in a statement has, and whether every expression has those that it may have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from xdynamics.expressions import Node, free_names, shown
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.elementwise import Elementwise, always
+from xdynamics.model.parts import (
+    Force,
+    Function,
+)
+from xdynamics.model.statement import Statement
+from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
+from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.shapes import Shapes, dims_of
+from xdynamics.units import Dimension
+
+NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
+
+
+FEW_ELEMENTS = 100_000  # which always fit
+
+
+def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
+    """Return the dimensions of everything that a statement declares; what cannot be is noted."""
+    shapes = statement.bare_shapes
+    dims: dict[str, tuple[str, ...]] = {}
+    for name, part in statement.coordinates.items():
+        dims |= dict.fromkeys((name, velocity(name), acceleration(name)), part.dims)
+    for name, state in statement.states.items():
+        dims |= dict.fromkeys((name, rate(name)), state.dims)
+    dims |= {name: values.dims for name, values in statement.arrays.items()}
+    dims |= {name: drive.dims for name, drive in statement.drives.items()}
+    for name in (*statement.coordinates, *statement.states, *statement.arrays):
+        with ledger.entry(f"'{name}'"):
+            check_room(dims[name], shapes)
+    return _of_expressions(statement, replace(shapes, dims={name: own for name, own in dims.items() if own}), ledger)
+
+
+def check_room(dims: tuple[str, ...], shapes: Shapes) -> None:
+    """Refuse a quantity whose elements could not be marched in the memory that can be had, before they are made.
+
+    Raises
+    ------
+    InputError
+        With the number of elements, what they take, and what there is.
+    """
+    size = math.prod(shapes.extent(dim).size for dim in dims)
+    needed = NUMBERS_OF_ELEMENT * 8.0 * size
+    if size > FEW_ELEMENTS and needed > (room := ROOM * free_memory()):
+        raise InputError(
+            f"has {size} elements along {', '.join(dims)}, which take {size_text(needed)} to march, and"
+            f" {size_text(room)} of memory can be had; take fewer"
+        )
+
+
+def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Shapes:
+    """Add the dimensions of what has those of its expression: definitions, observables, events, contacts, friction."""
+    dims = dict(shapes.dims)
+    shapes = replace(shapes, dims=dims)
+    waiting = dict(statement.definitions)
+    while waiting:
+        ready = [name for name, tree in waiting.items() if not free_names(tree) & waiting.keys()]
+        for name in ready or list(waiting):  # circular ones are found with the units
+            with ledger.entry(f"definition '{name}'"):
+                dims[name] = dims_of(waiting[name], shapes)
+            del waiting[name]
+    trees: dict[str, tuple[str, Node | Function]] = {
+        name: ("observable", tree) for name, tree in statement.observables.items()
+    }
+    trees |= {name: ("event", event.function) for name, event in statement.events.items()}
+    trees |= {name: ("contact", contact.gap) for name, contact in statement.contacts.items()}
+    trees |= {name: ("friction", friction.slip) for name, friction in statement.frictions.items()}
+    for name, (kind, tree) in trees.items():
+        if not isinstance(tree, Function):
+            with ledger.entry(f"{kind} '{name}'"):
+                dims[name] = dims_of(tree, shapes)
+    return replace(shapes, dims={name: own for name, own in dims.items() if own})
+
+
+def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
+    """Note every expression with a dimension that what it is for has not."""
+    own = shapes.dims
+    for what, tree, allowed in _needed(statement, own):
+        _check(what, tree, allowed, shapes, ledger)
+    for term, force in statement.forces.items():
+        _check_force(term, force, statement, shapes, ledger)
+
+
+def _needed(
+    statement: Statement, own: Mapping[str, tuple[str, ...]]
+) -> Iterator[tuple[str, Node | None, Iterable[str]]]:
+    """Yield what expressions are for, and the dimensions that they may have."""
+    names = [*statement.coordinates]
+    for (i, j), entry in statement.mass_entries.items() if statement.mass else ():
+        what = f"mass of '{names[i]}'" if i == j else f"mass entry ({i + 1}, {j + 1})"
+        yield what, entry, dict.fromkeys((*own.get(names[i], ()), *own.get(names[j], ())))
+    for name, state in statement.states.items():
+        yield f"rate of state '{name}'", state.rate, state.dims
+    for name, start in statement.starting.items():
+        yield f"initial value of '{name}'", start.tree, start.dims
+    for name, event in statement.events.items():
+        for target, tree in event.reset.items():
+            yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
+    for name, contact in statement.contacts.items():
+        for key in ("restitution", "slip", "friction", "static"):
+            yield f"contact '{name}': {key}", getattr(contact, key), own.get(name, ())
+    for name, friction in statement.frictions.items():
+        for key in ("kinetic", "static"):
+            yield f"friction '{name}': {key}", getattr(friction, key), own.get(name, ())
+
+
+def _check(what: str, tree: Node | Function | None, allowed: Iterable[str], shapes: Shapes, ledger: Ledger) -> None:
+    if tree is None or isinstance(tree, Function):
+        return
+    with ledger.entry(what):
+        if extra := [dim for dim in dims_of(tree, shapes) if dim not in allowed]:
+            raise InputError(
+                f"'{shown(tree)}' has the dimension '{extra[0]}', and it needs {_named(allowed)}; reduce it, as in"
+                f" sum(…, {extra[0]}), or take an element"
+            )
+
+
+def dimensions_of(dimensions: Mapping[str, Dimension], shapes: Shapes) -> dict[str, Dimension]:
+    """Return the physical dimension of every element from those of the quantities."""
+    return Elementwise(shapes, {name: always(dimension) for name, dimension in dimensions.items()})
+
+
+def _check_force(term: str, force: Force, statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
+    relation = shapes.relations.get(force.over)
+    if force.over and relation is None:
+        ledger.note(
+            f"force '{term}' is over '{force.over}', which is no relation; there are: {_named(shapes.relations)}"
+        )
+        return
+    if force.potential is not None:
+        with ledger.entry(f"potential of '{term}'"):
+            dims = dims_of(force.potential, shapes)
+            if force.over and force.over not in dims:
+                raise InputError(f"has the dimensions {_named(dims)}, and the force is over '{force.over}'")
+            if relation is not None and (ends := [dim for dim in (relation.source, relation.target) if dim in dims]):
+                raise InputError(
+                    f"has the dimension '{ends[0]}' beside '{force.over}'; take a value at an end of each link,"
+                    f" first(…, {force.over}) or second(…, {force.over})"
+                )
+    for name, tree in force.components.items():
+        if name not in statement.coordinates:
+            continue
+        allowed = shapes.dims.get(name, ())
+        if relation is not None:
+            if not {relation.source, relation.target} & {*allowed}:
+                ledger.note(
+                    f"force '{term}' over '{force.over}' acts on '{name}', which has the dimensions {_named(allowed)} and"
+                    f" no elements of '{relation.source}'"
+                )
+            allowed = (force.over, *(dim for dim in allowed if dim not in (relation.source, relation.target)))
+        _check(f"force '{term}' of '{name}'", tree, allowed, shapes, ledger)
+
+
+def _named(dims: Iterable[str]) -> str:
+    return ", ".join(dims) or "none"

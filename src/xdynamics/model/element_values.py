@@ -1,0 +1,104 @@
+"""Statements with dimensions and those of their elements, where numbers change: each follows the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from xdynamics.model.arrays import Values
+from xdynamics.model.elements import Elements
+from xdynamics.model.elementwise import Elementwise
+from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import Spread
+from xdynamics.shapes import Shapes, written
+from xdynamics.shapes.naming import DOT
+from xdynamics.units import Quantity
+
+
+def of_elements(sections: Mapping[str, Any]) -> bool:
+    """Whether new entries of a model are those of single elements, as ``m·Sun``."""
+    return any(
+        DOT in written(str(name)) for entries in sections.values() if isinstance(entries, Mapping) for name in entries
+    )
+
+
+def following(declared: Statement, elements: Statement, old: Statement, shapes: Shapes) -> Statement:
+    """Return a statement of elements in which values at the start follow the parameters that their expressions read.
+
+    Parameters
+    ----------
+    declared : Statement
+        With the expressions.
+    elements, old : Statement
+        As it is now, and as it was: a value at the start that was changed itself stays.
+    shapes : Shapes
+    """
+    if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
+        return elements
+    start = Elements(gathered(declared, old, shapes), shapes).started(elements.parameters)
+    same = {name: quantity for name, quantity in start.items() if elements.initial[name] == old.initial[name]}
+    return replace(elements, initial=elements.initial | same)
+
+
+def in_units_of(statement: Statement, old: Statement) -> Statement:
+    """Return a statement of elements in the units of another one: all elements of a quantity have one unit."""
+    parameters = {
+        name: replace(part, quantity=part.quantity.into(unit))
+        for name, part in statement.parameters.items()
+        if name in old.parameters and (unit := old.parameters[name].quantity.unit) != part.quantity.unit
+    }
+    initial = {
+        name: quantity.into(unit)
+        for name, quantity in statement.initial.items()
+        if name in old.initial and (unit := old.initial[name].unit) != quantity.unit
+    }
+    if not (parameters or initial):
+        return statement
+    return replace(statement, parameters=statement.parameters | parameters, initial=statement.initial | initial)
+
+
+def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
+    """Return a statement with dimensions and the numbers of its elements."""
+    arrays, starting = {}, {}
+    for name, values in declared.arrays.items():
+        if values.tree is None and _is_as_read(elements.parameters, name):
+            arrays[name] = values
+            continue
+        parts = [elements.parameters[element] for element in shapes.elements(name)]
+        numbers = tuple(part.quantity for part in parts)
+        arrays[name] = _filled(values, numbers, tuple(part.spread for part in parts))
+    start = Elements(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
+    for name, values in declared.starting.items():
+        if _is_as_read(elements.initial, name) and not (start and values.tree):
+            starting[name] = values
+            continue
+        names = shapes.elements(name)
+        spreads = tuple(elements.starts[name].spread if name in elements.starts else None for name in names)
+        numbers = tuple(elements.initial[name] for name in names)
+        changed = values.tree is None or any(start[name] != elements.initial[name] for name in names)
+        starting[name] = _filled(values, numbers, spreads) if changed else values
+    return replace(
+        declared,
+        arrays=arrays,
+        starting=starting,
+        parameters={name: elements.parameters[name] for name in declared.parameters},
+        initial={name: elements.initial.get(name, quantity) for name, quantity in declared.initial.items()},
+        name=elements.name,
+        description=elements.description,
+        fit=elements.fit,
+    )
+
+
+def _is_as_read(parts: Mapping[str, Any], name: str = "") -> bool:
+    """Whether no element of a quantity, or of any, has another value than the statement had it first."""
+    return isinstance(parts, Elementwise) and (name not in parts.changed if name else not parts.changed)
+
+
+def _filled(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
+    """Return the same quantity with numbers of its elements."""
+    if values.tree is not None and values.unit is None and not values.dims:
+        return replace(values, tree=None, numbers=(quantities[0].value,), unit=quantities[0].unit)
+    one = spreads[:1] if len(set(spreads)) == 1 else spreads
+    numbers = tuple(quantity.value for quantity in quantities)
+    return replace(values, tree=None, numbers=numbers, unit=quantities[0].unit, spreads=() if one == (None,) else one)

@@ -1,0 +1,130 @@
+"""Where expressions have kinks and jumps: the functions that pass through zero there, from the inside out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from xdynamics.expressions import (
+    CALLED_ALONE,
+    Binary,
+    Call,
+    Compare,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+)
+from xdynamics.expressions.calculus import ONE
+from xdynamics.expressions.tree import children
+
+SWITCHING = ("abs", "sign", "min", "max", "where", *CALLED_ALONE)
+
+
+_ROUNDING = Number(1e-15)
+
+
+# The conditions for a switch to have an effect: comparisons of the `where`s around it, each with its required truth.
+Path = tuple[tuple[Compare, bool], ...]
+
+
+def turning(node: Call) -> Node:
+    """Return the function that passes through zero where `floor`, `ceil`, `round` or `mod` jumps.
+
+    It is positive where the whole number is even. The small terms put a whole number, where sines and cosines of
+    multiples of pi are off by rounding, on its own side; they move a jump by less than 1e-15 of the argument.
+    """
+    u = counted(node.function, node.arguments)
+    far = Call("hypot", (ONE, u))
+    if node.function == "round":
+        return Binary("+", Call("cos", (Binary("*", Name("pi"), u),)), Binary("*", _ROUNDING, far))
+    return Call("sin", (Binary("+", Binary("*", Name("pi"), u), Binary("*", _ROUNDING, Binary("-", far, ONE))),))
+
+
+def counted(function: str, arguments: tuple[Node, ...]) -> Node:
+    """Return what is rounded down, or to the nearest whole number."""
+    if function == "mod":
+        return Binary("/", arguments[0], arguments[1])
+    return Negative(arguments[0]) if function == "ceil" else arguments[0]
+
+
+Kink = tuple[str, Node, bool, int, Path, int]
+
+
+def kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterator[Kink]:
+    """Yield the switches of a tree from the inside out.
+
+    Each is the name of a function, the expression that passes through zero, whether there is a jump, the side of zero,
+    the `where`s around it, and the derivative that jumps: ``v*abs(v)`` is flatter at zero than ``abs(v)``.
+
+    Parameters
+    ----------
+    node : Node
+    path : Path
+        The `where`s around the node.
+    factors : tuple of Node
+        What the node is multiplied by.
+    """
+    if isinstance(node, Binary):
+        yield from _kinks_of_chain(node, path, factors)
+        return
+    condition = node.arguments[0] if isinstance(node, Call) and node.function == "where" else None
+    if isinstance(condition, Compare):
+        branches = children(node)[1:]
+        yield from kinks(condition, path)
+        bounded = condition.operator in ("==", "!=")  # of a moving value, these change at single instants only
+        for part, holds in zip(branches, (True, False), strict=True):
+            yield from kinks(part, path if bounded else (*path, (condition, holds)), factors)
+    else:
+        for part in children(node):
+            yield from kinks(part, path, factors if isinstance(node, Negative) else ())
+    if not isinstance(node, Call):
+        return
+    for function, jumps, at_zero in _own(node):
+        flatness = int(not jumps) + sum(factor == function for factor in factors)
+        yield node.function, function, jumps, at_zero, path, flatness
+
+
+def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iterator[Kink]:
+    """Yield the switches of sums, and of products, where a factor can make a switch of another flatter."""
+    first, links = chain(node)
+    pending = [factors]  # the factors that the value up to each link is multiplied by, from the last link to the first
+    for link in reversed(links):
+        right_factors = _powers(link.right) if link.operator == "*" else ()
+        pending.append(() if link.operator == "**" else (*pending[-1], *right_factors))
+    yield from kinks(first, path, pending.pop())
+    for link in links:
+        after = pending.pop()
+        others = (*after, *_powers(link.left)) if link.operator == "*" else after
+        yield from kinks(link.right, path, others if link.operator in "+-*" else ())
+
+
+def _powers(node: Node) -> Iterator[Node]:
+    """Yield the factors of a product, those of integer powers repeated; the product itself is included."""
+    yield node
+    if isinstance(node, Negative):
+        yield from _powers(node.operand)
+    elif isinstance(node, Binary) and node.operator == "*":
+        yield from _powers(node.left)
+        yield from _powers(node.right)
+    elif isinstance(node, Binary) and node.operator == "/":
+        yield from _powers(node.left)
+    elif isinstance(node, Binary) and node.operator == "**" and isinstance(node.right, Number):
+        yield from [node.left] * int(node.right.value)
+
+
+def _own(node: Call) -> Iterator[tuple[Node, bool, int]]:
+    """Yield the functions of the switches of a call itself, whether there is a jump, and the side of zero."""
+    if node.function in ("abs", "sign"):
+        yield node.arguments[0], node.function == "sign", 1
+    elif node.function in CALLED_ALONE:
+        yield turning(node), True, 1
+    elif node.function in ("min", "max"):
+        *rest, last = node.arguments
+        for i, argument in enumerate(rest):
+            others = (*rest[i + 1 :], last)
+            yield Binary("-", argument, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
+    elif node.function == "where":
+        condition = node.arguments[0]
+        if isinstance(condition, Compare) and condition.operator not in ("==", "!="):
+            yield Binary("-", condition.left, condition.right), True, 1 if condition.operator in ("<", ">=") else -1

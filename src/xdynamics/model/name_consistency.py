@@ -1,0 +1,97 @@
+"""Checks of a model's names: what may be called how, and what no two things may be called."""
+
+from __future__ import annotations
+
+import keyword
+import re
+
+from xdynamics.expressions import (
+    CALLED_ALONE,
+    FUNCTIONS,
+)
+from xdynamics.faults import Ledger
+from xdynamics.model.claimed_names import claimed_names
+from xdynamics.model.statement import Statement
+from xdynamics.units import CONSTANTS
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
+
+
+MOST_EVENTS = 100
+
+
+# what no dimension may be called: dimensions of records and of evidence, and what `event_…` names beside elements
+OF_RECORD = {
+    "step", "trial", "event", "sample", "bound", "at", "level", "occurrence", "cycle", "case", "exponent", "given",
+    "memory", "smooth_switch", "term", "parameter", "mode", "closed", "run", "time", "kind", "direction", "detector",
+    "residual", "first", "second", "turn", "variable", "draw", "method", "rtol", "eigenvalue", "start", "other", "gate",
+    "sweep_axis",
+}  # fmt: skip
+
+
+RESERVED = {"t", "pi", *CONSTANTS, *FUNCTIONS} - {*CALLED_ALONE}
+
+
+def check_names(statement: Statement, ledger: Ledger) -> None:
+    """Check that every name may be one, and that no two things in the record have the same."""
+    if not statement.coordinates and not statement.states:
+        ledger.note("has neither coordinates nor states: there is nothing to march")
+    if len(statement.events) > MOST_EVENTS:
+        ledger.note(f"has {len(statement.events)} events, {MOST_EVENTS} at most")
+    functions = statement.functions
+    for name in sorted({function.name for function in functions}):
+        if len({function.digest for function in functions if function.name == name}) > 1:
+            ledger.note(f"two different functions are named '{name}'; rename one")
+    owner_of: dict[str, str] = {}
+    sections = (
+        "extents",
+        "relations",
+        "coordinates",
+        "parameters",
+        "arrays",
+        "definitions",
+        "drives",
+        "states",
+        "forces",
+        "events",
+        "contacts",
+        "frictions",
+        "regimes",
+        "observables",
+    )
+    refused = set[str]()
+    for section in sections:
+        for name in getattr(statement, section):
+            if fault := _fault_of(section, str(name)):
+                refused.add(str(name))
+                ledger.note(f"{_CALLED.get(section, section.removesuffix('s'))} '{name}': {fault}")
+    for name, owner in claimed_names(vars(statement)):
+        if name in owner_of and not any(owner == f"dimension '{word}'" for word in refused):
+            ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
+        owner_of.setdefault(name, owner)
+    owner_of |= {name: f"definition '{name}'" for name in statement.definitions}
+    for section in ("extents", "relations"):
+        for name in getattr(statement, section):
+            if name in owner_of and name not in refused:
+                ledger.note(
+                    f"{_CALLED.get(section, 'relation')} '{name}' and {owner_of[name]} have one name; rename one"
+                )
+            owner_of.setdefault(name, f"{_CALLED.get(section, 'relation')} '{name}'")
+
+
+def _fault_of(section: str, name: str) -> str:
+    """Return why nothing in a section may have a name; empty if it may."""
+    if keyword.iskeyword(name):
+        return f"'{name}' is a word of Python; choose another name, like '{name}_'"
+    if not _NAME.fullmatch(name):
+        return "a name is a letter, then letters, digits and underscores, 40 at most"
+    if section == "coordinates" and name in ("description", "potential", "matrix", "smooth", "over", "t"):
+        return f"'{name}' is a key of the model file; choose another name"
+    if section in ("extents", "relations") and name in OF_RECORD:
+        return f"'{name}' is a dimension of the record, or begins names in it; choose another name"
+    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
+        return f"the name '{name}' is a word of the expression language"
+    return ""
+
+
+_CALLED = {"extents": "dimension", "arrays": "parameter"}
