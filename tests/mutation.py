@@ -204,6 +204,7 @@ TOUCHED = {
     "kernels/llvm_places.py": ("test_loops.py",),
     "kernels/llvm_program.py": ("test_loops.py", "test_intervals.py"),
     "kernels/python_text.py": (
+        "test_python_text.py",
         "test_loops.py",
         "test_programs.py -k grouping or stores or powers or unsound or (printed and (pendulum or kepler))",
     ),

@@ -10,6 +10,7 @@ from cases.array_programs import compiled, enclosed, gravity, in_python, plain_g
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.program import (
     AT,
+    INTERVAL,
     Compute,
     Gather,
     Instruction,
@@ -144,6 +145,37 @@ def test_reductions_are_ascending(operation: str, start: float, count: int) -> N
         z = np.zeros(1)
         call(y=y, z=z)
         assert z[0] == total
+
+
+@pytest.mark.parametrize("side", ["below", "above"])
+@pytest.mark.parametrize("kind", ["float", INTERVAL])
+@pytest.mark.parametrize("n", [1, 3, 21])
+def test_sums_over_those_before_or_after(n: int, kind: str, side: str) -> None:
+    """Assert that each element sums over all before it, or after it, ascending, in every form and in every run."""
+    terms: list[Line] = [Load("x", element("y", index="j")), Load("m", element("p", index="i"))]
+    terms.append(Compute("f", "multiply", ("x", "m")))
+    total = Reduction("j", n, tuple(terms), ("f",), ("total",), start=0.25, **{side: "i"})  # type: ignore[arg-type]
+    made = program(Loop("i", n, (total, StoreTo(element("z"), "total"))))
+    made = enclosed(made) if kind == INTERVAL else made
+    random = np.random.default_rng(n)
+    y, p = random.normal(size=(2, n, 4))
+    wanted = np.full((n, 4), 0.25)
+    for i in range(n):
+        for j in range(i) if side == "below" else range(i + 1, n):
+            wanted[i] += y[j] * p[i]
+    each = 2 if kind == INTERVAL else 1
+    y, p, first = np.repeat(y, each, axis=0), np.repeat(p, each, axis=0), np.zeros((each * n, 4))
+    compiled(made, runs=4)(y=y, p=p, z=first)
+    alone = [np.ascontiguousarray(array[:, 2]) for array in (y, p)]
+    for call in (in_python(made), *(compiled(made, abreast=abreast) for abreast in WIDTHS)):
+        z = np.zeros(each * n)
+        call(y=alone[0], p=alone[1], z=z)
+        assert z.tobytes() == first[:, 2].tobytes()
+    if kind == INTERVAL:
+        assert np.all((first[::2] <= wanted) & (wanted <= first[1::2]))
+        assert np.all(first[1::2] - first[::2] < 1e-13)
+    else:
+        assert first.tobytes() == wanted.tobytes()
 
 
 def lattice(rows: int, columns: int) -> Program:
