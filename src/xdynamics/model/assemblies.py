@@ -20,6 +20,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.lazy_trees import Diagonal, Lazy
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Contact, Coordinate, Event
+from xdynamics.model.statement import Statement
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 from xdynamics.shapes import Relation, Shapes, at
@@ -151,32 +152,14 @@ class Assembly:
             restitution=expand(old.expanded(self.contact.restitution), names),
         )
         event = Event(contact.gap, time_tolerance=contact.time_tolerance)
-        bare = replace(
-            old.statement,
-            coordinates=coordinates,
-            parameters={name: part for name, part in old.parameters.items() if name in dimensions},
-            mass=Diagonal([*coordinates], Lazy[Node](masses)),
+        bare = Statement(
+            old.name,
+            old.description,
+            coordinates,
+            {name: part for name, part in old.parameters.items() if name in dimensions},
+            Diagonal([*coordinates], Lazy[Node](masses)),
             initial=initial,
-            definitions={},
-            forces={},
-            drives={},
-            states={},
-            starts={},
-            events={},
-            contacts={},
-            frictions={},
-            regimes={},
-            regime="",
-            observables={},
-            observed={},
-            run={},
-            validation={},
-            correlations={},
-            discrepancy={},
-            at_rest=(),
-            lagrangian=None,
-            fit=None,
-            assemblies={},
+            time_unit=old.time_unit,
         )
         known = old.dimensions | dimensions
         return (

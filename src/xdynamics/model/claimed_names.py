@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from xdynamics.schema import (
+    CLOSED_LINKS,
     DIMENSIONS,
     ENERGIES,
     EVENT_UNCERTAINTIES,
@@ -94,7 +95,8 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for variable in (*FIXED, *EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
-        yield name, "the record"
+        if name != CLOSED_LINKS or parts["extents"]:  # of models with dimensions alone
+            yield name, "the record"
     for section, claimed in _CLAIMED.items():
         for name in parts[section]:
             for variable_name in claimed(name):

@@ -70,29 +70,17 @@ class Elements:
             mass=self._mass(),
             definitions=trees(old.definitions),
             forces=forces,
-            drives={
-                element: drive for name, drive in old.drives.items() for element, drive in self._drive(name, drive)
-            },
+            drives=_by_element(self._drive, old.drives),
             states=self._each({name: partial(self._state, part) for name, part in old.states.items()}),
-            events={
-                element: event for name, event in old.events.items() for element, event in self._event(name, event)
-            },
-            contacts={}
-            if self._many
-            else {element: part for name, part in old.contacts.items() for element, part in self._contact(name, part)},
+            events=_by_element(self._event, old.events),
+            contacts={} if self._many else _by_element(self._contact, old.contacts),
             assemblies={name: next(self._contact(name, part))[1] for name, part in old.contacts.items()}
             if self._many
             else {},
-            frictions={
-                element: part for name, part in old.frictions.items() for element, part in self._friction(name, part)
-            },
+            frictions=_by_element(self._friction, old.frictions),
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
-            validation={
-                element: form
-                for name, form in old.validation.items()
-                for element, form in self._closed_form(name, form)
-            },
+            validation=_by_element(self._closed_form, old.validation),
             correlations={(written(a), written(b)): value for (a, b), value in old.correlations.items()},
             discrepancy={
                 element: part for name, part in old.discrepancy.items() for element in self._names(written(name))
@@ -379,6 +367,11 @@ class Elements:
                 f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
             )
         return evaluate_elements(tree, dims, known, self.shapes)
+
+
+def _by_element(make: Callable[[str, Part], Iterator[tuple[str, Part]]], parts: Mapping[str, Part]) -> dict[str, Part]:
+    """Return what is made for every element of every part."""
+    return {element: made for name, part in parts.items() for element, made in make(name, part)}
 
 
 def _constants(unit_constants: Iterable[str]) -> dict[str, float]:

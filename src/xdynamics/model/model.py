@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
-from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check, check_made, check_written
@@ -18,36 +15,17 @@ from xdynamics.model.csv_sheet import normal
 from xdynamics.model.element_shapes import check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements
 from xdynamics.model.elements import Elements
-from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
-from xdynamics.model.lagrangian import Lagrangian
-from xdynamics.model.parts import (
-    Contact,
-    Coordinate,
-    Drive,
-    Event,
-    Fitted,
-    Force,
-    Friction,
-    Function,
-    Observable,
-    Parameter,
-    Pictured,
-    Regime,
-    State,
-    Validation,
-)
+from xdynamics.model.model_trees import ModelTrees
 from xdynamics.model.python import Functions
 from xdynamics.model.reading import derived, read
 from xdynamics.model.replacement import changes_numbers_alone, replaced
 from xdynamics.model.statement import Statement
 from xdynamics.model.text_limits import parsed
-from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.files import asked, check_no_address, decoded, read_bounded
-from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, written
-from xdynamics.units import Dimension, Quantity, Unit
+from xdynamics.units import Dimension
 
 _OF_TREES = ("form", "force_components", "rates", "units")  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
@@ -58,7 +36,7 @@ def _named_inside(entries: Any) -> Any:
     return {written(str(name)): entry for name, entry in entries.items()} if isinstance(entries, Mapping) else entries
 
 
-class Model:
+class Model(ModelTrees):
     """A mechanical initial-value problem with units: M(q, t) a = sum of forces, and first-order states.
 
     Parameters
@@ -90,36 +68,6 @@ class Model:
     True
     """
 
-    statement: Statement
-    name: str
-    description: str
-    coordinates: dict[str, Coordinate]
-    parameters: dict[str, Parameter]
-    mass: Sequence[tuple[Node, ...]]
-    definitions: dict[str, Node]
-    forces: dict[str, Force]
-    drives: dict[str, Drive]
-    states: dict[str, State]
-    initial: dict[str, Quantity]
-    starts: dict[str, Parameter]
-    events: dict[str, Event]
-    contacts: dict[str, Contact]
-    frictions: dict[str, Friction]
-    assemblies: dict[str, Contact]
-    regimes: dict[str, Regime]
-    regime: str
-    observables: dict[str, Node]
-    observed: dict[str, Observable]
-    run: dict[str, Any]
-    validation: dict[str, Validation]
-    correlations: dict[tuple[str, str], float]
-    discrepancy: dict[str, Discrepancy]
-    time_unit: Unit
-    pictured: Pictured
-    fit: Fitted | None
-    lagrangian: Lagrangian | None
-    dimensions: dict[str, Dimension]
-    shapes: Shapes
     file: Path | None = None  # that it was read from
 
     def __init__(self, **statement: Any) -> None:
@@ -243,11 +191,6 @@ class Model:
         """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
         return self.statement if self._declared is None else gathered(self._declared, self.statement, self.shapes)
 
-    @property
-    def _written(self) -> Statement:
-        """The statement as it was written, perhaps with other numbers."""
-        return self.statement if self._declared is None else self._declared
-
     @classmethod
     def of_elements(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:
         """Return the model of a statement of single numbers that is known to be sound."""
@@ -298,37 +241,6 @@ class Model:
             model._hold(statement, check(statement), Shapes(), None)
         return model
 
-    @property
-    def functions(self) -> dict[str, Callable[..., float]]:
-        """The Python functions that are available, by name."""
-        return {function.name: function.callable for function in self.python_functions if function.callable is not None}
-
-    def require_functions(self) -> None:
-        """Refuse to march without the Python functions that forces and events call.
-
-        Raises
-        ------
-        ModelError
-            Naming those that are not available.
-        """
-        missing = [function.name for function in self.python_functions if function.callable is None]
-        if missing:
-            raise ModelError(
-                f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name:"
-                " function}"
-            )
-
-    @property
-    def python_functions(self) -> list[Function]:
-        """Everything written in Python: force components and event functions."""
-        return list({function.name: function for function in self._written.functions}.values())
-
-    @property
-    def python_forces(self) -> list[Function]:
-        """Every force component written in Python."""
-        components = [component for force in self._written.forces.values() for component in force.components.values()]
-        return list({component.name: component for component in components if isinstance(component, Function)}.values())
-
     @cached_property
     def read_at_start(self) -> frozenset[str]:
         """The parameters that expressions of values at the start read."""
@@ -345,97 +257,6 @@ class Model:
     def digest(self) -> str:
         """sha256 of the model as TOML."""
         return hashlib.sha256(self.to_toml().encode()).hexdigest()
-
-    @cached_property
-    def form(self) -> str:
-        """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
-        written = self._written
-        parameters = {
-            name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
-            for name, entry in written.parameters.items()
-        }
-        initial = {name: Quantity(0.0, entry.unit) for name, entry in written.initial.items()}
-        drives = {
-            name: replace(drive, table=drive.table.form, description="") for name, drive in written.drives.items()
-        }
-        stripped = replace(
-            written,
-            name="",
-            description="",
-            parameters=parameters,
-            drives=drives,
-            arrays={name: values.form for name, values in written.arrays.items()},
-            initial=initial,
-            starting={},
-            starts={},
-            observed={name: Observable(tree) for name, tree in written.observables.items()},
-            run={},
-            validation={},
-            correlations={},
-            discrepancy={},
-            pictured=Pictured(),
-            fit=None,
-            at_rest=(),
-        )
-        return toml.write(stripped)
-
-    @cached_property
-    def units(self) -> dict[str, Unit]:
-        """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
-        written = self._written
-        coordinate_units = {name: part.unit for name, part in written.coordinates.items()}
-        velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
-        units = coordinate_units | velocity_units | {name: part.unit for name, part in written.states.items()}
-        return (
-            Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()})
-            if self.shapes.dims
-            else units
-        )
-
-    @cached_property
-    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
-        """The components of every force term; those of a potential are derived: -dV/dq."""
-        return {term: self._components(force) for term, force in self.forces.items()}
-
-    @cached_property
-    def uncertain(self) -> dict[str, Parameter]:
-        """The inputs with an uncertainty: parameters, then values at the start."""
-        return {
-            name: parameter for name, parameter in (self.parameters | self.starts).items() if parameter.uncertainty > 0
-        }
-
-    @property
-    def mass_is_full(self) -> bool:
-        """Whether an entry off the diagonal is not a literal zero."""
-        return self.statement.mass_is_full
-
-    def expanded(self, node: Node) -> Node:
-        """Return an expression with every definition substituted."""
-        return expand(node, self.definitions)
-
-    def reads(self, node: Node | Function) -> set[str]:
-        """Return the names that an expression depends on, also through definitions and drives."""
-        names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
-        drive_arguments = {self.drives[name].argument for name in names if name in self.drives}
-        in_definitions = {
-            name for definition in names if definition in self.definitions for name in self.reads(Name(definition))
-        }
-        return names | drive_arguments | in_definitions
-
-    def rate_of(self, node: Node) -> Node:
-        """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
-        return derivative(self.expanded(node), self.rates)
-
-    @cached_property
-    def rates(self) -> dict[str, Node]:
-        """The time derivative along the motion of every name that varies."""
-        rates: dict[str, Node] = {"t": ONE}
-        for name in self.coordinates:
-            rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
-        rates |= {name: Name(rate(name)) for name in self.states}
-        for name, drive in self.drives.items():
-            rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
-        return rates
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Model) and self.digest == other.digest)
@@ -487,10 +308,3 @@ class Model:
     ) -> None:
         self.statement, self.shapes, self._declared = statement, shapes, declared
         self.__dict__.update(vars(statement), dimensions=dimensions)
-
-    def _components(self, force: Force) -> Mapping[str, Node | Function]:
-        if force.components or force.potential is None:
-            return force.components
-        rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
-        gradient = derivatives(self.expanded(force.potential), rates)
-        return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}

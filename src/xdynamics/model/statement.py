@@ -44,23 +44,23 @@ class Statement:
     coordinates: dict[str, Coordinate]
     parameters: dict[str, Parameter]
     mass: Sequence[tuple[Node, ...]]
-    definitions: dict[str, Node]
-    forces: dict[str, Force]
-    drives: dict[str, Drive]
-    states: dict[str, State]
-    initial: dict[str, Quantity]
-    starts: dict[str, Parameter]  # initial values with a spread or a description
-    events: dict[str, Event]
-    contacts: dict[str, Contact]
-    frictions: dict[str, Friction]
-    regimes: dict[str, Regime]
-    regime: str  # that the motion begins in
-    observables: dict[str, Node]
-    observed: dict[str, Observable]  # observables with a chosen unit or a description
-    run: dict[str, Any]
-    validation: dict[str, Validation]
-    correlations: dict[tuple[str, str], float]
-    discrepancy: dict[str, Discrepancy]
+    definitions: dict[str, Node] = field(default_factory=dict)
+    forces: dict[str, Force] = field(default_factory=dict)
+    drives: dict[str, Drive] = field(default_factory=dict)
+    states: dict[str, State] = field(default_factory=dict)
+    initial: dict[str, Quantity] = field(default_factory=dict)
+    starts: dict[str, Parameter] = field(default_factory=dict)  # initial values with a spread or a description
+    events: dict[str, Event] = field(default_factory=dict)
+    contacts: dict[str, Contact] = field(default_factory=dict)
+    frictions: dict[str, Friction] = field(default_factory=dict)
+    regimes: dict[str, Regime] = field(default_factory=dict)
+    regime: str = ""  # that the motion begins in
+    observables: dict[str, Node] = field(default_factory=dict)
+    observed: dict[str, Observable] = field(default_factory=dict)  # observables with a chosen unit or a description
+    run: dict[str, Any] = field(default_factory=dict)
+    validation: dict[str, Validation] = field(default_factory=dict)
+    correlations: dict[tuple[str, str], float] = field(default_factory=dict)
+    discrepancy: dict[str, Discrepancy] = field(default_factory=dict)
     time_unit: Unit = SECONDS
     pictured: Pictured = field(default_factory=Pictured)  # what figures show
     fit: Fitted | None = None  # where the parameters come from

@@ -196,8 +196,6 @@ def simulate(
     """
     settings = settings_for(model, **{name: value for name, value in locals().items() if name in KEYWORDS})
     check_destination(path, resume=resume)
-    if progress is not None and not callable(progress):
-        raise InputError(f"progress is {progress!r}, needs a function")
     wanted = None if times is None else times_within(times, model.time_unit, model.initial["t"].si, settings.until)
     if not compute:
         if progress is not None or resume:
@@ -219,6 +217,8 @@ def _simulated(
     resume: bool,
 ) -> xr.Dataset:
     """March a model; return the record, or the states at wanted times."""
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress is {progress!r}, needs a function")
     if wanted is not None and path is not None:
         check_sampled(settings)
     warn_of_instability(model, settings)

@@ -119,16 +119,7 @@ def along_cycles(
 ) -> dict[str, Any]:
     """Return the variables along `cycle`."""
     run, name, spans = rows.run, counted.name, counted.periods
-    # the mean over equal parts of a whole period is as accurate as its samples: the area is the integral of v**2
-    parts = counted.times[:-1] + spans * (np.arange(PARTS) / PARTS)[:, None]
-    positions, speeds = np.zeros((2, *parts.shape))
-    for stretch, here in rows.stretches():
-        time = np.asarray(stretch["time"])
-        inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
-        if not inside.any():
-            continue
-        states = sampled(stretch, parts[inside], after=True, rule=REINTEGRATE, functions=functions)
-        positions[inside], speeds[inside] = (np.asarray(states[column]) for column in (name, schema.velocity(name)))
+    positions, speeds = _parts_of_cycles(rows, counted, functions)
     area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
     amplitude = np.ptp(positions, axis=0) / 2.0 if spans.size else np.zeros(0)
     for k, (begin, end) in enumerate(pairwise(np.searchsorted(turning["turning_time"][1], counted.times).tolist())):
@@ -167,6 +158,21 @@ def along_cycles(
             ),
         ),
     }
+
+
+def _parts_of_cycles(rows: Chunks, counted: Cycles, functions: Functions | None) -> Floats:
+    """Return positions and velocities at the beginnings of equal parts of every cycle."""
+    # the mean over equal parts of a whole period is as accurate as its samples: the area is the integral of v**2
+    parts = counted.times[:-1] + counted.periods * (np.arange(PARTS) / PARTS)[:, None]
+    states_of_parts = np.zeros((2, *parts.shape))
+    for stretch, here in rows.stretches():
+        time = np.asarray(stretch["time"])
+        inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
+        if inside.any():
+            states = sampled(stretch, parts[inside], after=True, rule=REINTEGRATE, functions=functions)
+            columns = counted.name, schema.velocity(counted.name)
+            states_of_parts[:, inside] = [np.asarray(states[column]) for column in columns]
+    return states_of_parts
 
 
 def level_of(counted: Cycles, units: str) -> str:

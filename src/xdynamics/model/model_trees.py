@@ -1,0 +1,206 @@
+"""What follows from the statement of a model: forces of potentials, rates, units, what depends on what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from xdynamics.expressions import Name, Node, derivative, derivatives, expand, free_names
+from xdynamics.expressions.calculus import ONE, multiply, negative
+from xdynamics.faults import ModelError
+from xdynamics.model import toml
+from xdynamics.model.elementwise import Elementwise, always
+from xdynamics.model.lagrangian import Lagrangian
+from xdynamics.model.parts import (
+    Contact,
+    Coordinate,
+    Drive,
+    Event,
+    Fitted,
+    Force,
+    Friction,
+    Function,
+    Observable,
+    Parameter,
+    Pictured,
+    Regime,
+    State,
+    Validation,
+)
+from xdynamics.model.statement import Statement
+from xdynamics.model.uncertainty import Discrepancy
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.shapes import Shapes
+from xdynamics.units import Dimension, Quantity, Unit
+
+
+class ModelTrees:
+    """The sections of a statement with what is derived from them; every name that a model says is an attribute."""
+
+    statement: Statement
+    name: str
+    description: str
+    coordinates: dict[str, Coordinate]
+    parameters: dict[str, Parameter]
+    mass: Sequence[tuple[Node, ...]]
+    definitions: dict[str, Node]
+    forces: dict[str, Force]
+    drives: dict[str, Drive]
+    states: dict[str, State]
+    initial: dict[str, Quantity]
+    starts: dict[str, Parameter]
+    events: dict[str, Event]
+    contacts: dict[str, Contact]
+    frictions: dict[str, Friction]
+    assemblies: dict[str, Contact]
+    regimes: dict[str, Regime]
+    regime: str
+    observables: dict[str, Node]
+    observed: dict[str, Observable]
+    run: dict[str, Any]
+    validation: dict[str, Validation]
+    correlations: dict[tuple[str, str], float]
+    discrepancy: dict[str, Discrepancy]
+    time_unit: Unit
+    pictured: Pictured
+    fit: Fitted | None
+    lagrangian: Lagrangian | None
+    dimensions: dict[str, Dimension]
+    shapes: Shapes
+    _declared: Statement | None
+
+    @property
+    def _written(self) -> Statement:
+        """The statement as it was written, perhaps with other numbers."""
+        return self.statement if self._declared is None else self._declared
+
+    @property
+    def functions(self) -> dict[str, Callable[..., float]]:
+        """The Python functions that are available, by name."""
+        return {function.name: function.callable for function in self.python_functions if function.callable is not None}
+
+    def require_functions(self) -> None:
+        """Refuse to march without the Python functions that forces and events call.
+
+        Raises
+        ------
+        ModelError
+            Naming those that are not available.
+        """
+        missing = [function.name for function in self.python_functions if function.callable is None]
+        if missing:
+            raise ModelError(
+                f"the model calls the Python functions {', '.join(missing)}; hand them over as functions={{name:"
+                " function}"
+            )
+
+    @property
+    def python_functions(self) -> list[Function]:
+        """Everything written in Python: force components and event functions."""
+        return list({function.name: function for function in self._written.functions}.values())
+
+    @property
+    def python_forces(self) -> list[Function]:
+        """Every force component written in Python."""
+        components = [component for force in self._written.forces.values() for component in force.components.values()]
+        return list({component.name: component for component in components if isinstance(component, Function)}.values())
+
+    @cached_property
+    def form(self) -> str:
+        """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
+        written = self._written
+        parameters = {
+            name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
+            for name, entry in written.parameters.items()
+        }
+        initial = {name: Quantity(0.0, entry.unit) for name, entry in written.initial.items()}
+        drives = {
+            name: replace(drive, table=drive.table.form, description="") for name, drive in written.drives.items()
+        }
+        stripped = replace(
+            written,
+            name="",
+            description="",
+            parameters=parameters,
+            drives=drives,
+            arrays={name: values.form for name, values in written.arrays.items()},
+            initial=initial,
+            starting={},
+            starts={},
+            observed={name: Observable(tree) for name, tree in written.observables.items()},
+            run={},
+            validation={},
+            correlations={},
+            discrepancy={},
+            pictured=Pictured(),
+            fit=None,
+            at_rest=(),
+        )
+        return toml.write(stripped)
+
+    @cached_property
+    def units(self) -> dict[str, Unit]:
+        """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
+        written = self._written
+        coordinate_units = {name: part.unit for name, part in written.coordinates.items()}
+        velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
+        units = coordinate_units | velocity_units | {name: part.unit for name, part in written.states.items()}
+        return (
+            Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()})
+            if self.shapes.dims
+            else units
+        )
+
+    @cached_property
+    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
+        """The components of every force term; those of a potential are derived: -dV/dq."""
+        return {term: self._components(force) for term, force in self.forces.items()}
+
+    @cached_property
+    def uncertain(self) -> dict[str, Parameter]:
+        """The inputs with an uncertainty: parameters, then values at the start."""
+        return {
+            name: parameter for name, parameter in (self.parameters | self.starts).items() if parameter.uncertainty > 0
+        }
+
+    @property
+    def mass_is_full(self) -> bool:
+        """Whether an entry off the diagonal is not a literal zero."""
+        return self.statement.mass_is_full
+
+    def expanded(self, node: Node) -> Node:
+        """Return an expression with every definition substituted."""
+        return expand(node, self.definitions)
+
+    def reads(self, node: Node | Function) -> set[str]:
+        """Return the names that an expression depends on, also through definitions and drives."""
+        names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
+        drive_arguments = {self.drives[name].argument for name in names if name in self.drives}
+        in_definitions = {
+            name for definition in names if definition in self.definitions for name in self.reads(Name(definition))
+        }
+        return names | drive_arguments | in_definitions
+
+    def rate_of(self, node: Node) -> Node:
+        """Return an expression's time derivative along the motion, with `a_q`, `rate_x` and `_slope_d` as names."""
+        return derivative(self.expanded(node), self.rates)
+
+    @cached_property
+    def rates(self) -> dict[str, Node]:
+        """The time derivative along the motion of every name that varies."""
+        rates: dict[str, Node] = {"t": ONE}
+        for name in self.coordinates:
+            rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
+        rates |= {name: Name(rate(name)) for name in self.states}
+        for name, drive in self.drives.items():
+            rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
+        return rates
+
+    def _components(self, force: Force) -> Mapping[str, Node | Function]:
+        if force.components or force.potential is None:
+            return force.components
+        rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.coordinates}
+        gradient = derivatives(self.expanded(force.potential), rates)
+        return {name: negative(gradient[name]) for name in self.coordinates if name in gradient}
