@@ -25,7 +25,7 @@ STARTS = ("coordinate", "velocity", "state")  # roles of what a run begins with
 
 
 @dataclass(frozen=True)
-class Companion:
+class BesideRun:
     """Another run, or measurements.
 
     Attributes
@@ -65,11 +65,11 @@ class Beside:
     ----------
     own : str
         Empty if nothing is beside it.
-    others : tuple of Companion
+    others : tuple of BesideRun
     """
 
     own: str = ""
-    others: tuple[Companion, ...] = ()
+    others: tuple[BesideRun, ...] = ()
 
     @property
     def records(self) -> list[tuple[str, xr.Dataset]]:

@@ -14,7 +14,7 @@ from xdynamics.archive import open_run
 from xdynamics.archive.place import GIVEN, placed
 from xdynamics.evidence.comparing.measured import is_measured, measured
 from xdynamics.faults import InputError
-from xdynamics.figures.companions import Beside, Companion, labels_of
+from xdynamics.figures.companions import Beside, BesideRun, labels_of
 from xdynamics.figures.curves import drawn
 from xdynamics.figures.excerpt import drawn_of
 from xdynamics.model.drives import SKIP
@@ -56,7 +56,7 @@ def beside_of(
     return Beside(own, tuple(each if each.record is None else replace(each, label=next(labels)) for each in companions))
 
 
-def _companion(run: xr.Dataset, source: Any, wanted: Sequence[str] | None) -> Companion:
+def _companion(run: xr.Dataset, source: Any, wanted: Sequence[str] | None) -> BesideRun:
     if isinstance(source, GIVEN) and placed(source).suffix.lower() == ".nc":
         source = open_run(source)
     record = None if is_measured(source) else drawn_of(source, wanted)
@@ -72,7 +72,7 @@ def _companion(run: xr.Dataset, source: Any, wanted: Sequence[str] | None) -> Co
         columns[name] = (times, values * factor, None if doubts is None else doubts * factor)
     if not columns:
         raise InputError(f"{label} has nothing that the run has; there are {', '.join(series) or 'none'}")
-    return Companion(label, columns, record, factors)
+    return BesideRun(label, columns, record, factors)
 
 
 def _measured(run: xr.Dataset, source: Any) -> tuple[str, dict[str, tuple[Floats, Floats, Floats | None, str]]]:
