@@ -18,7 +18,7 @@ from xdynamics.units import UNSCALED
 # next to 0, the key of what does nothing where the law is Python
 _nothing = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, ctypes.c_int64)(lambda *_: None)
 _NO_ENGINE = np.array([0, ctypes.cast(_nothing, ctypes.c_void_p).value], np.int64).view(float)
-PLAIN[0] = lambda *_: None
+UNCOMPILED[0] = lambda *_: None
 
 
 class Bench:
