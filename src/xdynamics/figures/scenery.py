@@ -61,7 +61,9 @@ class Fastening:
     def at(self, places: Floats) -> Any:
         """Put the lines between the places of bodies, the last of which is the origin."""
         pairs = places[self.ends]
-        self._lines.set_segments([coiled(*pair, self._coil) for pair in pairs] if self.kind == "springs" else pairs)
+        self._lines.set_segments(
+            [coiled(start, end, self._coil) for start, end in pairs] if self.kind == "springs" else pairs
+        )
         return self._lines
 
 
@@ -141,7 +143,8 @@ class Boundary:
         """Put the line to where the gap is zero at a time."""
         from contourpy import contour_generator
 
-        self._line.set_segments(contour_generator(*self._grid, self.gaps(now * self.clock)).lines(0.0))
+        across, up = self._grid
+        self._line.set_segments(contour_generator(x=across, y=up, z=self.gaps(now * self.clock)).lines(0.0))
         return self._line
 
     @property
