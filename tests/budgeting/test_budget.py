@@ -169,7 +169,7 @@ def test_declared_terms_are_of_this_very_number() -> None:
         ({"quantity": "y"}, "give at='1 s' or event='ground', one of them"),
         ({"quantity": "y", "at": 1.0, "event": "apex"}, "one of them"),
         ({"quantity": "z", "at": 1.0}, "quantity is 'z'"),
-        ({"quantity": "t", "at": 1.0}, "and at an event t"),
+        ({"quantity": "t", "at": 1.0}, "total_energy, at an event t, and without a time"),
         ({"quantity": "y", "event": "summit"}, "event is 'summit'; there are apex, ground"),
         ({"quantity": "y", "event": "apex", "occurrence": 2}, "met 1 times in the run, and number 2"),
         ({"quantity": "y", "event": "apex", "occurrence": 0}, "occurrence is 0"),

@@ -17,6 +17,7 @@ import xdynamics as xd
 ROOT = Path(__file__).parents[2]
 MODELS = ROOT / "data" / "models"
 EPS = float(np.finfo(float).eps)
+LOG2_OF_10 = 3.321928094887362
 
 Solution = Callable[[NDArray[np.float64]], dict[str, NDArray[np.float64]]]
 
@@ -169,7 +170,8 @@ def arguments_of(name: str, each: int) -> tuple[NDArray[np.float64], ...]:
     random = np.random.default_rng(sum(map(ord, name)))
 
     def sized(low: float, high: float, *, signed: bool = True) -> NDArray[np.float64]:
-        sizes = 10.0 ** random.uniform(low, high, each)
+        exponents = random.uniform(low * LOG2_OF_10, high * LOG2_OF_10, each)
+        sizes = np.ldexp(1.0 + exponents % 1.0, np.floor(exponents).astype(int))  # NumPy's powers differ by processor
         return np.minimum(sizes, 1.7e308) * (random.choice([-1.0, 1.0], each) if signed else 1.0)
 
     def spread(low: float, high: float) -> NDArray[np.float64]:
@@ -177,7 +179,7 @@ def arguments_of(name: str, each: int) -> tuple[NDArray[np.float64], ...]:
 
     all_sizes = sized(-300, 300)
     near_one = 1.0 + sized(-16, -2)
-    turns = np.round(10.0 ** random.uniform(0, 5.5, each)) * (np.pi / 2) * (1 + sized(-16, -6))
+    turns = np.round(sized(0, 5.5, signed=False)) * (np.pi / 2) * (1 + sized(-16, -6))
     kinds: dict[str, list[tuple[NDArray[np.float64], ...]]] = {
         "exp": [(spread(-1, 1),), (spread(-708, 709),), (spread(-746, -707),), (sized(-20, 0),), (sized(-300, 4),)],
         "log": [

@@ -273,10 +273,7 @@ def test_a_part_is_matched_by_its_times() -> None:
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        (
-            {"time [s]": pd.to_timedelta([0, 5], unit="s"), "x [m]": [1.0, 1.0]},
-            "holds time differences, needs plain numbers; divide by",
-        ),
+        ({"time [s]": [0.0, 5.0], "x [m]": pd.to_timedelta([0, 5], unit="s")}, "column 'x' is in 's', needs 'm'"),
         ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' stands there twice"),
         ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
     ],

@@ -795,16 +795,13 @@ def test_lengths_kinds_units_and_settings_differ_too() -> None:
         "word": 4,
     }
     assert shorter.attrs["first_difference"] == "variable 'time', row 4: 4.0 | no such row (4 rows)"
-    others = [
-        first.assign(x=one)
-        for one in (
-            first.x.astype("f4", keep_attrs=True),
-            first.x.assign_attrs(units="cm"),
-            first.x.assign_attrs(long_name="other"),
-        )
-    ]
-    for other in others:
-        assert bitwise(first, other).attrs["first_difference"].startswith("variable 'x', row 0: ")
+    others = {
+        "row 0: ": first.x.astype("f4", keep_attrs=True),
+        "attribute 'units': 'm' | 'cm'": first.x.assign_attrs(units="cm"),
+        "attribute 'long_name': ": first.x.assign_attrs(long_name="other"),
+    }
+    for said, other in others.items():
+        assert bitwise(first, first.assign(x=other)).attrs["first_difference"].startswith(f"variable 'x', {said}")
     for pair, said in (((first, first.drop_vars("m")), " | absent"), ((first.drop_vars("m"), first), "absent | ")):
         assert bitwise(*pair).attrs["first_difference"].startswith("variable 'm': ")
         assert said in bitwise(*pair).attrs["first_difference"]

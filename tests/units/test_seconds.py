@@ -20,9 +20,8 @@ OTHER_LETTERS = {
     "documenting": 1,
     "figures": 2,
     "kernels": 2,
-    "methods": 1,
-    "model": 3,
-    "schema.py": 2,
+    "methods": 2,
+    "model": 5,
 }
 # and sentences with seconds of a clock, or of models that have them by definition: of `scales`, and of `solve`
 CLOCKS = {"archive": 3, "budgeting": 1, "cli": 1, "expressions": 1, "figures": 1, "march": 1, "simulation": 2}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import shown, written
+from xdynamics.model.csv_sheet import name_of_title, shown, written
 from xdynamics.units import SECONDS, parse_unit
 
 
@@ -52,7 +52,7 @@ def columns_of(table: Any) -> dict[str, Any]:
     for name in [*table.keys()]:
         values = np.asarray(table[name])
         if values.dtype.kind in "mM":
-            columns[f"{name} [{SECONDS.text}]"] = (values - values[0]) / np.timedelta64(10**9, "ns")
+            columns[f"{name_of_title(str(name))} [{SECONDS.text}]"] = (values - values[0]) / np.timedelta64(10**9, "ns")
         else:
             columns[str(name)] = values
     return columns
