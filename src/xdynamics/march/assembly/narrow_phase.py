@@ -6,7 +6,7 @@ negative all over a piece that ends with a gap that is not positive. States at c
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, nan
 from typing import Any
 
 from numpy.typing import NDArray
@@ -173,7 +173,8 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
         turns += 1
         low_is_nearer = abs(at_low) < abs(at_high)
         width = high - low
-        s = low + at_low / (at_low - at_high) * width
+        # two zeros have no secant: halve, in plain Python as in machine code, where 0/0 is nan
+        s = low + at_low / (at_low - at_high) * width if at_low != at_high else nan
         s = s + INSIDE * tolerance if low_is_nearer else s - INSIDE * tolerance
         if not low < s < high or width > earlier / 2.0:
             s = (low + high) / 2.0
