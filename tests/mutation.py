@@ -208,7 +208,7 @@ TOUCHED = {
         "test_loops.py",
         "test_programs.py -k grouping or stores or powers or unsound or (printed and (pendulum or kepler))",
     ),
-    "kernels/step_control.py": ("test_controller.py", f"test_control.py -k {CONTROL}"),
+    "kernels/step_control.py": ("test_step_control.py", "test_controller.py", f"test_control.py -k {CONTROL}"),
     "kernels/interval_program.py": ("test_interval_program.py", "test_intervals.py", ENCLOSED),
     "methods/steppers.py": ("test_steppers.py", "test_coefficients.py"),
     "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
