@@ -93,11 +93,19 @@ def refined(client: Any) -> None:
         (part["start"], part["stop"], task["key"])
         for task in stream.data
         for part in task["startstops"]
-        if part["action"] == "compute" and str(task["key"]).startswith("march-")
+        if part["action"] == "compute"
     ]
     first, last = min(start for start, _, _ in spans), max(stop for _, stop, _ in spans)
     flight = sum(stop - start for start, stop, _ in spans) / (last - first)
-    print(f"{took:.1f} s; {flight:.2f} marches in flight on {len(client.nthreads())} workers from first to last")
+    print(f"{took:.1f} s; {flight:.2f} tasks in flight on {len(client.nthreads())} workers from first to last")
+    moved = sum(
+        part["stop"] - part["start"]
+        for task in stream.data
+        for part in task["startstops"]
+        if part["action"] == "transfer"
+    )
+    print(f"{moved:.1f} s spent on moving results between workers")
+    spans = [span for span in spans if str(span[2]).startswith("march-")]
     ranked = sorted(spans)
     lengths = {key: stop - start for start, stop, key in spans}
     half = len(ranked) // 2
@@ -114,7 +122,8 @@ def main() -> None:
         axes = {"k": "1:2:4000 N m-1"}
         asked: dict[str, Any] = {"method": "rk4", "step": "20 ms", "until": "5 s"}
         xd.refine(MODEL, method="rk4", steps=[0.02, 0.01], until=1.0)  # compiles
-        client.run(xd.refine, MODEL, method="rk4", steps=[0.02, 0.01], until=1.0)
+        for method in METHODS:
+            client.run(xd.refine, MODEL, method=method, steps=[0.02, 0.01], until=1.0)
         refined(client)
         with traffic(client, "a sweep of 4,000 members, gathered", 4000):
             xd.sweep(MODEL, axes, keep=["end", "x", "v_x"], times=[0.25, 0.5], **asked).compute()

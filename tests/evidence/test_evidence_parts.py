@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +28,7 @@ from xdynamics.evidence.comparing.differences import (
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.evidence.observables import comparable, modes_behind, observe
+from xdynamics.evidence.refining import readings
 from xdynamics.evidence.refining.convergence import judge, observed_orders
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
@@ -190,12 +192,7 @@ def test_levels_of_location_change_every_event() -> None:
 
 def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **more: Any) -> Any:
     """A study of one number, of which nothing was marched: levels of 0.4, 0.2, … and runs of so many rows of 16 bytes."""
-    runs = [
-        xr.Dataset(
-            {"time": ("step", np.zeros(n)), "x": ("step", np.zeros(n)), "g": ((), 9.81), "f": ("at", np.zeros(5))}
-        )
-        for n in rows
-    ]
+    outlines = [SimpleNamespace(rows=n, row_bytes=16.0) for n in rows]
     one = Watched(
         "x",
         "m",
@@ -214,7 +211,7 @@ def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **mor
         formal=2.0,
         model=OSCILLATOR,
     )
-    return SimpleNamespace(runs=runs, levels=levels, numbers=lambda: [one])
+    return SimpleNamespace(outlines=outlines, levels=levels, numbers=lambda: [one])
 
 
 def test_the_next_level_is_held_against_rows_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -335,7 +332,7 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
         some = Watched(
             "x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0
         )
-        study = SimpleNamespace(runs=[None, None], numbers=lambda one=some: [one])
+        study = SimpleNamespace(outlines=[None, None], numbers=lambda one=some: [one])
         assert _changing(study, {"x": tolerance}) == ["x"] * changing
 
 
@@ -1131,12 +1128,12 @@ def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> 
         )
     assert (np.abs(whole[0].values) < 1.0).all()
     assert whole[-1].scale == float(whole[-1].values.max()) > 2.0
-    monkeypatch.setitem(
-        Study.numbers.__globals__,
+    monkeypatch.setattr(
+        readings,
         "slabs",
         lambda variable: (variable.values[k : k + 7] for k in range(0, variable.shape[0], 7)),
     )
-    assert [number.scale for number in study.numbers()] == [one.scale for one in whole]
+    assert [number.scale for number in replace(study).numbers()] == [one.scale for one in whole]
     still = OSCILLATOR.replace(initial={"x": "0 m"})
     assert [number.scale for number in studied(still, [0.2, 0.1], 1.0, ("x", "energy_range"), [0.5]).numbers()] == [
         1.0,

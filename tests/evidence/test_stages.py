@@ -78,7 +78,9 @@ def test_two_refinements_share_their_levels() -> None:
         study = xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": steps})
         names = {key for key in study.__dask_graph__() if str(key).startswith("march-")}
         assert len(names) == levels
-        assert len(study.order_x.__dask_graph__()) == levels + 3  # the model, the study, the number
+        assert (
+            len(study.order_x.__dask_graph__()) == 3 * levels + 5
+        )  # the model, what is asked, what levels have in common, the study, the number
 
 
 def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 TEXT = np.dtype("U256")  # type of texts whose lengths are not known yet
+AT_ONCE = 1e18  # steps, more than any march has: of what is begun before all that waits
 
 
 @dataclass(frozen=True)
@@ -63,27 +64,37 @@ class Task:
     def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task | Gathered, ...], *inputs: Any) -> Task:
         """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
         words = repr((kind, [task.name for task in needs], inputs))
-        return cls(f"{kind}-{sha256(words.encode()).hexdigest()}", call, needs)
+        return cls(f"{kind}-{sha256(words.encode()).hexdigest()[:32]}", call, needs)
 
     @property
     def layers(self) -> dict[str, Any]:
         """The task and all that it needs, as layers of dask's graph, one for each."""
-        from dask.highlevelgraph import MaterializedLayer
-
-        call = partial(_result, self.name, self.call) if self.lasting else self.call
-        tasks = {self.name: (call, *(task.name for task in self.needs))}
-        layers = {self.name: MaterializedLayer(tasks, annotations={"priority": self.steps} if self.steps else None)}
-        for task in self.needs:
-            layers |= task.layers
-        return layers
+        return {name: layer for task in self._all().values() for name, layer in task.layer.items()}
 
     @property
     def dependencies(self) -> dict[str, set[str]]:
         """By the name of each layer, the names of those that it needs."""
-        dependencies = {self.name: {task.name for task in self.needs}}
-        for task in self.needs:
-            dependencies |= task.dependencies
-        return dependencies
+        return {name: {needed.name for needed in task.needs} for name, task in self._all().items()}
+
+    @property
+    def layer(self) -> dict[str, Any]:
+        """The task alone."""
+        from dask.highlevelgraph import MaterializedLayer
+
+        call = partial(_result, self.name, self.call) if self.lasting else self.call
+        tasks = {self.name: (call, *(task.name for task in self.needs))}
+        return {self.name: MaterializedLayer(tasks, annotations={"priority": self.steps} if self.steps else None)}
+
+    def _all(self) -> dict[str, Task | Gathered]:
+        """Return the task and all that it needs by name, each once, however many need it."""
+        found: dict[str, Task | Gathered] = {}
+        waiting: list[Task | Gathered] = [self]
+        while waiting:
+            task = waiting.pop()
+            if task.name not in found:
+                found[task.name] = task
+                waiting += task.needs
+        return found
 
 
 @dataclass(frozen=True)
@@ -98,7 +109,12 @@ class Gathered:
         return f"gathered-{self.variable.data.name}"
 
     @property
-    def layers(self) -> dict[str, Any]:
+    def needs(self) -> tuple[Task, ...]:
+        """It needs no other task."""
+        return ()
+
+    @property
+    def layer(self) -> dict[str, Any]:
         """The tasks of the array, and one that puts its blocks together, as a layer of dask's graph."""
         from dask.highlevelgraph import MaterializedLayer
 
@@ -106,11 +122,6 @@ class Gathered:
         finish, extra = data.__dask_postcompute__()
         whole = {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
         return {self.name: MaterializedLayer(dict(data.__dask_graph__()) | whole)}
-
-    @property
-    def dependencies(self) -> dict[str, set[str]]:
-        """It needs no other layer."""
-        return {self.name: set()}
 
 
 def _gathered(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:

@@ -110,6 +110,20 @@ def cycles(
     return Cycles(name, level, *located, rule, maxima)
 
 
+def chosen_level(run: xr.Dataset, name: str, functions: Mapping[str, Callable[..., float]] | None = None) -> float:
+    """Return the level through which `cycles` counts where none is given, in the coordinate's unit.
+
+    Raises
+    ------
+    InputError
+        If there is no such coordinate.
+    """
+    rows = Chunks.of(run, functions)
+    check_coordinate(rows.run, name)
+    turns = _turned(rows, name)
+    return _chosen(rows, name, turns, int(np.count_nonzero(turns.rows > 0)))[0]
+
+
 def check_coordinate(record: xr.Dataset, name: str) -> None:
     """Check that a run has a coordinate.
 

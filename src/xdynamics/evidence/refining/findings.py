@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.convergence import FEW_STEPS
-from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import ROLE, Watched, family
+from xdynamics.evidence.refining.readings import Common, Outline, Readings
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
-from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy
+from xdynamics.evidence.stages import AT_ONCE, Stage, Task, inputs_of, lazy
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
@@ -65,22 +64,22 @@ class Findings:
     accepted: int = FEW_STEPS
 
     @classmethod
-    def of(cls, study: Study, *, defects: bool) -> Findings:
-        """Compare the runs of a study."""
-        runs = study.runs
+    def of(cls, study: Study) -> Findings:
+        """Compare the levels of a study."""
+        outlines, stepped = study.outlines, study.subjects.stepped if study.defects else ()
         return cls(
             study.times,
             list(study.watched()),
-            np.array([archive.digest_of_run(run) for run in runs]),
-            np.array([str(run.attrs["run_outcome"]) for run in runs]),
+            np.array([outline.digest for outline in outlines]),
+            np.array([outline.outcome for outline in outlines]),
             {name: np.array([len(level) for level in rows]) for name, rows in study.met().items()},
-            {name: study.cycles(name)[-1].level for name in study.subjects.cyclic},
-            _defects(study) if defects else {},
-            int(runs[-1].attrs["run_accepted_steps"]),
+            study.common.crossing_levels,
+            {name: np.array([level.defects[name] for level in study.readings]) for name in stepped},
+            outlines[-1].accepted,
         )
 
     @classmethod
-    def blank(cls, subjects: Subjects, *, defects: bool) -> Findings:
+    def blank(cls, subjects: Subjects) -> Findings:
         """Return findings of the right sizes, before anything is marched."""
         levels = len(subjects.levels.values)
         return cls(
@@ -90,7 +89,7 @@ class Findings:
             np.full(levels, ""),
             {name: np.zeros(levels, np.int64) for name in (subjects.detectors if subjects.occurrences else ())},
             dict.fromkeys(subjects.cyclic, np.nan),
-            {name: np.full(levels, np.nan) for name in subjects.stepped} if defects else {},
+            {name: np.full(levels, np.nan) for name in subjects.stepped} if subjects.defects else {},
         )
 
 
@@ -156,16 +155,11 @@ def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
     }
 
 
-def _defects(study: Study) -> dict[str, Floats]:
-    """Return the largest local error of a step of every level."""
-    defects = [step_defects(run, functions=study.levels.model.functions) for run in study.runs]
-    return {
-        name: np.array([float(np.max(np.abs(level[name]))) for level in defects]) for name in study.subjects.stepped
-    }
+def lazy_study(subjects: Subjects) -> xr.Dataset:
+    """Return a refinement with dask arrays, of which nothing is marched.
 
-
-def lazy_study(subjects: Subjects, *, defects: bool) -> xr.Dataset:
-    """Return a refinement with dask arrays, one task for each level, of which nothing is marched.
+    There are three tasks for each level: it is marched, outlined and read. The latter two are cheap, begin at once, and
+    are done where the run is, as far as dask can; only what they find goes on to the study.
 
     Raises
     ------
@@ -178,23 +172,47 @@ def lazy_study(subjects: Subjects, *, defects: bool) -> xr.Dataset:
             " to compare, like occurrences=10 (nan where there are fewer), or 0 for none"
         )
     levels = subjects.levels
-    tasks = tuple(levels.task(k) for k in range(len(levels.values)))
-    inputs = (
-        subjects.names,
-        subjects.at,
-        subjects.occurrences,
-        defects,
-        levels.varied.keyword,
-        inputs_of(levels.asked),
+    count, keyword = len(levels.values), levels.varied.keyword
+    runs = [levels.task(k) for k in range(count)]
+    inputs = (subjects.names, subjects.at, subjects.occurrences, subjects.defects, keyword, inputs_of(levels.asked))
+    given = replace(
+        Task.of("subjects", partial(_given, subjects), (), [run.name for run in runs], *inputs), lasting=False
     )
-    study = Study(levels, [], subjects.names, subjects.at, subjects.occurrences)
-    call = partial(_of_levels, study, defects=defects)
-    template = study_dataset(subjects, Findings.blank(subjects, defects=defects), {})
+    last = count - 1
+    # a task whose only input is a run goes where that is; so what it is asked is no task
+    asked: list[dict[str, Any]] = [{}] * last + [
+        {"cyclic": subjects.cyclic, "functions": levels.model.functions} if subjects.cyclic else {}
+    ]
+    outlines = [
+        _at_once("outline", partial(Outline.of, **more), (run,), [*more.get("cyclic", ())])
+        for run, more in zip(runs, asked, strict=True)
+    ]
+    common = _at_once("common", _common, (given, *outlines))
+    readings = [_at_once("readings", partial(_read, k, finest=k == last), (runs[k], common), k) for k in range(count)]
+    task = _at_once("refinement", _study, (given, *outlines, *readings))
+    template = study_dataset(subjects, Findings.blank(subjects), {})
     known = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
-    return lazy(Stage(template, Task.of("refinement", call, tasks, *inputs), known))
+    return lazy(Stage(template, task, known))
 
 
-def _of_levels(study: Study, *runs: xr.Dataset, defects: bool) -> xr.Dataset:
-    """Compare the runs of all levels, in a task."""
-    study = replace(study, runs=[*runs])
-    return study_dataset(study.subjects, Findings.of(study, defects=defects), {})
+def _at_once(kind: str, call: Callable[..., Any], needs: tuple[Task, ...], *inputs: Any) -> Task:
+    """Return a task that is begun before any march that waits."""
+    return replace(Task.of(kind, call, needs, *inputs), steps=AT_ONCE)
+
+
+def _given(subjects: Subjects) -> Subjects:
+    return subjects
+
+
+def _common(subjects: Subjects, *outlines: Outline) -> tuple[Subjects, Common]:
+    return subjects, Study.of(subjects, outlines).common
+
+
+def _read(k: int, run: xr.Dataset, asked: tuple[Subjects, Common], *, finest: bool) -> Readings:
+    return Readings.of(run, *asked, k, finest=finest)
+
+
+def _study(subjects: Subjects, *found: Any) -> xr.Dataset:
+    """Compare the levels, in a task: outlines of all come first, then readings."""
+    count = len(found) // 2
+    return study_dataset(subjects, Findings.of(Study.of(subjects, found[:count], found[count:])), {})

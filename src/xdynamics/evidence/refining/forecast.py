@@ -39,7 +39,7 @@ class Bounds:
 
     def exceeded(self, study: Study, rows: float) -> str:
         """Name the bound that a level of so many rows would exceed; empty if it exceeds none."""
-        size, keep = rows * _bytes_of_row(study), study.levels.keep
+        size, keep = rows * study.outlines[-1].row_bytes, study.levels.keep
         if rows > self.rows:
             return f"more than most_rows = {self.rows:.9g}"
         if keep is not None:
@@ -52,7 +52,7 @@ class Bounds:
 
 def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
     """Return why no further level is marched: the size of the next one, or of the one that is needed; else empty."""
-    rows = float(study.runs[-1].sizes["step"])
+    rows = float(study.outlines[-1].rows)
     growth = _growth(study)
     if why := bounds.exceeded(study, rows * growth):
         return f"the next one would have {_extent(study, rows * growth)}, {why}; {_needed(study, wanted, bounds)[0]}"
@@ -62,9 +62,9 @@ def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
 
 def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[str, bool]:
     """Describe the level that each number would need, and return whether one is known to be out of reach."""
-    levels, rows, growth = study.levels, float(study.runs[-1].sizes["step"]), _growth(study)
+    levels, rows, growth = study.levels, float(study.outlines[-1].rows), _growth(study)
     sentences, beyond = [], False
-    for number in study.numbers() if len(study.runs) > 1 else ():
+    for number in study.numbers() if len(study.outlines) > 1 else ():
         if number.name not in wanted:
             continue
         tolerance, changes = wanted[number.name], np.nanmax(np.abs(number.changes), axis=0, initial=0.0)
@@ -105,17 +105,11 @@ def _growth(study: Study) -> float:
     """Return the ratio of the next level's rows to the last one's."""
     if study.levels.varied == STEPS:
         return _ratio(study)
-    if study.levels.varied == RTOLS and len(study.runs) > 1:
-        return max(1.0, float(study.runs[-1].sizes["step"]) / float(study.runs[-2].sizes["step"]))
+    if study.levels.varied == RTOLS and len(study.outlines) > 1:
+        return max(1.0, float(study.outlines[-1].rows) / float(study.outlines[-2].rows))
     return 1.0
-
-
-def _bytes_of_row(study: Study) -> float:
-    """Return the size of one row of a level's record in bytes."""
-    run = study.runs[-1]
-    return float(sum(variable.dtype.itemsize for variable in run.variables.values() if variable.dims[:1] == ("step",)))
 
 
 def _extent(study: Study, rows: float) -> str:
     """Write a number of rows and their size."""
-    return f"{rows:.2g} rows ({size_text(rows * _bytes_of_row(study))})"
+    return f"{rows:.2g} rows ({size_text(rows * study.outlines[-1].row_bytes)})"

@@ -145,10 +145,10 @@ def refine(
                 "until_change adds levels until changes are small, and how many is known only once they are marched;"
                 " give all levels, or compute=True"
             )
-        return lazy_study(Subjects(levels, names, at, many), defects=defects)
-    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many)
+        return lazy_study(Subjects(levels, names, at, many, defects))
+    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many, defects)
     study, attributes = _refined(study, until_change or {}, bounds)
-    return study_dataset(study.subjects, Findings.of(study, defects=defects), attributes)
+    return study_dataset(study.subjects, Findings.of(study), attributes)
 
 
 def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> tuple[Study, dict[str, str]]:
@@ -163,9 +163,9 @@ def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> t
             limit = str(error) or "there is no memory for it"
             break
         study = further
-    if len(study.runs) < FEWEST:
+    if len(study.outlines) < FEWEST:
         raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
-    return study, {"stopped": _stopped(changing, len(study.runs), limit)} if wanted else {}
+    return study, {"stopped": _stopped(changing, len(study.outlines), limit)} if wanted else {}
 
 
 def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:
@@ -177,7 +177,7 @@ def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:
 
 def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
     """Name the numbers that changed by more than their tolerance between the last two levels."""
-    if len(study.runs) < FEWEST:
+    if len(study.outlines) < FEWEST:
         return list(wanted)
     last = {number.name: np.abs(number.changes[:, -2]) for number in study.numbers() if number.name in wanted}
     return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]

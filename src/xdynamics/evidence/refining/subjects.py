@@ -43,12 +43,18 @@ class Subjects:
         When observables are compared; by default at the earliest end of a run.
     occurrences : int, optional
         How many occurrences of every event are compared; by default as many as the finest run has.
+    defects : bool
+        Whether local errors of single steps are told.
     """
 
     levels: Levels
     names: tuple[str, ...]
     at: Any = None
     occurrences: int | None = None
+    defects: bool = False
+
+    def __reduce__(self) -> Any:  # what is cached of a march holds addresses, and stays in its process
+        return Subjects, (self.levels, self.names, self.at, self.occurrences, self.defects)
 
     @cached_property
     def march(self) -> March:

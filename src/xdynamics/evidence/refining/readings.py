@@ -1,0 +1,253 @@
+"""What the run of one level tells a study, in few numbers: the run itself stays where it was marched.
+
+First every level is outlined by itself. From all outlines follows what they have in common: times that every run reaches,
+occurrences that correspond, levels of cycles. At these each run is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import archive
+from xdynamics.archive.seals import slabs
+from xdynamics.evidence.diagnosing.cycles import Cycles, chosen_level, cycles
+from xdynamics.evidence.event_matching import Rows, met
+from xdynamics.evidence.observables import observe
+from xdynamics.evidence.refining.defects import step_defects
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
+from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+ENERGY = "total_energy"
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What the run of a level tells whatever the other levels are.
+
+    Attributes
+    ----------
+    begin, end : float, s
+    outcome, outcome_text, digest : str
+    accepted, rows : int
+        Accepted steps, and rows of the record.
+    row_bytes : float
+        Size of a row.
+    event_times, event_uncertainties : ndarray, shape (events,), s
+    met : mapping of str to ndarray of int
+        Which of the events are those of each name.
+    passed : mapping of str to float, s
+        The last row before each switch that a step went over, by its name.
+    crossing_levels : mapping of str to float
+        The level that cycles of a coordinate rise through, chosen by the finest run.
+    """
+
+    begin: float
+    end: float
+    outcome: str
+    outcome_text: str
+    digest: str
+    accepted: int
+    rows: int
+    row_bytes: float
+    event_times: Floats
+    event_uncertainties: Floats
+    met: Mapping[str, Rows]
+    passed: Mapping[str, float]
+    crossing_levels: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, run: xr.Dataset, cyclic: Sequence[str] = (), functions: Mapping[str, Callable[..., float]] | None = None
+    ) -> Outline:
+        """Outline the run of a level; of the finest with levels for cycles of coordinates."""
+        nothing, events = np.zeros(0), met(run)
+        return cls(
+            float(run["time"][0]),
+            float(run["time"][-1]),
+            str(run.attrs["run_outcome"]),
+            str(run.attrs["run_outcome_text"]),
+            archive.digest_of_run(run),
+            int(run.attrs["run_accepted_steps"]),
+            run.sizes["step"],
+            float(sum(column.dtype.itemsize for column in run.variables.values() if column.dims[:1] == ("step",))),
+            run["event_time"].values if "event_time" in run.variables else nothing,
+            run["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
+            events,
+            _passed(run),
+            {name: chosen_level(run, name, functions) for name in cyclic},
+        )
+
+
+def _passed(run: xr.Dataset) -> dict[str, float]:
+    """Return the time of the last row before each switch that a step went over, of those after the start."""
+    if PASSED.name not in run.variables:
+        return {}
+    times, rows = run["time"].values, {}
+    names = str(run[PASSED.name].attrs["names"]).split()
+    for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
+        rows[name] = int(np.searchsorted(times, first)) if first == first else 0
+    return {name: float(times[row - 1]) for name, row in rows.items() if row}
+
+
+@dataclass(frozen=True)
+class Common:
+    """Where the runs of all levels are read.
+
+    Attributes
+    ----------
+    times : ndarray, s
+    crossing_levels : mapping of str to float
+        By coordinate.
+    places : mapping of str to sequence of (ndarray, ndarray)
+        By the name of an event, for each level: those of its events that have a partner in the finest level, and the
+        numbers of these.
+    """
+
+    times: Floats
+    crossing_levels: Mapping[str, float]
+    places: Mapping[str, Sequence[tuple[Rows, Rows]]]
+
+
+@dataclass(frozen=True)
+class Swings:
+    """The cycles of a coordinate in one run.
+
+    Attributes
+    ----------
+    mean : float, s
+        The period; nan if there is no whole cycle.
+    counted : int
+        How many there are, 1 at least.
+    uncertainty : float, s
+        The largest of a crossing.
+    phases : ndarray, rad
+        At the times of comparison.
+    """
+
+    mean: float
+    counted: int
+    uncertainty: float
+    phases: Floats
+
+    @classmethod
+    def of(cls, found: Cycles, times: Floats) -> Swings:
+        """Reduce the crossings to what is compared."""
+        periods = found.periods
+        mean = float(periods.mean()) if periods.size else np.nan
+        return cls(mean, max(1, periods.size), float(found.uncertainties.max(initial=0.0)), found.phase(times))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The numbers of one run that are compared with those of other levels.
+
+    Attributes
+    ----------
+    observed : mapping of str to (ndarray, ndarray)
+        Observables at the times of comparison, and their errors by interpolation.
+    swings : mapping of str to Swings
+        By coordinate.
+    after : mapping of str to mapping of str to (ndarray, ndarray)
+        States after the common occurrences of each event, and what the location has them off by.
+    energy_range : float
+        nan if it is not asked for.
+    defects : mapping of str to float
+        Largest local errors, if they are asked for.
+    moved, largest : mapping of str to ndarray, of str to float
+        Of the finest run alone: what the uncertain times of events before each time move an observable by, and the
+        largest absolute value of each quantity.
+    """
+
+    observed: Mapping[str, tuple[Floats, Floats]]
+    swings: Mapping[str, Swings]
+    after: Mapping[str, Mapping[str, tuple[Floats, Floats]]]
+    energy_range: float
+    defects: Mapping[str, float]
+    moved: Mapping[str, Floats]
+    largest: Mapping[str, float]
+
+    @classmethod
+    def of(cls, run: xr.Dataset, subjects: Subjects, common: Common, level: int, *, finest: bool) -> Readings:
+        """Read the run of a level.
+
+        Raises
+        ------
+        InputError
+            If an observable cannot be evaluated, or local errors are asked for and the method has a memory.
+        """
+        model, names, times = subjects.levels.model, subjects.observed, common.times
+        observed = observe(run, model, names, times, subjects.levels.rule(level))
+        ranged, functions = ENERGY_RANGE in subjects.names, model.functions
+        counted = {
+            name: Swings.of(cycles(run, name, level=crossing, functions=functions), times)
+            for name, crossing in common.crossing_levels.items()
+        }
+        after = {
+            detector: {name: _after(run, name, places[level][0]) for name in subjects.after_events}
+            for detector, places in common.places.items()
+        }
+        defects = step_defects(run, functions=functions) if subjects.defects else {}
+        sized = dict.fromkeys([*names, *subjects.after_events, *([ENERGY] if ranged else [])]) if finest else ()
+        return cls(
+            observed,
+            counted,
+            after,
+            _range(run, ENERGY) if ranged else np.nan,
+            {name: float(np.max(np.abs(defects[name]))) for name in (subjects.stepped if defects else ())},
+            {name: _moved(run, name, times) for name in names} if finest else {},
+            {name: _largest(run, name) for name in sized},
+        )
+
+
+def _after(run: xr.Dataset, name: str, events: Rows) -> tuple[Floats, Floats]:
+    """Return a state after events, and how far their location may have it off."""
+    after, before = run["event_row_after"].values[events], run["event_row_before"].values[events]
+    uncertainty = run["event_time_uncertainty"].values[events]
+    return run[name][after].values, np.abs(run[_rate_of(run, name)][before].values) * uncertainty
+
+
+def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:
+    """Return the error of an observable at each time by the uncertain times of events before it."""
+    if "event_time" not in run.variables or not run.sizes["event"]:
+        return np.zeros(len(times))
+    counts = [int((run["event_time"].values < time).sum()) for time in times]
+    rates = _rates(run, name, run["event_row_before"].values[: max(counts, default=0)])
+    each = np.abs(rates) * run["event_time_uncertainty"].values[: max(counts, default=0)]
+    return np.array([float(np.sum(each[:count])) for count in counts])
+
+
+def _rates(run: xr.Dataset, name: str, rows: NDArray[np.int64]) -> Floats:
+    """Return the rate of change of an observable in the step to each row; 0 where a time of an event is repeated."""
+    span, change = (
+        run[variable][rows].values - run[variable][np.maximum(rows - 1, 0)].values for variable in ("time", name)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates: Floats = np.where(span > 0.0, change / span, 0.0)
+    return rates
+
+
+def _largest(run: xr.Dataset, name: str) -> float:
+    """Return the largest absolute value of a quantity, reading files slab by slab."""
+    return max(float(np.max(np.abs(part))) for part in slabs(run[name].variable))
+
+
+def _range(run: xr.Dataset, name: str) -> float:
+    """Return the largest less the least value of a quantity."""
+    ends = [(float(np.max(part)), float(np.min(part))) for part in slabs(run[name].variable)]
+    return max(high for high, _ in ends) - min(low for _, low in ends)
+
+
+def _rate_of(run: xr.Dataset, name: str) -> str:
+    """Return the name of the variable that is the rate of a coordinate, velocity or state."""
+    role = run[name].attrs["role"]
+    return {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}[role]
