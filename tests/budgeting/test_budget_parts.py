@@ -423,7 +423,7 @@ def test_a_budget_in_words_begins_with_the_largest_share() -> None:
     assert list(lines_of(budget_in_words())) == [
         "result    time of apex = 3 s",
         "physical  g           0.02 s, -70.0% of the variance, -2.5 m-1 s2 times 0.008 m s-2",
-        "physical  f           0.5 (± 0.06) s, 20.0% of the variance, 3 times 1",
+        "physical  f           0.50 ± 0.06 s, 20.0% of the variance, 3 times 1",
         "numerical truncation  0.0123 s, 10.0% of the variance",
         "totals    numerical 0.0123 s, at most 0.03 s; physical 0.51 s; together 0.52 s",
         "linear    not checked: draw, with --draws 10000",
@@ -449,7 +449,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
     assert lines[6:] == [
         "drawn     shortest 95% interval 2.01 to 3.90 s, its ends ± 0.01 s",
         "drawn     symmetric 95% interval 2.03 to 3.96 s, its ends ± 0.01 s",
-        "drawn     standard uncertainty 0.499 (± 0.006) s, of 4000 draws",
+        "drawn     standard uncertainty 0.499 ± 0.006 s, of 4000 draws",
         "linear    not checked: its interval ends 0.004 s from that of the draws; 4000 draws leave it open, about 23000 settle it",
     ]
     settled = found.drop_attrs(deep=False).assign_attrs(
@@ -755,8 +755,8 @@ def test_a_fit_in_words() -> None:
     """Assert every line of a fit with uncertainties, and those that change without, on another verdict, or with no end."""
     lines = list(fit_in_lines(fitted_in_words()))
     assert lines == [
-        "k         4 ± 0.012 N m-1 (one standard uncertainty)",
-        "ratio     0.5 ± 0.2 (one standard uncertainty); on its bound, and no more sure than that",
+        "k         4.000 ± 0.012 N m-1 (one standard uncertainty)",
+        "ratio     0.50 ± 0.20 (one standard uncertainty); on its bound, and no more sure than that",
         "fit       chi-square 21 for 20 degrees of freedom; a larger one has the probability 0.397",
         "verdict   adequate: residuals are no more than noise; fewer changes of sign have the probability 0.25",
         "searches  3, the best of them number 2: growing",

@@ -11,6 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.documenting.summary import summary
+from xdynamics.units.digits import with_uncertainty
 
 MARCH: dict[str, Any] = {"method": "rk4", "step": "20 ms", "until": "1 s"}
 
@@ -98,7 +99,7 @@ def test_a_number_that_is_not_linear_in_its_rows_is_drawn_and_says_so(tmp_path: 
     assert "every row drawn" in str(budget.term_rule.values[row_of(budget, "f")])
     assert float(budget.physical_rss_doubt) == pytest.approx(doubt)
     line = next(one for one in summary(budget) if one.startswith("physical  f "))
-    assert f"{size:.3g} (± {doubt:.1g}) N," in line
+    assert f" {with_uncertainty(size, doubt, 1)} N," in line
     xd.plot(budget, tmp_path / "B.svg")
     assert f"± {doubt:.1g}" in (tmp_path / "B.svg").read_text()
 

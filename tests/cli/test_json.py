@@ -41,8 +41,14 @@ VERBS = {
     "compare": ("run.nc run.nc -o comparison.nc", "comparison"),
     "diagnose": ("run.nc --no-companion -o diagnosis.nc", "diagnosis"),
     "validate": ("--method heun -o ledger.nc", "ledger"),
+    "recheck": ("certificate.nc", "certificate"),
     "verify": ("run.nc", "verification"),
+    "reproduce": ("run.nc", "reproduction"),
+    "sample": ("run.nc --times '0.1 s, 0.2 s' -o table.csv", "states"),
+    "methods": ("", "methods"),
 }
+# verbs that write files or words, and yield no number
+NUMBERLESS = {"animate", "bundle", "discard", "help", "new", "plot", "report", "sign"}
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +94,7 @@ def test_every_verb_that_has_it_is_on_the_page() -> None:
     page = " ".join(guide("json"))
     listed = page.split("These have it: ")[1].split(".")[0]
     assert {*listed.replace(",", " ").split()} == having == {*VERBS}
+    assert {*main.commands} - having == NUMBERLESS
 
 
 @pytest.mark.parametrize("verb", ["fit", "budget", "certify", "refine", "compare", "diagnose", "validate", "sweep"])
@@ -160,3 +167,19 @@ def test_errors_leave_standard_output_empty() -> None:
     """Assert that where nothing is made nothing is printed there."""
     done = call("check", MODELS / "nowhere.toml", "--json")
     assert (done.exit_code, done.stdout) == (2, "")
+
+
+def test_states_and_methods(told: dict[str, Any]) -> None:
+    """Assert `sample` to the last bit beside its table, a method alone as in the table of all, and limits of known methods."""
+    states = json.loads(told["sample"].stdout)["variables"]
+    rows = (told["folder"] / "table.csv").read_text().splitlines()[1:]
+    assert [
+        f"{t!r},{y!r},{v!r}" for t, y, v in zip(*(states[n]["values"] for n in ("at_time", "y", "v_y")), strict=True)
+    ] == rows
+    methods = json.loads(told["methods"].stdout)["methods"]
+    assert {*methods} == {*xd.METHODS}
+    alone = json.loads(call("methods", "velocity_verlet", "--json").stdout)
+    assert methods["velocity_verlet"].items() <= alone.items()
+    assert (alone["order"], alone["is"], round(alone["oscillation_limit"], 9)) == (2, ["symplectic", "symmetric"], 2.0)
+    assert methods["implicit_midpoint"]["oscillation_limit"] == "inf"
+    assert json.loads(told["reproduce"].stdout)["attributes"]["identical"] == 1

@@ -66,8 +66,11 @@ def test_what_xarray_refuses_by_time() -> None:
         lambda run: run.interp(time=1.01),
         lambda run: run.y.sel(time=1.01),
         lambda run: run.y.interp(time=1.01),
+        lambda run: run.y.drop_sel(time=1.01),
+        lambda run: run.rolling({"time": 1.01}),
+        lambda run: run.coarsen(time=1.01),
     ],
-    ids=["sel", "nearest", "interp", "sel of a variable", "interp of a variable"],
+    ids=["sel", "nearest", "interp", "sel of a variable", "interp of a variable", "drop_sel", "rolling", "coarsen"],
 )
 def test_errors_by_time_name_what_gives_states(ask: Callable[[xr.Dataset], object]) -> None:
     """Assert that the error keeps its kind and message, and has a note with the call, which gives the state."""
@@ -78,6 +81,32 @@ def test_errors_by_time_name_what_gives_states(ask: Callable[[xr.Dataset], objec
     call = re.findall(r"run(\.dynamics\.at\(.*?\))", note)[0]
     assert call == ".dynamics.at(1.01)"
     assert run.dynamics.at(1.01).sizes["at"] == 1
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda run: run.reindex(time=[1.01]),
+        lambda run: run.y.reindex({"time": [1.01]}),
+        lambda run: run.reindex_like(xr.Dataset(coords={"time": [1.01]})),
+        lambda run: run.y.interp_like(other=xr.DataArray([0.0], coords={"time": [1.01]}, dims="time")),
+    ],
+    ids=["reindex", "reindex of a variable", "reindex_like", "interp_like"],
+)
+def test_what_xarray_would_leave_undone_is_refused(ask: Callable[[xr.Dataset], object]) -> None:
+    """Assert an error that names the call, where xarray gives the rows as they were; other names are xarray's own."""
+    run = xd.simulate(ball())
+    with pytest.raises(xd.InputError, match=re.escape("run.dynamics.at([1.01])")):
+        ask(run)
+    assert run.reindex().sizes == run.sizes
+    assert xr.Dataset(coords={"time": [0.0, 1.0]}).reindex(time=[1.0]).sizes == {"time": 1}
+
+
+def test_resample_names_what_gives_states() -> None:
+    """Assert the note where no number was asked for."""
+    with pytest.raises(TypeError) as refused:
+        xd.simulate(ball()).resample(time="1s")
+    assert "run.dynamics.at(times)" in refused.value.__notes__[0]
 
 
 def test_other_errors_have_no_note() -> None:

@@ -19,7 +19,7 @@ from xdynamics.dynamics.exponents import Exponents, exponents_of
 from xdynamics.dynamics.path import BLOCKS
 from xdynamics.dynamics.path import RunPath as Along
 from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
-from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov, with_uncertainty
+from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
 from xdynamics.evidence.diagnosing.diagnosis import lines_of
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
@@ -173,24 +173,6 @@ def test_a_time_follows_from_growth_that_is_certain(
     assert {variable.attrs["units"] for variable in pure.data_vars.values()} == {"1"}
     assert [line.rpartition(" ")[2] for line in exponents_in_words(pure)][2] == "time"
     assert list(exponents_in_words(xr.Dataset())) == []
-
-
-@pytest.mark.parametrize(
-    ("value", "doubt", "text"),
-    [
-        (0.5, 0.24, "0.50 ± 0.24"),
-        (0.5, 2e6, "0.5 ± 2e+06"),
-        (3.0, 9.4, "3.0 ± 9.4"),
-        (12.0, 13.0, "12 ± 13"),
-        (0.5, 2e-13, "0.500000000000 ± 2.0e-13"),
-        (0.5, 2e-12, "0.500000000000 ± 0.000000000002"),
-        (0.5, math.inf, "0.5 ± inf"),
-        (math.nan, 0.1, "nan"),
-    ],
-)
-def test_exponents_are_written_with_their_digits(value: float, doubt: float, text: str) -> None:
-    """Assert two digits of the uncertainty, twelve places at most."""
-    assert with_uncertainty(value, doubt) == text
 
 
 def test_vectors_are_taken_apart_as_q_and_r(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -387,11 +387,11 @@ def test_a_refinement_in_words() -> None:
         "levels    step_size 0.4, 0.2, 0.1 s",
         "outcomes  completed, event",
         "±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it",
-        "x at t = 1 s = 1.8 ± 0.25 m, order 1, asymptotic",
+        "x at t = 1 s = 1.75 ± 0.25 m, order 1, asymptotic",
         "x at t = 2.5 s is not there in the finest level",
-        "event_time_low [1] = 8.0 ± 0.25 s, order 1, asymptotic".replace("8.0", "8"),
-        "event_time_low [2] = 9 ± 0.25 s, order 1, asymptotic",
-        "event_time_low [3] = 10 ± 0.25 s, order 1, asymptotic",
+        "event_time_low [1] = 8.00 ± 0.25 s, order 1, asymptotic",
+        "event_time_low [2] = 9.00 ± 0.25 s, order 1, asymptotic",
+        "event_time_low [3] = 10.00 ± 0.25 s, order 1, asymptotic",
         "event_time_low: 1 further occurrences are in the record",
         "n = 3.625, changed by 0.125",
         "stopped   done",
@@ -399,8 +399,8 @@ def test_a_refinement_in_words() -> None:
     two = refined_by_hand().isel(level=[1, 2], occurrence=[0, 1, 2])
     lines = refinement_in_words(two.assign(step_size=("level", np.array(["a", "b"]), {"units": "1"})))
     assert lines[0] == "levels    step_size a, b"
-    assert lines[3] == "x at t = 1 s = 1.8 ± 0.25 m, asymptotic"
-    assert lines[-2:] == ["event_time_low [3] = 10 ± 0.25 s, asymptotic", "n = 3.625, changed by 0.125"]
+    assert lines[3] == "x at t = 1 s = 1.75 ± 0.25 m, asymptotic"
+    assert lines[-2:] == ["event_time_low [3] = 10.00 ± 0.25 s, asymptotic", "n = 3.625, changed by 0.125"]
 
 
 # ------------------------------------------------------------------------------------------------------------ comparing

@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.command_line import call
-from xdynamics.units.digits import MOST, digits, known_part
+from xdynamics.units.digits import MOST, digits, known_part, with_uncertainty
 
 
 @pytest.mark.cases(400)
@@ -42,6 +42,26 @@ def test_what_has_no_digits() -> None:
     assert known_part(1e-6, []) == 1e-6
     assert known_part(None, [(0.0, 1.0)]) == 1e-9
     assert known_part(1e-6, [(35.0, 1.0), (2.0, 1.0)]) == pytest.approx(0.1 / 35)
+
+
+@pytest.mark.parametrize(
+    ("value", "doubt", "text"),
+    [
+        (0.000294891463964, 7e-5, "0.000295 ± 0.000070"),
+        (0.5, 2e6, "0 ± 2000000"),
+        (12.0, 13.0, "12 ± 13"),
+        (9.96, 0.0999, "9.96 ± 0.10"),
+        (0.5, 2e-13, "0.50000000000000 ± 0.00000000000020"),
+        (0.5, 2e-16, "0.5 ± 2e-16"),
+        (-3e-14, 1.5e-11, "(0.0 ± 1.5)e-11"),
+        (9.87654e12, 6.4e8, "(9.87654 ± 0.00064)e12"),
+        (0.5, np.inf, "0.5 ± inf"),
+        (np.nan, 0.1, "nan"),
+    ],
+)
+def test_a_number_is_written_with_its_uncertainty(value: float, doubt: float, text: str) -> None:
+    """Assert two digits of the uncertainty, the value to the same place, and powers of ten outside."""
+    assert with_uncertainty(value, doubt) == text
 
 
 def test_a_fall_with_an_uncertain_speed_has_few_digits(tmp_path: Path) -> None:

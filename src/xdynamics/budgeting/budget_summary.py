@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +11,10 @@ from xdynamics.evidence.diagnosing.extremes import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
 from xdynamics.units import SECONDS
+from xdynamics.units.digits import known_to, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
-
-SMALL = 1e-3  # numbers below this are written with a power of ten
 
 
 def lines_of(budget: xr.Dataset) -> Iterator[str]:
@@ -88,25 +86,9 @@ def with_doubt(size: float, doubt: float) -> str:
     Examples
     --------
     >>> with_doubt(0.0023642, 0.0), with_doubt(0.0023642, 3.1e-4)
-    ('0.00236', '0.00236 (± 0.0003)')
+    ('0.00236', '0.0024 ± 0.0003')
     """
-    return f"{size:.3g} (± {doubt:.1g})" if doubt > 0.0 else f"{size:.3g}"
-
-
-def known_to(value: float, doubt: float) -> str:
-    """Write a value with the digits that its uncertainty justifies, the last of them uncertain.
-
-    Examples
-    --------
-    >>> known_to(0.879488222, 0.0031), known_to(-1234.5, 20.0), known_to(1.5, 0.0), known_to(1.0843e-6, 2e-9)
-    ('0.879', '-1230', '1.5', '1.084e-06')
-    """
-    if not (isfinite(value) and isfinite(doubt) and doubt > 0.0):
-        return f"{value:.9g}"
-    places = -floor(log10(doubt))
-    if value and abs(value) < SMALL:
-        return f"{value:.{max(places + floor(log10(abs(value))), 0)}e}"
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return with_uncertainty(size, doubt, 1) if doubt > 0.0 else f"{size:.3g}"
 
 
 def _unit(units: object) -> str:

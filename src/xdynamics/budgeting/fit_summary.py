@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.units.digits import digits
+from xdynamics.units.digits import known_to, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,10 +26,7 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
         value, uncertainty = float(fit["estimate"][i]), float(fit["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(fit["at_bound"][i]) else ""
-        yield (
-            f"{name:<9} {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{unit} (one standard"
-            f" uncertainty){bound}"
-        )
+        yield (f"{name:<9} {with_uncertainty(value, uncertainty)}{unit} (one standard uncertainty){bound}")
     yield from _intervals(fit, names, units)
     square, freedom = float(fit.attrs["chi_square"]), int(fit.attrs["degrees_of_freedom"])
     if isfinite(square):
@@ -80,9 +77,7 @@ def _intervals(fit: xr.Dataset, names: Sequence[str], units: Sequence[str]) -> I
     for name, unit, (low, high), deviation in zip(
         names, units, fit["interval"].values, fit["standard_uncertainty"].values, strict=True
     ):
-        ends = " to ".join(
-            f"{end:.{digits(end, uncertainty=deviation)}g}" if isfinite(end) else "no end" for end in (low, high)
-        )
+        ends = " to ".join(known_to(end, deviation / 10.0) if isfinite(end) else "no end" for end in (low, high))
         yield f"interval  {name}: {ends}{'' if unit == '1' else f' {unit}'}, {float(fit.attrs['coverage']):g} {how}"
 
 

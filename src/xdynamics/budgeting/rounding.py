@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import floor, isfinite, log10
+from math import isfinite
+
+from xdynamics.units.digits import with_uncertainty
 
 EXPANDED = 2.0  # coverage factor
-DIGITS = 2  # of the uncertainty
 
 
 def rounded(value: float, standard: float, numerical: float, units: str, origin: str = "k = 2") -> str:
@@ -33,19 +34,7 @@ def rounded(value: float, standard: float, numerical: float, units: str, origin:
     remark = f"{origin}, numerical part {_short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({remark})"
-    size = float(f"{expanded:.{DIGITS - 1}e}")
-    places = DIGITS - 1 - floor(log10(size))
-    if abs(value) and not -4 <= floor(log10(abs(value))) <= 8:
-        power = floor(log10(abs(value)))
-        return (
-            f"({_fixed(value / 10.0**power, places + power)} ±"
-            f" {_fixed(size / 10.0**power, places + power)})e{power}{unit} ({remark})"
-        )
-    return f"{_fixed(value, places)} ± {_fixed(size, places)}{unit} ({remark})"
-
-
-def _fixed(value: float, places: int) -> str:
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{with_uncertainty(value, expanded)}{unit} ({remark})"
 
 
 def _short(value: float) -> str:

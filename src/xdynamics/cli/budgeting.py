@@ -116,12 +116,14 @@ def report(folder: str, output: str) -> None:
 
 @main.command()
 @click.argument("certificate", metavar="C.nc|FOLDER")
+@json_option
 def recheck(certificate: str) -> None:
     """Make a certificate again from its file or bundle alone and compare every number; exit code 1 if one differs."""
     from xdynamics.documenting.bundling import recheck as made_again
 
     result = made_again(certificate)
     say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
+    hand_over(result)
 
 
 def _of_number_and_march(named: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -133,25 +133,27 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 @click.argument("archive", metavar="RUN.nc")
 @click.option("--times", required=True, help="The times: '1 s', '0.1 s, 0.2 s' or '0:20:201 s' (first:last:count).")
 @click.option("-o", "--output", metavar="TABLE.csv", help="The table to write; printed if not given.")
+@json_option
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
     from xdynamics.archive.place import placed
     from xdynamics.dynamics.shortened_steps import wanted_times
+    from xdynamics.evidence.sampling import sample as states_at
     from xdynamics.interchange.csv_export import check_target, text_of, write
     from xdynamics.record.flag_words import time_unit
 
     target = check_target(placed(output)) if output else None
     with open_run(archive) as run:
-        text = text_of(run, wanted_times(times, time_unit(run)))
-    if target is None:
-        click.echo(text, nl=False)
-    else:
-        say([write(text, target)])
+        states = states_at(run, wanted_times(times, time_unit(run)))
+    text = text_of(states)
+    say([write(text, target)] if target is not None else text.splitlines())
+    hand_over(states, archive=output)
 
 
 @main.command()
 @click.argument("name", required=False)
+@json_option
 def methods(name: str | None) -> None:
     """Print the table of methods, or all that is known of one."""
     from xdynamics.faults import InputError
@@ -159,8 +161,10 @@ def methods(name: str | None) -> None:
 
     if name is None:
         say([*repr(METHODS).splitlines(), MORE])
+        hand_over({"kind": "methods", "methods": {each.name: _data_of(each) for each in METHODS.values()}})
     elif name in METHODS:
         say(page_of(METHODS[name]))
+        hand_over({"kind": "method", "name": name} | _data_of(METHODS[name]))
     else:
         raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
 
@@ -185,6 +189,27 @@ def page_of(method: Method) -> Iterable[str]:
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
     yield f"    also      {', '.join(method.synonyms) or 'no other name'}"
     yield f"    source    {method.reference}"
+
+
+def _data_of(method: Method) -> dict[str, Any]:
+    """Return what is known of a method as plain data; an infinite limit is none, nan one that nobody knows."""
+    from xdynamics.methods.table import kind_of
+    from xdynamics.stability import decay_limit, oscillator_limit
+
+    return {
+        "order": method.order,
+        "is": kind_of(method).split(", "),
+        "evaluations": method.evaluations,
+        "evaluations_in": "iteration" if method.solves else "step",
+        "estimate_order": method.estimate_order if method.estimate else None,
+        "interpolation_order": method.interpolant.order,
+        "refuses": [*method.refuses],
+        "synonyms": [*method.synonyms],
+        "oscillation_limit": oscillator_limit(method),
+        "decay_limit": decay_limit(method),
+        "equations": method.equations(),
+        "reference": method.reference,
+    }
 
 
 def _limits(method: Method) -> Iterable[str]:

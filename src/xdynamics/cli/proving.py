@@ -90,11 +90,13 @@ def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> Non
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
+@json_option
 def reproduce(archive: str) -> None:
     """March an archive's model again and compare every bit."""
     from xdynamics.simulation.single_run import reproduce as again
 
     table = again(archive)
+    hand_over(table)
     if table.attrs["identical"]:
         part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
         say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])

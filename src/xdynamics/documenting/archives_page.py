@@ -14,7 +14,11 @@ By time. Rows are accepted steps, wherever those ended, and at an event there ar
                                     a time has two rows; run.interp(time=…) too, since rows are along step. A straight line
                                     between rows would be neither the method's state nor leave out jumps:
                                     run.dynamics.at repeats the step
-  Below such an error stands a note of ours that names run.dynamics.at with the times that were asked for.
+  Below such an error, and below those of resample, rolling, coarsen and drop_sel, stands a note of ours that names
+  run.dynamics.at with the times that were asked for. reindex(time=…), reindex_like and interp_like are refused: xarray would
+  give the rows as they were, without a word.
+  time has no index: with one, xarray aligns records by it and refuses a.y - b.y and xr.concat([a, b], "run") of runs that
+  have equally many rows at other times.
 Many files. Runs with as many rows, events and force evaluations are put together by xarray alone, as are catalogues of sweeps
 that keep quantities at times:
   xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run")

@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics import archive
 from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.stores import check_target, store_of, taking_name
-from xdynamics.budgeting.budget_summary import doubt_of, known_to, with_doubt
+from xdynamics.budgeting.budget_summary import doubt_of, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
@@ -22,6 +22,7 @@ from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import unit_suffix
+from xdynamics.units.digits import digits, known_to
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -157,8 +158,9 @@ def _convergence(certificate: xr.Dataset) -> PageSection:
     units = str(certificate["value"].attrs["units"])
     values, orders = certificate["level_value"].values, certificate["observed_order"].values
     changes = np.append(np.diff(values), np.nan)
+    finest = float(np.abs(changes[:-1]).min(initial=np.inf))  # values are told apart by as much as they differ
     rows = [
-        [f"{size:.6g}", f"{value!r}", _number(change), _number(order)]
+        [f"{size:.6g}", _to_place(value, finest), _number(change), _number(order)]
         for size, value, change, order in zip(
             certificate[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True
         )
@@ -235,7 +237,7 @@ def _run(run: xr.Dataset, picture: bytes) -> PageSection:
         names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
         times, doubts = run["event_time"].values.tolist(), run["event_time_uncertainty"].values.tolist()
         rows = [
-            [name, kind.replace("_", " "), f"{time!r}", f"{doubt:.2g}"]
+            [name, kind.replace("_", " "), f"{time:.{digits(time, uncertainty=doubt)}g}", f"{doubt:.2g}"]
             for name, kind, time, doubt in zip(names, kinds, times, doubts, strict=True)
         ]
     further = [Words(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
@@ -302,6 +304,11 @@ def _again(certificate: xr.Dataset, bundle: Place) -> PageSection:
 def _with_unit(certificate: xr.Dataset, name: str, units: str, i: int) -> str:
     value, unit = float(certificate[name][i]), str(certificate[units].values[i])
     return "" if not np.isfinite(value) else f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit}"
+
+
+def _to_place(value: float, change: float) -> str:
+    """Write a level's value with two digits of the smallest change between levels."""
+    return f"{value:.{digits(value, apart=change / 10.0)}g}"
 
 
 def _number(value: float) -> str:

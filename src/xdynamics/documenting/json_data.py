@@ -16,10 +16,12 @@ from xdynamics.evidence.modes import modes
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.record.kinds import is_run, is_whole
-from xdynamics.schema import EVIDENCE, ORIGIN
+from xdynamics.record.kinds import is_whole
+from xdynamics.schema import AT, EVIDENCE, ORIGIN, STEPS
 
-MODEL, RUN, PART, MODES = "model", "run", "part", "modes"  # kinds beside those of evidence
+# kinds beside those of evidence
+MODEL, RUN, PART, MODES = "model", "run", "part", "modes"
+STATES, REPRODUCTION = "states", "reproduction"
 
 
 def json_text(data: Any) -> str:
@@ -52,11 +54,12 @@ def data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
 def _of_record(record: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run, or all that evidence or a part of a run holds."""
     attributes = record.attrs
-    if is_run(attributes) and is_whole(attributes):
+    if STEPS in record.dims and is_whole(attributes):
         parameters = {str(n): v for n, v in record.data_vars.items() if v.attrs.get("role") == "parameter"}
         held = {name: _variable(variable) for name, variable in parameters.items()}
         return {"kind": RUN} | as_data(record) | {"parameters": held}
-    return _everything(record, str(attributes.get(EVIDENCE, PART)))
+    kind = REPRODUCTION if "identical" in attributes else STATES if AT in record.dims else PART
+    return _everything(record, str(attributes.get(EVIDENCE, kind)))
 
 
 def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:

@@ -2,18 +2,19 @@
 
 JSON_PAGE = """\
 With --json standard output holds one JSON object in one line and nothing else; warnings and errors go to standard error,
-and exit codes stay. These have it: run, extend, complete, show, check, sweep, fit, budget, certify, refine, compare, diagnose,
-validate, verify.
+and exit codes stay. These have it: run, extend, complete, show, check, sample, sweep, fit, budget, certify, recheck, refine,
+compare, diagnose, validate, verify, reproduce, methods.
   xdynamics fit pendulum.toml bench.csv --parameter L --json | jq '.variables.estimate.values'
   xdynamics show fit.nc --json | jq '[.variables.parameter_name.values, .variables.estimate.values] | transpose'
   xdynamics budget ball.toml --quantity y --at "1 s" --json | jq -r '.variables.result.values'
 Numbers have all their digits: reading them gives the same bits. JSON has none that are not finite:
   nan is null, infinity is the text "inf" or "-inf"
 Every object has
-  kind        what it is: run, model, verification, part (of a run), or the kind of evidence, as of `show`
-  title       in words; a verification has none
+  kind        what it is: run, model, verification, reproduction, states, methods, method, part (of a run), or the kind of evidence,
+              as of `show`
+  title       in words; verifications and methods have none
   archive     the file that was written, if one was; model is the fitted model that `fit` wrote
-Evidence (fit, budget, certificate, refinement, comparison, diagnosis, ledger, sweep …), as it is in its archive:
+Evidence (fit, budget, certificate, refinement, comparison, diagnosis, ledger, sweep …), and what `sample` gives, as in archives:
   sizes       number of entries along each dimension
   attributes  settings, digests, versions: texts and numbers
   variables   by name, each with
@@ -31,6 +32,11 @@ A model (check):
   parameters, initial   by name: value, units, and of parameters uncertainty in that unit, 0 if none is known
   methods     by name: order, chooses_steps, refuses (list of reasons, empty if the method takes the model)
   scales      the linearisation at the start, as evidence above: frequency, period, largest_stable_step …; or unknown, why not
+A reproduction has these too; attributes.identical is 1 where every bit is the same.
+Methods: methods, by name; a single one has these itself:
+  order, evaluations in an evaluations_in (step | iteration), estimate_order (null: by step doubling), interpolation_order
+  is (list of plain, symplectic, symmetric, implicit), refuses, synonyms (lists), equations, reference
+  oscillation_limit, decay_limit   largest w*h and h/tau of a stable step; null where the method takes no such forces
 A verification:
   archives    list of archive, verdict (verified | as written | damaged | not verified), digest unless it is one of the last
               two, text

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import escaped
 from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
@@ -28,7 +29,7 @@ from xdynamics.schema import (
     TRIALS,
 )
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import digits, known_part
+from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
 
 FEW_EVENTS = 4  # of one name, that are listed one by one
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
@@ -140,7 +141,8 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
         if variable.attrs.get("role") == "parameter" and not variable.dims:
             first, *further = str(variable.attrs["long_name"]).split("\n")
             value, doubt = float(variable), float(variable.attrs.get("uncertainty", 0.0))
-            known = f"{value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}" if doubt > 0.0 else f"{value:.12g}"
+            given = 1 if float(f"{doubt:.1g}") == doubt else OF_DOUBT  # "30 ± 1 m s-1" as it was written down
+            known = with_uncertainty(value, doubt, given) if doubt > 0.0 else f"{value:.12g}"
             lines.append(f"  {name} = {known} {variable.attrs['units']}   {first}")
             lines += [f"    {line}" for line in further]
     if not whole:
@@ -229,8 +231,7 @@ def _end(run: xr.Dataset) -> Iterator[str]:
 
 def _uncertain_part(run: xr.Dataset) -> float:
     """Return the relative uncertainty that the tolerances and uncertain inputs of a run leave in its numbers."""
-    inputs = [(parameter.quantity.value, parameter.uncertainty) for parameter in model_of(run, None).uncertain.values()]
-    return known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, inputs)
+    return relative_uncertainty(run, model_of(run, None))
 
 
 def _value(run: xr.Dataset, name: str, row: int) -> str:

@@ -326,7 +326,7 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     for name in [str(key) for key in found.data_vars if global_error(str(key)) in found]:
         value, error = float(found[name][-1]), float(found[global_error(name)][-1])
         yield (
-            f"{name} = {value:.{digits(value, uncertainty=error)}g}{unit_suffix(str(found[name].attrs['units']))} at t ="
+            f"{name} = {value:.{digits(value, uncertainty=abs(error))}g}{unit_suffix(str(found[name].attrs['units']))} at t ="
             f" {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
         )
     for time, error in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):

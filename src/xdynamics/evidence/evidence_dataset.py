@@ -13,9 +13,12 @@ from xdynamics.record.folding import fold
 from xdynamics.schema import AT_TIME, CONVENTIONS, EVIDENCE, MODEL_DIMENSIONS, RUNS, SCHEMA_VERSION
 from xdynamics.shapes import NO_SHAPES, Shapes
 from xdynamics.shapes.naming import spoken
+from xdynamics.units.digits import known_part
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from xdynamics.model import Model
 
 
 def exhibit(
@@ -94,3 +97,9 @@ def stated(evidence: xr.Dataset, name: str) -> Any:
     if value is None and name in evidence.variables:
         value = evidence[name].values[()]
     return None if value is None or str(value) in ("", "nan") else value
+
+
+def relative_uncertainty(run: xr.Dataset, model: Model) -> float:
+    """Return the part of a number that the tolerances and uncertain inputs of a run leave open."""
+    inputs = [(parameter.quantity.value, parameter.uncertainty) for parameter in model.uncertain.values()]
+    return known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, inputs)

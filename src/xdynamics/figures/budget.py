@@ -13,6 +13,7 @@ from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
+from xdynamics.units.digits import with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: 
     if visible and doubt > 0.0:
         axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
     note = "" if visible or not size else " (left of the axis)"
-    label = f"{size:.2g}{f' ± {doubt:.1g}' if doubt > 0.0 else ''}{note}"
+    label = f"{with_uncertainty(size, doubt, 1) if doubt > 0.0 else f'{size:.2g}'}{note}"
     axes.annotate(f" {label}", (size + doubt if visible else least / 2.0, row), va="center", fontsize=7)
 
 

@@ -13,7 +13,7 @@ from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT_TIME
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import digits
+from xdynamics.units.digits import with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +38,7 @@ def foot_of(fit: xr.Dataset) -> str:
         strict=True,
     )
     estimates = ", ".join(
-        f"{name} = {value:.{digits(value, uncertainty=doubt)}g} ± {doubt:.2g}{unit_suffix(unit)}"
-        for name, value, doubt, unit in rows
+        f"{name} = {with_uncertainty(value, doubt)}{unit_suffix(unit)}" for name, value, doubt, unit in rows
     )
     caveat = "" if int(fit.attrs.get("adequate", 1)) else f"; not adequate: {fit.attrs['adequate_text']}"
     return f"{estimates}, at one standard uncertainty; {fit.attrs['data']}{caveat}"

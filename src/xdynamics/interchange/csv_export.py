@@ -44,9 +44,8 @@ def check_target(path: Place) -> Place:
 
 
 @of_elements
-def text_of(run: xr.Dataset, wanted: Floats) -> str:
-    """Return the states at some times: CSV with units in its header, numbers to the last bit."""
-    states = sample(run, wanted)
+def text_of(states: xr.Dataset) -> str:
+    """Return states at some times, as `sample` gives them: CSV with units in its header, numbers to the last bit."""
     names = [str(name) for name in states.data_vars if states[name].dims == (AT,) and error(str(name)) in states]
     columns = {f"time [{states[AT_TIME].attrs['units']}]": states[AT_TIME].values}
     columns |= {f"{name} [{states[name].attrs['units']}]": states[name].values for name in names}
@@ -63,7 +62,7 @@ def tabled(run: xr.Dataset, wanted: Floats, path: Place) -> str:
     reached = wanted[wanted <= float(run["time"][-1])]
     if not reached.size:
         return "table     none: the run ended before the first of the times"
-    return write(text_of(run, reached), path)
+    return write(text_of(sample(run, reached)), path)
 
 
 def write(text: str, path: Place) -> str:

@@ -1,4 +1,4 @@
-"""What xarray's errors do not know of a run asked for a time: that its rows are steps, and what gives states between them."""
+"""What xarray's verbs do not know of a run asked for a time: that its rows are steps, and what gives states between them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from xdynamics.faults import InputError
 from xdynamics.schema import STEPS
 
+NOTED = ("sel", "interp", "drop_sel", "resample", "groupby", "groupby_bins", "rolling", "coarsen")
+# a name that is no index is left out of these by xarray without a word
+REFUSED = ("reindex", "reindex_like", "interp_like")
 LONGEST = 60  # characters of times that a note repeats
 REMEDY = (
     "xdynamics: rows of a run are its steps, two at an event, and none ends at just any time: run.dynamics.at({0}) gives the"
@@ -18,21 +23,24 @@ REMEDY = (
 
 
 def show_time_notes() -> None:
-    """Let errors of `sel` and `interp` by the time of a run name `run.dynamics.at`; nothing else of them changes."""
-    for verb in ("sel", "interp"):
-        method = getattr(xr.Dataset, verb)
-        if not hasattr(method, "notes_times"):
-            setattr(xr.Dataset, verb, _noting(method))
+    """Let errors of verbs that are asked for times of a run name `run.dynamics.at`, and refuse those that do nothing."""
+    for kind in (xr.Dataset, xr.DataArray):
+        for verb in (*NOTED, *REFUSED):
+            method = getattr(kind, verb)
+            if not hasattr(method, "notes_times"):
+                setattr(kind, verb, _noting(method) if verb in NOTED else _refusing(method))
 
 
 def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the method with a note below its errors."""
+
     @wraps(method)
-    def called(self: xr.Dataset, *arguments: Any, **named: Any) -> Any:
+    def called(self: Any, *arguments: Any, **named: Any) -> Any:
         try:
             return method(self, *arguments, **named)
         except Exception as error:
             wanted = _times(arguments, named)
-            if wanted is not None and _is_of_steps(self):
+            if wanted is not None and _is_of_steps(self) and not getattr(error, "__notes__", None):
                 error.add_note(REMEDY.format(_shown(wanted)))
             raise
 
@@ -40,19 +48,38 @@ def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
+def _refusing(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the method, which refuses times of a run: without a word it would give the rows as they were."""
+
+    @wraps(method)
+    def called(self: Any, *arguments: Any, **named: Any) -> Any:
+        wanted = _times(arguments, named)
+        if wanted is not None and _is_of_steps(self):
+            raise InputError(f"{method.__name__} cannot follow time. {REMEDY.format(_shown(wanted))}")
+        return method(self, *arguments, **named)
+
+    called.notes_times = True  # type: ignore[attr-defined]
+    return called
+
+
 def _times(arguments: tuple[Any, ...], named: Mapping[str, Any]) -> Any:
-    """Return the times that are asked for; None where none are."""
-    given = arguments[0] if arguments and isinstance(arguments[0], Mapping) else {}
+    """Return the times that are asked for: by name, in a mapping, as those of another record, or all; None where none are."""
+    first = arguments[0] if arguments else {name: named[name] for name in ("other", "group") if name in named}
+    if isinstance(first, str):  # groupby("time")
+        return ... if first == "time" else None
+    if isinstance(first, xr.Dataset | xr.DataArray):
+        return first["time"].values if "time" in first.indexes else None
+    given = first if isinstance(first, Mapping) else {}
     return {**given, **named}.get("time")
 
 
 def _shown(times: Any) -> str:
     """Return times as they may be typed; of many, that they are."""
     text = repr(times.tolist() if hasattr(times, "tolist") else times)
-    return text if len(text) <= LONGEST else "times"
+    return text if isinstance(times, int | float | list | np.ndarray) and len(text) <= LONGEST else "times"
 
 
-def _is_of_steps(data: xr.Dataset) -> bool:
+def _is_of_steps(data: Any) -> bool:
     """Whether `time` is that of a run's rows, in a record or in one of its variables."""
-    time = data.coords.get("time")
+    time = data.coords.get("time") if isinstance(data, xr.Dataset | xr.DataArray) else None
     return time is not None and time.dims == (STEPS,) and time.attrs.get("role") == "time"

@@ -1,12 +1,15 @@
-"""How many digits of a number a sentence shows: those that its uncertainty supports. Records keep all of them."""
+"""Numbers in sentences and figures: rounded to the digits that their uncertainty supports. Records keep all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import ceil, inf, isfinite, log10
+from math import ceil, floor, inf, isfinite, log10
 
 MOST = 15  # digits that every double holds
 UNKNOWN = 1e-9  # part of a number that its error is taken for, where nothing estimates it
+UNESTIMATED = 6  # digits of a number whose uncertainty nobody estimated
+OF_DOUBT = 2  # digits of an uncertainty
+LEAST, GREATEST = -4, 8  # powers of ten that are written without one
 REACHED = 0.1  # of the relative uncertainty of an input: what is taken to reach a number that follows from it
 
 
@@ -41,3 +44,56 @@ def known_part(tolerance: float | None, inputs: Iterable[tuple[float, float]]) -
     """
     parts = [REACHED * doubt / abs(value) for value, doubt in inputs if value and doubt > 0.0]
     return max(UNKNOWN if tolerance is None else tolerance, min(parts, default=0.0))
+
+
+def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) -> str:
+    """Write a number and its uncertainty, both to the same decimal place (JCGM 100:2008, 7.2.6).
+
+    Parameters
+    ----------
+    value, uncertainty : float
+    shown : int
+        Digits of the uncertainty.
+
+    Examples
+    --------
+    >>> with_uncertainty(0.000294891463964, 7e-5), with_uncertainty(3.7111988, 5.3e-7, 1)
+    ('0.000295 ± 0.000070', '3.7111988 ± 0.0000005')
+    >>> with_uncertainty(-1234.5, 420.0), with_uncertainty(1.234e-6, 1.51e-7), with_uncertainty(-1e-15, 9.2e-12)
+    ('-1230 ± 420', '(1.23 ± 0.15)e-6', '(0.0 ± 9.2)e-12')
+    >>> with_uncertainty(2.0, 0.0), with_uncertainty(0.5, inf), with_uncertainty(-inf, 0.1)
+    ('2 ± 0', '0.5 ± inf', '-inf')
+    """
+    if not isfinite(value):
+        return f"{value:g}"
+    if not (isfinite(uncertainty) and uncertainty > 0.0):
+        return f"{value:.{UNESTIMATED}g} ± {uncertainty:.{shown}g}"
+    size = float(f"{uncertainty:.{shown - 1}e}")
+    places, power = shown - 1 - floor(log10(size)), floor(log10(max(abs(value), size)))
+    if places + power >= MOST:  # digits that no double has
+        return f"{value:.{MOST}g} ± {uncertainty:.{shown}g}"
+    if LEAST <= power <= GREATEST:
+        return f"{_fixed(value, places)} ± {_fixed(size, places)}"
+    scaled = (_fixed(number / 10.0**power, places + power) for number in (value, size))
+    return f"({' ± '.join(scaled)})e{power}"
+
+
+def known_to(value: float, uncertainty: float) -> str:
+    """Write a number alone, its last digit in the place of the first digit of its uncertainty.
+
+    Examples
+    --------
+    >>> known_to(0.879488222, 0.0031), known_to(-1234.5, 20.0), known_to(1.5, 0.0), known_to(1.0843e-6, 2e-9)
+    ('0.879', '-1230', '1.5', '1.084e-06')
+    """
+    if not (isfinite(value) and isfinite(uncertainty) and uncertainty > 0.0):
+        return f"{value:.{UNESTIMATED}g}"
+    places = -floor(log10(uncertainty))
+    if value and floor(log10(abs(value))) < LEAST:
+        return f"{value:.{max(places + floor(log10(abs(value))), 0)}e}"
+    return _fixed(value, places)
+
+
+def _fixed(value: float, places: int) -> str:
+    """Write a number rounded to decimal places, left of the point where they are negative; zero has no sign."""
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"

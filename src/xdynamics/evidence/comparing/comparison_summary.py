@@ -14,6 +14,7 @@ from xdynamics.record import whole_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.units import unit_suffix
+from xdynamics.units.digits import UNESTIMATED, with_uncertainty
 
 ROLE = "difference"
 TOLD = ("identical", "first_difference", "model", "parameters", "initial", "events", "settings", "cause", "parted")
@@ -51,7 +52,7 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
             )
             kind, _, quantity = str(name).partition("_")
             yield (
-                f"largest   {name}{_element(table, place)} = {float(variable[place]):.6g} {variable.attrs['units']}"
+                f"largest   {name}{_element(table, place)} = {_known(table, str(name), place)} {variable.attrs['units']}"
                 f" {where}{_over_scale(table, kind, quantity, place)}"
             )
         elif variable.attrs.get("role") == "residual" and not variable.dims:
@@ -62,6 +63,18 @@ def _largest(table: xr.Dataset) -> Iterator[str]:
                 f"{name} ="
                 f" {float(variable):.6g}{'' if variable.attrs['units'] == '1' else ' ' + variable.attrs['units']}{scale}"
             )
+
+
+def _known(table: xr.Dataset, name: str, place: Mapping[str, int]) -> str:
+    """Write a difference with what it is uncertain by: interpolation, location of events, measurement."""
+    quantity, value = name.partition("_")[2], float(table[name][place])
+    doubts = [
+        float(table[doubt][{dim: i for dim, i in place.items() if dim in table[doubt].dims}])
+        for doubt in (f"interpolation_error_{quantity}", f"measured_uncertainty_{quantity}")
+        if doubt in table
+    ]
+    doubt = float(np.hypot.reduce(np.nan_to_num(doubts))) if doubts else 0.0
+    return with_uncertainty(value, doubt) if doubt > 0.0 else f"{value:.{UNESTIMATED}g}"
 
 
 def _element(table: xr.Dataset, place: Mapping[str, int]) -> str:

@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.motion import variables as variables_of
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
+from xdynamics.units.digits import with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,20 +138,3 @@ def exponents_with_uncertainty(found: xr.Dataset) -> list[str]:
     """Write every exponent with the digits that its uncertainty justifies."""
     pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
     return [with_uncertainty(*pair) for pair in pairs]
-
-
-def with_uncertainty(value: float, doubt: float) -> str:
-    """Write a number with the digits that its uncertainty justifies.
-
-    Examples
-    --------
-    >>> with_uncertainty(0.90712, 0.00652), with_uncertainty(2.0, 0.0), with_uncertainty(-np.inf, 0.0)
-    ('0.9071 ± 0.0065', '2 ± 0', '-inf')
-    """
-    if not np.isfinite(value):
-        return f"{value:g}"
-    if not (np.isfinite(doubt) and 0.0 < doubt < 1e6):
-        return f"{value:.6g} ± {doubt:.2g}"
-    places = min(12, max(0, 1 - int(f"{doubt:.1e}".split("e")[1])))
-    size = f"{doubt:.{places}f}" if doubt >= 1e-12 else f"{doubt:.1e}"
-    return f"{value:.{places}f} ± {size}"

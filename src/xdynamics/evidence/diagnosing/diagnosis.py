@@ -26,14 +26,14 @@ from xdynamics.evidence.diagnosing.phases import (
     reference_times,
 )
 from xdynamics.evidence.diagnosing.turns import turns
-from xdynamics.evidence.evidence_dataset import about, exhibit, stated
+from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
 from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, subject_of, task_of
 from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
 from xdynamics.record.kinds import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import digits
+from xdynamics.units.digits import UNESTIMATED, UNKNOWN, digits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +49,9 @@ SAID = {
     "reference": "what phases are offset from",
     "cycle_doubt": "why cycles may not be what they are taken for; empty if nothing is doubted",
 }
-UNTOLD, LONGEST = 6, 9  # digits in lines: of numbers without an uncertainty, and at most of those with one
+LONGEST = 9  # digits in lines of numbers whose uncertainty is known
+RELATIVE = "relative_uncertainty"  # attribute: what tolerances and uncertain inputs leave open of a number
+OF_RANGES = ("maximum_", "minimum_", "band_", "drift_")
 
 
 @of_elements
@@ -211,6 +213,7 @@ def _dataset(
     """Return all that is diagnosed; of rows that cannot be read yet, what there will be."""
     run, functions = rows.run, request.functions
     attributes: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
+    attributes[RELATIVE] = relative_uncertainty(run, rows.model)
     variables = dict(bands(rows))
     counted = counted_cycles(rows, request.of, request.level, functions)
     variables |= dict(conserved(rows, counted, functions))
@@ -296,13 +299,20 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
 
 def _digits_of(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> int:
     """Return the number of digits of a diagnosed number: six, or as many as its uncertainty justifies."""
-    key = f"{name}_uncertainty"
-    if key not in diagnosis:
-        return UNTOLD
-    value, uncertainty = (
-        float(variable if cycle is None else variable[cycle]) for variable in (diagnosis[name], diagnosis[key])
-    )
-    return min(digits(value, uncertainty=uncertainty), LONGEST)
+    numbers = [name, f"{name}_uncertainty"] if f"{name}_uncertainty" in diagnosis else [name]
+    value, *found = (float(diagnosis[key] if cycle is None else diagnosis[key][cycle]) for key in numbers)
+    doubt = float(diagnosis.attrs.get(RELATIVE, UNKNOWN)) * max(abs(value), _range_of(diagnosis, name))
+    shown = digits(value, uncertainty=max(doubt, *found) if found else doubt)
+    return min(shown, LONGEST if found else UNESTIMATED)
+
+
+def _range_of(diagnosis: xr.Dataset, name: str) -> float:
+    """Return the largest size in the run of the quantity that an extreme, a band or a drift belongs to; 0 if it has none."""
+    quantity = "total_energy" if name in ("energy_band", "energy_drift") else name
+    for prefix in OF_RANGES:
+        quantity = quantity.removeprefix(prefix)
+    sizes = [f"{prefix}{quantity}" for prefix in OF_RANGES]
+    return max((abs(float(diagnosis[size])) for size in sizes if size in diagnosis), default=0.0)
 
 
 def _scale_in_words(diagnosis: xr.Dataset, norm: str) -> str:

@@ -28,7 +28,7 @@ from xdynamics.record.size import memory_asked
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
 from xdynamics.shapes.naming import written
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
-from xdynamics.units.digits import digits
+from xdynamics.units.digits import digits, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -263,19 +263,16 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
             yield f"{name}{where} is not there in the finest level"
             continue
         if f"verdict_{name}" not in study:
+            change = float(study[f"difference_{name}"].isel(place)[-2])
             yield (
-                f"{name}{where} = {value:.12g}{units}, changed by"
-                f" {float(study[f'difference_{name}'].isel(place)[-2]):.3g}{units}"
+                f"{name}{where} = {value:.{digits(value, apart=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
             )
             continue
         order = float(study[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
         verdict = words_of(study[f"verdict_{name}"].isel(place))[0]
         uncertainty = float(study[f"uncertainty_{name}"].isel(place))
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
-        yield (
-            f"{name}{where} = {value:.{digits(value, uncertainty=uncertainty)}g} ± {uncertainty:.2g}{units}{shown},"
-            f" {verdict}"
-        )
+        yield (f"{name}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
     if places == [OCCURRENCE] and count > MOST_SHOWN:
         yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"
 
