@@ -39,13 +39,14 @@ def pytest_collection_finish() -> None:
     """
     if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
         return
+    from xdynamics.dynamics.growth import GROWTH
     from xdynamics.kernels import cache
-    from xdynamics.march.engine import CONTACTS, ENGINE, LANES, SOLVERS, WATCHERS
+    from xdynamics.march.engine import PARTS
 
-    parts = (ENGINE, CONTACTS, WATCHERS, SOLVERS, LANES)
+    parts = (*PARTS, GROWTH)
     for part in parts[int(worker.removeprefix("gw")) :: int(os.environ["PYTEST_XDIST_WORKER_COUNT"])]:
         part.entries()
-    kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 40.0
+    kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 60.0
     while not all(path.exists() for path in kept) and time.monotonic() < end:
         time.sleep(0.1)
 

@@ -64,15 +64,16 @@ def work(number):
     return digest
 
 with ThreadPoolExecutor(8) as pool:
-    found = set(pool.map(work, range(42)))
+    found = set(pool.map(work, range(int(sys.argv[2]))))
 print(found == {digest})
 """
 
 
-def test_eight_threads_over_archives(tmp_path: Path) -> None:
+def test_eight_threads_over_archives(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that eight threads that save, open, read, verify, reproduce and stream neither crash nor mix up a number."""
+    works = 42 if request.config.getoption("--whole") else 21
     done = subprocess.run(
-        [sys.executable, "-c", TOGETHER, str(tmp_path)],
+        [sys.executable, "-c", TOGETHER, str(tmp_path), str(works)],
         capture_output=True,
         text=True,
         check=False,
@@ -175,7 +176,7 @@ from xdynamics.archive.netcdf_library import _own, alone
 path, moments = Path(sys.argv[1]), random.Random(5)
 run = xd.simulate(oscillator().model, step=0.01, until=5.0)
 xd.save(run, path)
-for _ in range(20):
+for _ in range(int(sys.argv[2])):
     try:
         threading.Timer(moments.uniform(0.0, 0.05), lambda: os.kill(os.getpid(), signal.SIGINT)).start()
         for _ in range(8):  # a finaliser may have swallowed it
@@ -192,10 +193,11 @@ for _ in range(20):
 """
 
 
-def test_an_interrupt_leaves_nothing_locked(tmp_path: Path) -> None:
-    """Assert that after Ctrl-C at any moment of saving and reading the library is free, and the archive whole."""
+def test_an_interrupt_leaves_nothing_locked(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Assert that after Ctrl-C at 6 moments of saving and reading, with --whole 20, the library is free, and the archive whole."""
+    rounds = 20 if request.config.getoption("--whole") else 6
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "run.nc")],
+        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "run.nc"), str(rounds)],
         capture_output=True,
         text=True,
         check=False,

@@ -148,10 +148,10 @@ def test_verdicts_on_planted_cases(
         assert abs(values[-1] - 1.0) <= found.uncertainty
 
 
-def test_the_uncertainty_is_near_the_error() -> None:
-    """Assert for 1,000 random smooth cases that at least 95 in 100 are held, and the median is within a factor of three."""
+def test_the_uncertainty_is_near_the_error(request: pytest.FixtureRequest) -> None:
+    """Assert for 200 random smooth cases, with --whole 1,000, that 95 in 100 are held, and the median is within a factor of 3."""
     rng, factors = np.random.default_rng(7), []
-    for _ in range(1000):
+    for _ in range(1000 if request.config.getoption("--whole") else 200):
         formal, terms = int(rng.integers(1, 9)), rng.normal(size=3)
         h = 0.5 * 2.0 ** -np.arange(5) * rng.uniform(0.5, 1.0)
         error = terms[0] * h**formal * (1 + terms[1] * h / 2 + terms[2] * h**2 / 2)

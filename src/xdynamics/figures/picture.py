@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from io import BytesIO
+from typing import Any
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 DPI = 100  # of a picture in a notebook
@@ -11,6 +13,10 @@ DPI = 100  # of a picture in a notebook
 
 class Picture(Figure):
     """A figure of matplotlib that shows itself as the last line of a cell."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        FigureCanvasAgg(self)  # a canvas without a kind looks for a renderer anew for the size of every text
 
     def _repr_png_(self) -> bytes:
         drawn = BytesIO()

@@ -31,17 +31,26 @@ def settle(figure: Figure) -> None:
     Names that nobody could read, since others lie there, are hidden: their marks stay.
     """
     shown = [axes for axes in figure.axes if axes.get_visible() and (axes.get_legend() or _names(axes))]
-    if not shown:
-        return
-    figure.draw_without_rendering()
-    for _ in range(MOST_ROUNDS):
+    for axes in shown:
+        for text in _names(axes):
+            text.set_in_layout(False)  # they find their places in the axes
+    _lay_out(figure)
+    for _ in range(MOST_ROUNDS if shown else 0):
         moved = [_is_beside(axes) for axes in shown]
         if not any(moved):
             break
-        figure.draw_without_rendering()  # the axes are smaller now, and legends inside of them lie elsewhere
+        _lay_out(figure)  # the axes are smaller now, and legends inside of them lie elsewhere
     for axes in shown:
         if names := _names(axes):
             _place_names(axes, names)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give all axes their places, without the cost of drawing them."""
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+    for axes in figure.axes:
+        axes.apply_aspect()
 
 
 def _names(axes: Axes) -> list[Any]:

@@ -122,9 +122,21 @@ def write(figure: Figure, path: Place, dpi: int = DPI) -> None:
     """Write a figure whole, or not at all."""
     ending = path.suffix.lower()
     drawn = BytesIO()
-    figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
+    with _as_laid_out(figure):
+        figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
     with kept("figure", path) as part:
         part.write_bytes(drawn.getvalue())
+
+
+@contextmanager
+def _as_laid_out(figure: Figure) -> Iterator[None]:
+    """Keep all axes where they are: names were placed there, and another layout would cost as much as the drawing."""
+    engine = figure.get_layout_engine()
+    figure.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 @contextmanager

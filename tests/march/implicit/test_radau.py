@@ -332,12 +332,12 @@ import xdynamics as xd
 from stiff_problems import STIFF
 from cases.problems import MODELS
 asked = {"method": "radau_iia", "rtol": 1e-4, "atol": 1e-7}
-print(xd.content_digest(xd.simulate(STIFF["van_der_pol"].model(), until=900.0, **asked)))
-print(xd.content_digest(xd.simulate(STIFF["hires"].model(), until=50.0, **asked)))
+print(xd.content_digest(xd.simulate(STIFF["van_der_pol"].model(), until=400.0, **asked)))
+print(xd.content_digest(xd.simulate(STIFF["hires"].model(), until=20.0, **asked)))
 print(xd.content_digest(xd.simulate(STIFF["van_der_pol"].model(), method="radau_iia", step=100.0, until=300.0)))
-print(xd.content_digest(xd.simulate(STIFF["hires"].model(), until=5.0, jacobian="differences", **asked)))
+print(xd.content_digest(xd.simulate(STIFF["hires"].model(), until=2.0, jacobian="differences", **asked)))
 print(xd.content_digest(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until=2.2, **asked)))
-run = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until=1.0, estimator="step_doubling", **asked)
+run = xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until=0.6, estimator="step_doubling", **asked)
 print(xd.content_digest(run), xd.sample(run, [0.1, 0.5]).to_array().values.tobytes().hex())
 """
 

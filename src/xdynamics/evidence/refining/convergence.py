@@ -90,9 +90,10 @@ def observed_orders(values: Floats, steps: Floats) -> Floats:
 
 def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
     """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, in which it is monotonic."""
-    equal = coarse == fine  # then abs(grown) is a power of one ratio
-    orders = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)
-    orders[~equal] = _bisected(grown[~equal], log(coarse[~equal]), log(fine[~equal]))
+    orders = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)  # where abs(grown) is a power of one ratio
+    uneven = coarse != fine
+    if uneven.any():
+        orders[uneven] = _bisected(grown[uneven], log(coarse[uneven]), log(fine[uneven]))
     return orders
 
 
