@@ -11,31 +11,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import inf, pi
-from typing import Any, NamedTuple
+from typing import Any
 
+from xdynamics.elementary.bounds import Interval, above, below, greatest, least, outward, settled
+from xdynamics.elementary.curve_bounds import CURVED
+from xdynamics.elementary.motion_bounds import HERMITE
 from xdynamics.elementary.numbers import Number, Truth, Whole, absolute, ceiling, choose, floor, nearest, quotient, sqrt
-from xdynamics.elementary.rounding_margins import (
-    ARCHED,
-    BENT,
-    BREAKS,
-    EPS,
-    LEAST,
-    MOST,
-    ROUNDED,
-    SMOOTH,
-    ULPS,
-    UNBOUNDED,
-)
+from xdynamics.elementary.rounding_margins import BREAKS, LEAST, SMOOTH, ULPS, UNBOUNDED
 
 LARGEST_ANGLE = 1e15  # beyond it the distance of neighbouring numbers is a fraction of a turn
-
-
-class Interval(NamedTuple):
-    """A value between two bounds, and its flaw: whether it may jump there, or be infinite or undefined."""
-
-    low: Number
-    high: Number
-    flaw: Whole = SMOOTH
 
 
 @dataclass(frozen=True)
@@ -62,7 +46,7 @@ class Intervals:
 
     def outward(self, low: Number, high: Number, flaw: Whole = SMOOTH) -> Interval:
         """Return the interval between two bounds, rounded outward."""
-        return _settled(below(low, self.margin), above(high, self.margin), flaw)
+        return outward(low, high, self.margin, flaw)
 
     def monotone(self, name: str, low: Number, high: Number, flaw: Whole) -> Interval:
         """Enclose a function that rises or falls."""
@@ -97,13 +81,13 @@ def _quotient(of: Intervals, a: Interval, b: Interval) -> Interval:
 
 def _signs(_: Intervals, a: Interval) -> Interval:
     low, high = _sign(a.low), _sign(a.high)
-    return _settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
+    return settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
 
 
 def _stepped(rule: Callable[[Number], Number], _: Intervals, a: Interval) -> Interval:
     """Enclose a function that rises by jumps."""
     low, high = rule(a.low), rule(a.high)
-    return _settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
+    return settled(low, high, choose(low == high, a.flaw, greatest(a.flaw, BREAKS)))
 
 
 def _remainder(of: Intervals, a: Interval, b: Interval) -> Interval:
@@ -115,7 +99,7 @@ def _remainder(of: Intervals, a: Interval, b: Interval) -> Interval:
 def _root(of: Intervals, a: Interval) -> Interval:
     undefined = a.low < 0.0
     low = choose(undefined, 0.0, greatest(0.0, below(sqrt(a.low), of.margin)))
-    return _settled(low, above(sqrt(a.high), of.margin), choose(undefined, UNBOUNDED, a.flaw))
+    return settled(low, above(sqrt(a.high), of.margin), choose(undefined, UNBOUNDED, a.flaw))
 
 
 def _choice(_: Intervals, a: Interval, b: Interval, c: Interval) -> Interval:
@@ -123,7 +107,7 @@ def _choice(_: Intervals, a: Interval, b: Interval, c: Interval) -> Interval:
     always, never = a.low == 1.0, a.high == 0.0
     both = Interval(least(b.low, c.low), greatest(b.high, c.high), greatest(BREAKS, _worst(b, c)))
     branches = zip(b, c, both, strict=True)
-    return _settled(*(choose(always, first, choose(never, second, either)) for first, second, either in branches))
+    return settled(*(choose(always, first, choose(never, second, either)) for first, second, either in branches))
 
 
 def _judged(a: Interval, b: Interval, always: Truth, never: Truth) -> Interval:
@@ -163,7 +147,7 @@ def _power(of: Intervals, a: Interval, b: Interval) -> Interval:
 def _hypotenuse(of: Intervals, a: Interval, b: Interval) -> Interval:
     shortest, longest = (_length(x, y) for x, y in zip(_sizes(a), _sizes(b), strict=True))
     low = greatest(0.0, below(shortest - ULPS * shortest, of.margin))
-    return _settled(low, above(longest + ULPS * longest, of.margin), _worst(a, b))
+    return settled(low, above(longest + ULPS * longest, of.margin), _worst(a, b))
 
 
 def _angle(of: Intervals, a: Interval, b: Interval) -> Interval:
@@ -199,107 +183,12 @@ def _wave(name: str, shift: float, of: Intervals, a: Interval) -> Interval:
             above(top + ULPS * absolute(top), of.margin),
         )
     low, high = choose(narrow, greatest(-1.0, bottom), -1.0), choose(narrow, least(1.0, top), 1.0)
-    return _settled(low, high, choose(finite, flaw, UNBOUNDED))
+    return settled(low, high, choose(finite, flaw, UNBOUNDED))
 
 
 def _meets(first: Number, last: Number) -> Truth:
     """Whether an even number lies between two."""
     return floor(last / 2.0) >= -floor(-(first / 2.0))
-
-
-# Variables between two states of the motion. Of a coordinate the states hold q, v, a, of a first-order state x and its
-# rate r; w is the width of the piece between the states, `error` how far its end may be off, and `part` 1 where the
-# piece is not the whole step.
-
-
-def _distances(
-    q0: Number, v0: Number, a0: Number, q1: Number, v1: Number, a1: Number, w: Number
-) -> tuple[Number, Number]:
-    """Return how far cubics through positions and velocities are from the quintic: at its middle, and beside it."""
-    odd = absolute((q1 - q0) - w * (v0 + v1) / 2.0 + w * w * (a1 - a0) / 12.0)
-    return odd, absolute(v1 - v0 - w * (a0 + a1) / 2.0)
-
-
-def _position(of: Intervals, *given: Number) -> Interval:
-    """Enclose a coordinate: the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics."""
-    q0, v0, a0, q1, v1, a1, w, error, _ = given
-    odd, even = _distances(*given[:7])
-    off = odd + w * even / 128.0 + ROUNDED * greatest(absolute(q0), absolute(q1)) + error
-    b1, b2 = q0 + w * v0 / 5.0, q0 + 2.0 * w * v0 / 5.0 + w * w * a0 / 20.0
-    b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
-    low, high = least(least(q0, b1, b2, b3), least(b4, q1)), greatest(greatest(q0, b1, b2, b3), greatest(b4, q1))
-    return of.outward(low - off, high + off)
-
-
-def _velocity(of: Intervals, *given: Number) -> Interval:
-    """Enclose a velocity.
-
-    Bounds by positions are divided by the width of the piece. On a piece made short by cutting, rounding would dominate
-    them, and so would the mismatch of positions and velocities of a method of low order: there, velocities are bounded
-    by accelerations, and accelerations by their change.
-    """
-    q0, v0, a0, q1, v1, a1, w, error, part = given
-    odd, even = _distances(*given[:7])
-    size, fastest = greatest(absolute(q0), absolute(q1)), greatest(absolute(v0), absolute(v1))
-    b1, b2 = v0 + w * a0 / 3.0, v1 - w * a1 / 3.0
-    off = choose(w > 0.0, quotient(4.0 * (odd + w * even / 128.0), w), 0.0)
-    held = (part != 0) | (odd <= 4.0 * ROUNDED * (size + w * fastest))
-    off = choose(held, least(off, w * greatest(absolute(a0), absolute(a1))), off) + ROUNDED * fastest + error
-    return of.outward(least(v0, b1, b2, v1) - off, greatest(v0, b1, b2, v1) + off)
-
-
-def _acceleration(of: Intervals, *given: Number) -> Interval:
-    _, _, a0, _, _, a1, w, _, part = given
-    odd, even = _distances(*given[:7])
-    bent = quotient(24.0 * odd, w * w)
-    bent = choose(part != 0, least(bent, absolute(a1 - a0)), bent)
-    off = choose(w > 0.0, bent + quotient(2.0 * even, w), 0.0) + ROUNDED * greatest(absolute(a0), absolute(a1))
-    return of.outward(least(a0, a1) - off, greatest(a0, a1) + off)
-
-
-def _state(of: Intervals, *given: Number) -> Interval:
-    x0, r0, x1, r1, w, error, _ = given
-    odd, even = absolute((x1 - x0) - w * (r0 + r1) / 2.0), w * absolute(r1 - r0)
-    b1, b2 = x0 + w * r0 / 3.0, x1 - w * r1 / 3.0
-    off = odd / 8.0 + even / 64.0 + ROUNDED * greatest(absolute(x0), absolute(x1)) + error
-    return of.outward(least(x0, b1, b2, x1) - off, greatest(x0, b1, b2, x1) + off)
-
-
-def _rate(of: Intervals, *given: Number) -> Interval:
-    x0, r0, x1, r1, w, _, _ = given
-    odd, even = absolute((x1 - x0) - w * (r0 + r1) / 2.0), w * absolute(r1 - r0)
-    off = choose(w > 0.0, quotient(ARCHED * odd + BENT * even, w), 0.0) + ROUNDED * greatest(absolute(r0), absolute(r1))
-    return of.outward(least(r0, r1) - off, greatest(r0, r1) + off)
-
-
-def below(x: Number, margin: Number) -> Number:
-    """Return a number below x; -inf where x is."""
-    return choose(x == inf, MOST, x - (absolute(x) + margin) * EPS)
-
-
-def above(x: Number, margin: Number) -> Number:
-    """Return a number above x; inf where x is."""
-    return choose(x == -inf, -MOST, x + (absolute(x) + margin) * EPS)
-
-
-def least(x: Number, *others: Number) -> Number:
-    """Return the least of some numbers, two at a time; where one is nan, as Python's `min` does."""
-    if len(others) > 1:
-        return least(least(x, others[0]), least(*others[1:]))
-    return choose(others[0] < x, others[0], x)
-
-
-def greatest(x: Number, *others: Number) -> Number:
-    """Return the greatest of some numbers, two at a time; where one is nan, as Python's `max` does."""
-    if len(others) > 1:
-        return greatest(greatest(x, others[0]), greatest(*others[1:]))
-    return choose(others[0] > x, others[0], x)
-
-
-def _settled(low: Number, high: Number, flaw: Whole) -> Interval:
-    """Return an interval; what is none may be anything."""
-    sound = low <= high
-    return Interval(choose(sound, low, -inf), choose(sound, high, inf), choose(sound, flaw, UNBOUNDED))
 
 
 def _worst(a: Interval, b: Interval) -> Whole:
@@ -350,15 +239,15 @@ _RULES: Mapping[str, Callable[..., Any]] = {
     "square": _square,
     "divide": _quotient,
     "negative": lambda _, a: Interval(-a.high, -a.low, a.flaw),
-    "abs": lambda _, a: _settled(*_sizes(a), a.flaw),
+    "abs": lambda _, a: settled(*_sizes(a), a.flaw),
     "sign": _signs,
     "sqrt": _root,
     "floor": partial(_stepped, floor),
     "ceil": partial(_stepped, ceiling),
     "round": partial(_stepped, nearest),
     "mod": _remainder,
-    "least": lambda _, a, b: _settled(least(a.low, b.low), least(a.high, b.high), _worst(a, b)),
-    "greatest": lambda _, a, b: _settled(greatest(a.low, b.low), greatest(a.high, b.high), _worst(a, b)),
+    "least": lambda _, a, b: settled(least(a.low, b.low), least(a.high, b.high), _worst(a, b)),
+    "greatest": lambda _, a, b: settled(greatest(a.low, b.low), greatest(a.high, b.high), _worst(a, b)),
     "positive": lambda _, a: a._replace(flaw=choose(a.low > 0.0, a.flaw, UNBOUNDED)),
     "choose": _choice,
     "less": lambda _, a, b: _judged(a, b, a.high < b.low, a.low >= b.high),
@@ -377,9 +266,5 @@ _RULES: Mapping[str, Callable[..., Any]] = {
     "power": _power,
     "hypot": _hypotenuse,
     "atan2": _angle,
-    "position": _position,
-    "velocity": _velocity,
-    "acceleration": _acceleration,
-    "state": _state,
-    "rate": _rate,
+    **{name: lambda of, *given, rule=rule: rule(of.margin, *given) for name, rule in {**HERMITE, **CURVED}.items()},
 }

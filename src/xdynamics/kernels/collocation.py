@@ -26,6 +26,7 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.kernels.radau_systems import factorisation, solve_complex, solve_real
+from xdynamics.kernels.step_programs import POLYNOMIAL, curve_size, polynomial
 from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX
@@ -96,7 +97,11 @@ class CollocationStep:
     @property
     def programs(self) -> tuple[Program, ...]:
         """The programs that the step calls, each after those that it calls itself."""
-        return (self._linearise(), factorisation(self._memory), self._correct(), self._estimate_again())
+        polynomials: tuple[Program, ...] = ()
+        if curve_size(self._layout):
+            places = (self._memory.place(name, 0).offset for name in ("curve", "reached"))
+            polynomials = (polynomial(self._layout, *places),)
+        return (self._linearise(), factorisation(self._memory), self._correct(), self._estimate_again(), *polynomials)
 
     def begin(self, known: dict[str, Operand]) -> tuple[Instruction, ...]:
         """Write what precedes the iteration: what is kept of the previous step, and the starting values."""
@@ -120,13 +125,25 @@ class CollocationStep:
 
     def ended(self) -> tuple[Instruction, ...]:
         """Write the state at the end of the step, which is its third stage."""
+        return (self._reached(2, element("z")),)
+
+    def curve(self) -> tuple[Instruction, ...]:
+        """Write the states at the stages, and call for the polynomial through them, where the search for events needs it."""
+        if not curve_size(self._layout):
+            return ()
+        places = [self._memory.place("reached", k * self._used).offset for k in range(3)]
+        loops = [self._reached(k, element("w", place)) for k, place in enumerate(places)]
+        return (*loops, ProgramCall(POLYNOMIAL, "at", "y", "z"))
+
+    def _reached(self, stage: int, target: Place) -> Loop:
+        """Write the state at a stage."""
         body = (
             Load("_y", element("y")),
-            Load("_stage", element("w", self._memory.place("stages", 2 * self._used).offset)),
+            Load("_stage", element("w", self._memory.place("stages", stage * self._used).offset)),
             Compute("_sum", "add", ("_y", "_stage")),
-            StoreTo(element("z"), "_sum"),
+            StoreTo(target, "_sum"),
         )
-        return (Loop("i", self._used, body),)
+        return Loop("i", self._used, body)
 
     def estimated(self) -> tuple[Instruction, ...]:
         """Write the estimate of the error, to `e`."""

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
+from xdynamics.kernels.step_programs import curve_degree
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.model.reactions import modes
@@ -33,8 +35,18 @@ ARITHMETIC = {
 }
 CALLED = {name: 2 if name in ("hypot", "atan2", "power") else 1 for name in FUNCTIONS}
 # variables, each by which of the places of the state that they are enclosed by has the error that counts
-VARIABLES = {"position": 0, "velocity": 1, "acceleration": 0, "state": 0, "rate": 0}
-OPERANDS = ARITHMETIC | CALLED | {"position": 3, "velocity": 3, "acceleration": 3, "state": 2, "rate": 2}
+VARIABLES = {
+    "position": 0,
+    "velocity": 1,
+    "acceleration": 0,
+    "state": 0,
+    "rate": 0,
+    "velocity_slope": 0,
+    "state_slope": 0,
+}
+# of a rate that the slopes of event functions alone need, which is the slope of the polynomial that a step leaves
+SLOPES = {"acceleration": "velocity_slope", "rate": "state_slope"}
+OPERANDS = ARITHMETIC | CALLED | {name: 2 if name in ("state", "rate", "state_slope") else 3 for name in VARIABLES}
 RULES = tuple(OPERANDS)
 OPERATIONS = (*RULES, "number", "constant", "time", "regime", "unknown", "value_at", "slope_at")
 VARIABLE, NUMBER, CONSTANT, TIME, PHASE, UNKNOWN, VALUE, SLOPE = (
@@ -97,7 +109,7 @@ def can_be_watched(layout: Layout) -> bool:
 
 
 def bounds(
-    layout: Layout, width: Operand, begin: Operand, end: Operand
+    layout: Layout, width: Operand, begin: Operand, end: Operand, curve: int
 ) -> tuple[list[Compute | Load], list[tuple[str, str]]]:
     """Write lines that bound the event functions between the state `y` and the state `z`.
 
@@ -106,6 +118,8 @@ def bounds(
     layout : Layout
     width, begin, end : operand
         Size of the step, and the times at its ends.
+    curve : int
+        Where in `w` the coefficients of the step's polynomial begin, if it leaves one.
 
     Returns
     -------
@@ -113,7 +127,8 @@ def bounds(
     list of (str, str)
         Lower and upper bound of each function.
     """
-    program, lines = enclosing(layout), list[Compute | Load]()
+    program, lines, degree = enclosing(layout), list[Compute | Load](), curve_degree(layout)
+    powers = range(degree + 1)
 
     def loaded(place: Place) -> str:
         lines.append(Load(f"_b{len(lines)}", place))
@@ -125,7 +140,12 @@ def bounds(
             given = tuple(f"_i{place}" for place in places[: OPERANDS[name]])
         elif name in VARIABLES:
             owned = places[: OPERANDS[name]]
-            given = (*(loaded(Place(state, place)) for state in "yz" for place in owned), width, 0.0, 0.0)
+            if degree:
+                terms = [power * layout.used.size + owner for owner in owned[: POLYNOMIALS[name]] for power in powers]
+                numbers = [*(Place("w", curve + term) for term in terms), *(Place(k, i) for i in owned for k in "yz")]
+                name, given = on_curve(name), (*map(loaded, numbers), width, 0.0, 0.0, width, 0.0, 1.0)
+            else:
+                given = (*(loaded(Place(state, place)) for state in "yz" for place in owned), width, 0.0, 0.0)
         elif number == NUMBER:
             name, given = "point", (float(program.numbers[places[0]]),)
         elif number == TIME:
@@ -163,11 +183,15 @@ class _IntervalPrinter:
         lines = Assignments(self._found)
         watched = self._layout.watched
         functions = [self._taken(lines, lines.value(detector.looked_at)) for detector in watched]
-        middle = len(self._rows)
-        slopes = [self._taken(lines, lines.value(function_rate(model, detector))) for detector in watched]
+        middle, curved = len(self._rows), curve_degree(self._layout) > 0
+        slopes = [
+            self._taken(lines, lines.value(function_rate(model, detector)), of_slopes=curved) for detector in watched
+        ]
         wide = len(self._rows)
         bends = [
-            self._taken(lines, lines.value(function_bend(model, detector))) if detector.role == GAP else UNUSED
+            self._taken(lines, lines.value(function_bend(model, detector)), of_slopes=curved)
+            if detector.role == GAP
+            else UNUSED
             for detector in watched
         ]
         count, first = len(self._places), len(self._first)
@@ -212,13 +236,16 @@ class _IntervalPrinter:
             "value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number
         )
 
-    def _taken(self, lines: Assignments, value: Operand) -> int:
+    def _taken(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
         """Turn the assignments so far into rows; return the place of a value."""
         for line in lines.lines:
             if isinstance(line, Load) and line.place.array == "p":
                 self._row(line.target, CONSTANT, line.place.offset, constant=line.place.offset < self._fixed)
             elif isinstance(line, Load):
-                self._row(line.target, *list(self._moving.values())[line.place.offset])
+                number, *places = list(self._moving.values())[line.place.offset]
+                if of_slopes and OPERATIONS[number] in SLOPES:
+                    number = OPERATIONS.index(SLOPES[OPERATIONS[number]])
+                self._row(line.target, number, *places)
             elif isinstance(line, Compute):
                 self._compute(line)
         lines.lines.clear()

@@ -191,6 +191,7 @@ class _LaneWriting:
         self.known: dict[str, Operand] = {"stretch": STRETCH, **step_control.CONSTANTS, **radau_lines.CONSTANTS}
         self._layout = layout
         self._followers = followers
+        self._curve = 0  # where in `w` the step's polynomial begins, if it leaves one
         self._places = {name: Place("w", i) for i, name in enumerate(LANE)}
         self._parts = 0
 
@@ -273,6 +274,8 @@ class _LaneWriting:
         self.body.append(When(places["again"], ProgramCall(collocation.ESTIMATE, "at", "y", "z")))
         self.body.append(soundness("z", 0, layout.state.size, "finite_step"))
         self.known["finite_step"] = "finite_step"
+        self.body += inner.curve()
+        self._curve = memory.place("curve", 0).offset
         return (model_programs.linearised(layout), *inner.programs)
 
     def error_norm(self) -> Operand:
@@ -325,7 +328,7 @@ class _LaneWriting:
             return
         self.load("begin", Place("w", LANE.index("t")))
         times = ("begin", self.known["reach"])
-        lines, enclosures = interval_program.bounds(self._layout, self.known["width"], *times)
+        lines, enclosures = interval_program.bounds(self._layout, self.known["width"], *times, self._curve)
         self.body += lines
         first = len(LANE) + 3 * self._layout.used.size
         for i, (detector, (under, over)) in enumerate(zip(self._layout.watched, enclosures, strict=True)):

@@ -26,7 +26,7 @@ from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.step_programs import Steps
+from xdynamics.kernels.step_programs import Steps, curve_degree, curve_size
 from xdynamics.methods.scheme import Scheme
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
@@ -80,7 +80,12 @@ class Law:
             model_programs.touching(layout),
             model_programs.row(layout, self.steps.memory),
         )
-        return (*own, step_programs.inside(layout, self.scheme), *self.steps.programs)
+        curves = (
+            ()
+            if not curve_degree(layout)
+            else (step_programs.polynomial(layout, self.steps.memory - curve_size(layout)),)
+        )
+        return (*own, step_programs.inside(layout, self.scheme), *self.steps.programs, *curves)
 
     @cached_property
     def programs(self) -> tuple[Program, ...]:
@@ -129,6 +134,11 @@ class Law:
     def memory(self) -> int:
         """Numbers of the working memory of a step."""
         return self.printed.memory
+
+    @property
+    def curve(self) -> int:
+        """Where in that memory the coefficients of a step's polynomial begin, if it leaves one."""
+        return self.memory - curve_size(self.layout)
 
     @property
     def addresses(self) -> NDArray[np.int64]:

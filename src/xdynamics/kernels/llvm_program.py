@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from xdynamics.elementary import FUNCTIONS, PAIRS
-from xdynamics.elementary.intervals import Interval
+from xdynamics.elementary.bounds import Interval
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
 from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece

@@ -9,6 +9,7 @@ from xdynamics.kernels import radau_lines
 from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import Operand, Place
+from xdynamics.kernels.step_programs import curve_size
 
 # Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
 # of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
@@ -73,7 +74,15 @@ def lengths(layout: Layout) -> dict[str, int]:
     """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
     used, size = layout.used.size, layout.used.size - layout.coordinates.size
     matrix = 3 * size * size + 2 * size
-    return {"slopes": len(layout.couplings), "stages": 3 * used, "past": 3 * used, "matrix": matrix, "turned": 3 * used}
+    lasting = {
+        "slopes": len(layout.couplings),
+        "stages": 3 * used,
+        "past": 3 * used,
+        "matrix": matrix,
+        "turned": 3 * used,
+    }
+    curve = curve_size(layout)
+    return lasting | {"reached": 3 * used if curve else 0, "curve": curve}
 
 
 def width(layout: Layout) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from xdynamics.expressions import Node, parse
 from xdynamics.kernels.assignments import Assignments
@@ -30,6 +30,8 @@ from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
 
+POLYNOMIAL = "polynomial"
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -42,7 +44,7 @@ class Steps:
         so on.
     equations : tuple of Equations
     memory : int
-        Numbers of the working memory.
+        Numbers of the working memory; the last ones are the coefficients of the step's polynomial, where it leaves one.
     """
 
     programs: tuple[Program, ...]
@@ -80,7 +82,40 @@ class _StepWriting:
 
 def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
-    return scheme.method.stepper.programs(_StepWriting(layout, scheme, sampled))
+    steps = scheme.method.stepper.programs(_StepWriting(layout, scheme, sampled))
+    return replace(steps, memory=steps.memory + curve_size(layout))
+
+
+def curve_degree(layout: Layout) -> int:
+    """Return the degree of the polynomial that a step leaves for the search for events; 0 if it leaves none.
+
+    Contacts of many links are searched for by the states alone.
+    """
+    scheme = layout.scheme
+    if scheme is None or not scheme.leaves_polynomial or not layout.watched or layout.model.assemblies:
+        return 0
+    return scheme.interpolant.degree
+
+
+def curve_size(layout: Layout) -> int:
+    """Return how many coefficients that polynomial has, of all components."""
+    degree = curve_degree(layout)
+    return (degree + 1) * layout.used.size if degree else 0
+
+
+def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
+    """Write the coefficients in s of a step's polynomial, power by power, to `w` from `curve` on.
+
+    It takes the states at the step's ends in `y` and `z`, and those of its stages in `w` from `stages` on.
+    """
+    write, scheme = _Stepping(layout, sampled=False, working=False), layout.scheme
+    assert scheme is not None  # noqa: S101 - a layout of steps has one
+    write.ends_given()
+    write.stages_given(stages)
+    write.walk(scheme.interpolant.polynomials)
+    for power in range(scheme.interpolant.degree + 1):
+        write.out("w", [f"{letter}s{power}" for letter in "qvx"], layout.used, curve + power * layout.used.size)
+    return write.finished(POLYNOMIAL, f"The polynomial of a step by {scheme.method.name}.").programs[0]
 
 
 def inside(layout: Layout, scheme: Scheme) -> Program:
@@ -181,20 +216,20 @@ class _Stepping(Walker):
         for name in "qvxar":
             self._views[f"{name}1"] = ("z", *self._views[name][1:])
 
-    def stages_given(self) -> None:
-        """Take the states of two stages as given at the beginning of `w`."""
+    def stages_given(self, begin: int = 0) -> None:
+        """Take the states of two stages as given in `w`."""
         for k, stage in enumerate("23"):
             for name in "qvx":
                 _, first, count = self._views[name]
-                self._views[f"{name}{stage}"] = ("w", k * self.layout.used.size + first, count)
+                self._views[f"{name}{stage}"] = ("w", begin + k * self.layout.used.size + first, count)
 
-    def out(self, array: str, vectors: Iterable[str], names: Sequence[str]) -> None:
+    def out(self, array: str, vectors: Iterable[str], names: Sequence[str], begin: int = 0) -> None:
         """Copy vectors, one after another, into a given array."""
-        first = 0
+        first = begin
         for name in vectors:
             self._copy(Place(array, first), Place(name), self._count(name))
             first += self._count(name)
-        assert first == len(names)  # noqa: S101 - vectors and names are two spellings of one order
+        assert first == begin + len(names)  # noqa: S101 - vectors and names are two spellings of one order
 
     def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
         """Return the programs written; the last answers for the part `answered` of `z`."""

@@ -16,7 +16,9 @@ from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
+from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
+from xdynamics.kernels.step_programs import curve_degree
 from xdynamics.march.assembly.tables import assembled
 from xdynamics.march.engine import assemblies as meeting
 from xdynamics.march.engine import contacts, pressing, watchers
@@ -211,6 +213,9 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "pressed": layout.state.size - layout.reactions.size,
         "assemblies": len(model.assemblies),
         "together": together(model),
+        "degree": curve_degree(layout),
+        "curve": law.curve,
+        "polynomial": FORCES + len(law.printed.names) - 1,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -260,7 +265,8 @@ def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[A
         "flaws": np.zeros(intervals.values, np.int64),
         "wanted": np.zeros(intervals.values, np.int64),
     }
-    functions = [*rules(law.scheme.math_functions, intervals.rules), *watchers()] if watched else []
+    operations = rules(law.scheme.math_functions, intervals.rules, curve_degree(law.layout))
+    functions = [*operations, *watchers()] if watched else []
     return (
         places
         | _touching(model, settings)
@@ -286,9 +292,9 @@ def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[st
     disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
     leaves = []
     for k, (row, target, i, *_) in rows.items() if not disabled else ():
-        if row == VARIABLE:
+        if row == VARIABLE and not curve_degree(layout):
             leaves.append((POSITION, i, target))
-        elif VARIABLE < row < NUMBER or row == INSTANTS:
+        elif VARIABLE <= row < NUMBER or row == INSTANTS:
             leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
     return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
 

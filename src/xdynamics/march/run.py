@@ -28,12 +28,15 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
 # struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what
 # they do after one; `margin` is added to the rounding by which an interval is widened; `order`
-# is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method.
+# is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s
+# that a step leaves, 0 if it leaves none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of
+# their program.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
     "adaptive differences estimates steps extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together",
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together degree curve"
+    " polynomial",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -65,8 +68,9 @@ WATCH = _record(
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step count too. `full` is
 # the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds
 # of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
-# accepted nonetheless; `substeps` counts those made since its search began.
-PIECE = _record("start end width wide full", "cut rough part verdict substeps")
+# accepted nonetheless; `substeps` counts those made since its search began; `first` and `last` are its ends as shares of
+# the trial.
+PIECE = _record("start end width wide full first last", "cut rough part verdict substeps")
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number.
 EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
 # What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are

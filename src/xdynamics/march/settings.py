@@ -30,13 +30,14 @@ LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
-EARLIEST_FIRST, ONE_BY_ONE = "earliest first", "one by one"
-ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the second
-    EARLIEST_FIRST: (
-        "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else"
-        " ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is"
-        " accepted"
-    ),
+EARLIEST_FIRST, ON_HERMITE, ONE_BY_ONE = "earliest first", "earliest first by Hermite", "one by one"
+_EARLIEST_FIRST = (
+    "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
+    " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
+)
+ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the last, what followed it the second
+    EARLIEST_FIRST: f"{_EARLIEST_FIRST}; steps that leave a polynomial are searched by its bounds",
+    ON_HERMITE: _EARLIEST_FIRST,
     ONE_BY_ONE: (
         "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is"
         " accepted"
@@ -267,7 +268,8 @@ class Settings:
     @property
     def scheme(self) -> Scheme:
         """The method with its estimator."""
-        return Scheme(self.method, self.estimator, self.jacobian, self.summation, self.math_functions)
+        by_hermite = self.event_root_method != EARLIEST_FIRST
+        return Scheme(self.method, self.estimator, self.jacobian, self.summation, self.math_functions, by_hermite)
 
     def layout(self, model: Model) -> Layout:
         """Return the layout of the march's numbers."""

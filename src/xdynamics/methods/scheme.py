@@ -52,6 +52,8 @@ class Scheme:
         One of `SUMMATIONS`: whether the rounding errors of the state are carried along.
     math_functions : str
         The set of elementary functions that forces are computed with.
+    by_hermite : bool
+        Whether events are isolated on Hermite's polynomials whatever a step leaves, as they once were.
     """
 
     method: Method
@@ -59,6 +61,7 @@ class Scheme:
     jacobian: str = EXACT
     summation: str = PLAIN
     math_functions: str = NAME
+    by_hermite: bool = False
 
     @property
     def estimates(self) -> bool:
@@ -139,6 +142,11 @@ class Scheme:
     def interpolant(self) -> Interpolant:
         """The interpolant of a step: the method's own, or Hermite's if half steps are continued."""
         return HERMITE if self.steps > 1 else self.method.interpolant
+
+    @property
+    def leaves_polynomial(self) -> bool:
+        """Whether a step leaves a polynomial of its own, which costs no further evaluation: events are isolated on it."""
+        return self.interpolant.given and self.interpolant != HERMITE and not self.by_hermite
 
     def interpolation(self, rule: str = REINTEGRATE) -> str:
         """The interpolation between accepted states, in words."""

@@ -103,8 +103,9 @@ def simulate(
     switches : {"located", "stepped over"}
         Whether the march lands where the argument of an `abs`, `sign`, `min`, `max` or `where` in a force passes through
         zero, as events of the kind `regime_switch`; not in forces that are declared smooth, nor if there are over 40.
-    event_root_method : {"earliest first", "one by one"}
-        How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`;
+    event_root_method : {"earliest first", "earliest first by Hermite", "one by one"}
+        How events are located: of several in a step the earliest before others, its substeps counted in `event_substeps`.
+        The others are for the bits of older archives: on Hermite's polynomials though a step leaves its own (`radau_iia`);
         or as version 0.2 did, in the order of their declaration, each substep a rejected trial.
     scales : mapping, optional
         Length, time and mass to march in nondimensional variables with: ``{"length": "0.4 m"}``. Everything reported

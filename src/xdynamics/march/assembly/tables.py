@@ -18,7 +18,7 @@ from xdynamics.march.assembly.closed_links import VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
 from xdynamics.march.handle import PLAINLY
 from xdynamics.march.run import ASSEMBLY, Run
-from xdynamics.march.settings import EARLIEST_FIRST, Settings
+from xdynamics.march.settings import EARLIEST_FIRST, ON_HERMITE, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, Leaf, assemblies, slots_of, together
 from xdynamics.model.motion import constants
@@ -76,7 +76,8 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
     if any(detector.drive or detector.at_zero for detector in layout.switches):
         raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
-    bare = replace(settings, tolerances=None, nodes=())
+    # links are looked for between states, whatever polynomial a step leaves
+    bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
     patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
     parts = [_Part(assembly, law, settings) for assembly in every]
     rows, leafs, members = np.zeros(len(every), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()

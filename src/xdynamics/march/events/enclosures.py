@@ -2,9 +2,10 @@
 
 Between two states of a step, a coordinate is the Hermite polynomial through both positions, velocities and
 accelerations, a first-order state the one through both values and rates, each widened by its distance from such
-polynomials of lower degree. Their Bernstein coefficients bound them, and interval arithmetic, rounded outward, bounds
-the functions (Moore, Kearfott, Cloud, Introduction to Interval Analysis, 2009). The rows to compute come from
-`kernels.interval_program`.
+polynomials of lower degree; where the step leaves a polynomial of its own, as that of a collocation method does, it is
+that one, and Hermite's where that is narrower (`elementary.curve_bounds`). Their Bernstein coefficients bound them, and
+interval arithmetic, rounded outward, bounds the functions (Moore, Kearfott, Cloud, Introduction to Interval Analysis,
+2009). The rows to compute come from `kernels.interval_program`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.elementary import intervals
+from xdynamics.elementary import bounds
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, ULPS, UNBOUNDED
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.drive_tables import find_piece
@@ -25,7 +26,7 @@ from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.run import ALIVE, ALL, Run
 
 State = NDArray[Any]
-below, above = shared(intervals.below), shared(intervals.above)
+below, above = shared(bounds.below), shared(bounds.above)
 
 
 @shared

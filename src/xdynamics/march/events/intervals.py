@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,7 +11,9 @@ from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
-from xdynamics.elementary.intervals import Interval, Intervals
+from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
+from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.text import called_in, declarations, definitions, written_intervals
 from xdynamics.kernels import machine
@@ -26,60 +28,86 @@ _KEPT: list[machine.Code] = []  # as long as the process, as the addresses
 
 
 @lru_cache(maxsize=64)
-def rules(math_functions: str, needed: frozenset[str]) -> NDArray[np.int64]:
-    """Return addresses of operations in the order of `RULES`, then those for a first look; 0 for what is not needed."""
+def rules(math_functions: str, needed: frozenset[str], degree: int = 0) -> NDArray[np.int64]:
+    """Return addresses of operations in the order of `RULES`, then those for a first look; 0 for what is not needed.
+
+    Variables are enclosed by the polynomial of some degree that a step leaves, or by Hermite's where that is 0.
+    """
     fine: list[Rule] = [(name, False) for name in RULES if name in needed]
     rough: list[Rule] = [(name, True) for name in ROUGH if name in needed]
-    address = (_plain if config.DISABLE_JIT else _compiled)(math_functions, [*fine, *rough])  # type: ignore[attr-defined]
+    address = (_plain if config.DISABLE_JIT else _compiled)(math_functions, [*fine, *rough], degree)  # type: ignore[attr-defined]
     exact = [address.get((name, False), 0) for name in RULES]
     return np.array([*exact, *(address.get((name, True), exact[i]) for i, name in enumerate(RULES))], np.int64)
 
 
-def _compiled(math_functions: str, wanted: list[Rule]) -> dict[Rule, int]:
+def _compiled(math_functions: str, wanted: list[Rule], degree: int) -> dict[Rule, int]:
     symbols = {rule: f"{rule[0]}_{'roughly' if rule[1] else 'finely'}" for rule in wanted}
-    entries = "\n".join(_entry(symbol, *rule) for rule, symbol in symbols.items())
+    entries = "\n".join(_entry(symbol, *rule, degree) for rule, symbol in symbols.items())
     functions = definitions(dict.fromkeys(called_in(entries), False), 1, math_functions)
     _KEPT.append(machine.compiled(f"{declarations(1)}\n{functions}\n{entries}", symbols.values()))
     return {rule: _KEPT[-1].addresses[symbol] for rule, symbol in symbols.items()}
 
 
-def _plain(math_functions: str, wanted: list[Rule]) -> dict[Rule, int]:
-    keys = keys_of(in_python(name, math_functions, rough=rough) for name, rough in wanted)
+def _plain(math_functions: str, wanted: list[Rule], degree: int) -> dict[Rule, int]:
+    keys = keys_of(in_python(name, math_functions, rough=rough, degree=degree) for name, rough in wanted)
     return dict(zip(wanted, keys, strict=True))
 
 
-def in_python(name: str, math_functions: str, *, rough: bool = False) -> Callable[[Run, Any, Any, int], None]:
+def in_python(
+    name: str, math_functions: str, *, rough: bool = False, degree: int = 0
+) -> Callable[[Run, Any, Any, int], None]:
     """Return an operation as a function of a run, two of its states and the number of a row, in plain Python."""
 
     def entry(run: Run, y: Any, z: Any, row: int) -> None:
         target, *places = run.rows[row, 1 : 2 + OPERANDS[name]].tolist()
         kind = Intervals(SETS[math_functions], float(run.plan[0].margin), rough)
         if name in VARIABLES:
-            piece, own = run.piece[0], places[VARIABLES[name]]
-            ends = [float(state[place]) for state in (y, z) for place in places]
-            given: list[Any] = [*ends, float(piece.width), float(piece.wide * abs(run.located_e[own])), int(piece.part)]
+            piece, error = run.piece[0], float(run.piece[0].wide * abs(run.located_e[places[VARIABLES[name]]]))
+            ends = [[float(state[place]) for state in (y, z)] for place in places]
+            given: list[Any] = [*(end[k] for k in range(2) for end in ends), float(piece.width), error, int(piece.part)]
+            if degree:
+                coefficients = [float(run.w[k]) for k in _terms(run.plan[0], places[: POLYNOMIALS[name]], degree)]
+                shares = float(piece.full), float(piece.first), float(piece.last)
+                given = [*coefficients, *(number for end in ends for number in end), *given[-3:], *shares]
         else:
             given = [Interval(float(run.under[k]), float(run.over[k]), int(run.flaws[k])) for k in places]
-        run.under[target], run.over[target], run.flaws[target] = kind.of(name, *given)
+        run.under[target], run.over[target], run.flaws[target] = kind.of(_operation(name, degree), *given)
 
     return entry
 
 
-def _entry(symbol: str, name: str, rough: bool) -> str:
+def _operation(name: str, degree: int) -> str:
+    """Return the name of an operation among those of `elementary.intervals`."""
+    return on_curve(name) if degree and name in VARIABLES else name
+
+
+def _terms(plan: Any, places: Sequence[int], degree: int) -> list[int]:
+    """Return where in `w` the coefficients of components are."""
+    return [int(plan.curve + power * plan.used) + place for place in places for power in range(degree + 1)]
+
+
+def _entry(symbol: str, name: str, rough: bool, degree: int) -> str:
     """Print an operation as a function of a run's table, two of its states and a row."""
     write = _Lines(1)
     under, over, flaws = (write.array(array) for array in ("under", "over", "flaws"))
     target, *places = (write.word("%row", 1 + k).text for k in range(1 + OPERANDS[name]))
     kind = written_intervals(write, write.field(PLAN, "plan", "margin"), rough=rough)
     if name in VARIABLES:
-        ends = [write.number(state, place) for state in ("%y", "%z") for place in places]
+        ends = [[write.number(state, place) for state in ("%y", "%z")] for place in places]
         error = write.number(write.array("located_e"), places[VARIABLES[name]]).absolute()
         width, wide, part = (write.field(PIECE, "piece", field) for field in ("width", "wide", "part"))
-        given: list[Any] = [*ends, width, wide * error, part]
+        given: list[Any] = [*(end[k] for k in range(2) for end in ends), width, wide * error, part]
+        if degree:
+            shares = [write.field(PIECE, "piece", field) for field in ("full", "first", "last")]
+            coefficients = write.coefficients(places[: POLYNOMIALS[name]], degree)
+            given = [*coefficients, *(number for end in ends for number in end), *given[-3:], *shares]
     else:
         given = [Interval(write.number(under, k), write.number(over, k), write.word(flaws, k)) for k in places]
     for value, letter, array in zip(
-        map(write.value, kind.of(name, *given)), ("double", "double", "i64"), (under, over, flaws), strict=True
+        map(write.value, kind.of(_operation(name, degree), *given)),
+        ("double", "double", "i64"),
+        (under, over, flaws),
+        strict=True,
     ):
         write.lines.append(f"store {letter} {value.text}, ptr {write.place(array, target)}, align 8")
     body = "\n  ".join(write.lines)
@@ -100,6 +128,18 @@ class _Lines(FunctionLines):
     def number(self, begin: str, number: int | str) -> LaneValue:
         """Read a number."""
         return self.line("n", f"load double, ptr {self.place(begin, number)}, align 8")
+
+    def coefficients(self, places: Sequence[str], degree: int) -> list[LaneValue]:
+        """Read those of the step's polynomial, of components of the state."""
+        array, used = self.array("w"), self.field(PLAN, "plan", "used").text
+        found, first = [], self.field(PLAN, "plan", "curve").text
+        for place in places:
+            term = self.line("w", f"add i64 {first}, {place}").text
+            for power in range(degree + 1):
+                if power:
+                    term = self.line("w", f"add i64 {term}, {used}").text
+                found.append(self.number(array, term))
+        return found
 
     def array(self, name: str) -> str:
         """Write where an array begins."""

@@ -47,6 +47,9 @@ from xdynamics.model.detectors import GAP
 def quiet(run: Run) -> bool:
     """Whether no event function can have a zero in the trial; note which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
+    piece.first, piece.last, piece.full = 0.0, 1.0, trial.h
+    if run.plan[0].degree > 0:
+        called(run.law[run.plan[0].polynomial], run, run.y, run.z, 0)
     if run.leaves.shape[0] > 0 and stays_inside(run):
         return True
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
@@ -121,6 +124,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
     piece.part = int(end - start < run.located[0].h)
+    piece.first, piece.last = start / piece.full, end / piece.full
     enclosed_by(run.functions[ENCLOSE], run, run.near, run.far, run.parts[0], run.parts[3], ALIVE)
     bent = False
     for i in range(run.detectors.shape[0]):

@@ -24,6 +24,13 @@ def of_kept(run: Run) -> int:
 
 
 @borrowing
+def of_step(run: Run) -> int:
+    """Return how many numbers of a lane hold the polynomial of a step and the states that it is made of."""
+    plan = run.plan[0]
+    return run.stages.shape[0] + (plan.degree + 1) * plan.used if plan.degree > 0 else 0
+
+
+@borrowing
 def begin_anew(run: Run, w: Floats, lane: int) -> None:
     """Let the next step use nothing of those before, as after a node."""
     if run.stages.shape[0] > 0:
@@ -55,7 +62,7 @@ def enter_kept(run: Run, w: Floats, lane: int) -> int:
     for k in range(size):
         w[first + matrix + k, lane] = float(run.pivots[k])
         w[first + matrix + size + k, lane] = float(run.pivots[3 * size + k])
-    return first + matrix + 2 * size + stages
+    return first + matrix + 2 * size + stages + of_step(run)
 
 
 @borrowing
@@ -90,4 +97,4 @@ def leave_kept(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> 
         run.pivots[3 * size + k] = np.int64(w[first + matrix + size + k, lane])
     note_extents(run.matrix, run.pivots, size, REAL)
     note_extents(run.matrix, run.pivots, size, COMPLEX)
-    return first + matrix + 2 * size + stages
+    return first + matrix + 2 * size + stages + of_step(run)
