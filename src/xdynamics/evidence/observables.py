@@ -120,7 +120,14 @@ def rate_tree(model: Model, name: str) -> Node | None:
 
 
 def evaluated_on(
-    run: xr.Dataset, model: Model, trees: Sequence[Node], states: Mapping[str, Floats], times: Floats, rows: Rows
+    run: xr.Dataset,
+    model: Model,
+    trees: Sequence[Node],
+    states: Mapping[str, Floats],
+    times: Floats,
+    rows: Rows,
+    parts: Sequence[slice] | None = None,
+    read: Sequence[Assignment] | None = None,
 ) -> list[Floats]:
     """Evaluate expressions on states inside steps: also of forces, accelerations and contact forces.
 
@@ -136,10 +143,14 @@ def evaluated_on(
     times : ndarray, shape (k,), s
     rows : ndarray of int, shape (k,)
         Along `step`, from which each step starts.
+    parts : sequence of slice, optional
+        Of the states: those at which each expression is wanted. What several of them read is evaluated once.
+    read : sequence of Assignment, optional
+        Those of the motion that the expressions read, if they are known.
 
     Returns
     -------
-    list of ndarray, shape (k,)
+    list of ndarray, shape (k,), or of each part
         In SI units.
 
     Raises
@@ -156,7 +167,7 @@ def evaluated_on(
     columns = {name: run.variables[name].values for name in ("regime", *names) if name in run.variables}
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
-    return evaluated_inside(model, trees, states, times, (rows, following), columns, functions)
+    return evaluated_inside(model, trees, states, times, (rows, following), columns, functions, read=read, parts=parts)
 
 
 def evaluated_inside(
@@ -169,6 +180,7 @@ def evaluated_inside(
     math_functions: str,
     parameters: Mapping[str, Floats] | None = None,
     read: Sequence[Assignment] | None = None,
+    parts: Sequence[slice] | None = None,
 ) -> list[Floats]:
     """Evaluate expressions on states inside steps of one run, or of many in concatenated columns; see `evaluated_on`.
 
@@ -181,8 +193,9 @@ def evaluated_inside(
     inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
     if reactions(model):
         inputs |= modes_behind(model, columns, rows, following)
-    values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), math_functions, read)
-    return [np.array(np.broadcast_to(value, rows.shape)) for value in values]
+    values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), math_functions, read, parts)
+    shapes = [rows.shape if parts is None else rows[part].shape for part in parts or values]
+    return [np.array(np.broadcast_to(value, shape)) for value, shape in zip(values, shapes, strict=True)]
 
 
 def reaction_columns(model: Model) -> list[str]:

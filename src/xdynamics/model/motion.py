@@ -202,6 +202,7 @@ def evaluated_many(
     tables: Iterable[Table],
     math_functions: str = NAME,
     read: Sequence[Assignment] | None = None,
+    parts: Sequence[slice] | None = None,
 ) -> list[Any]:
     """Evaluate expressions at many states at once, as `evaluated` would, with only those assignments that they read.
 
@@ -218,6 +219,8 @@ def evaluated_many(
         The set of elementary functions.
     read : sequence of Assignment, optional
         The result of `read_by`, if it is available.
+    parts : sequence of slice, optional
+        Of the states: those at which each expression is wanted. What several of them read is evaluated once.
     """
     values: dict[str, Any] = dict(known) | dict(state)
     for (name, drive), table in zip(model.drives.items(), tables, strict=True):
@@ -228,7 +231,24 @@ def evaluated_many(
             values[item.name] = call(*(values[name] for name in item.value.arguments))
         else:
             values[item.name] = evaluate_many(item.value, values, math_functions)
-    return [evaluate_many(item, values, math_functions) for item in wanted]
+    given = [values] * len(wanted) if parts is None else [_Part(values, part) for part in parts]
+    return [evaluate_many(item, here, math_functions) for item, here in zip(wanted, given, strict=True)]
+
+
+class _Part(dict[str, Any]):
+    """The values at some of the states, each taken when it is first read."""
+
+    def __init__(self, values: Mapping[str, Any], part: slice) -> None:
+        super().__init__()
+        self._values, self._part = values, part
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values
+
+    def __missing__(self, name: str) -> Any:
+        value = self._values[name]
+        self[name] = value[self._part] if np.ndim(value) else value
+        return self[name]
 
 
 def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:

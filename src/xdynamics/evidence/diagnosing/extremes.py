@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,8 +17,11 @@ from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.summits import MOST_HUMPS, Summits, crests, humps, summits
 from xdynamics.evidence.observables import evaluated_on, rate_tree, tree_of
 from xdynamics.evidence.stored_columns import RowRange
+from xdynamics.expressions import Node
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.mass import Assignment
+from xdynamics.model.motion import read_by
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -73,37 +78,151 @@ def extremes(
     how far the parabola through the largest value and its neighbours rises above it.
     """
     rows = Chunks.of(run, functions)
-    model, found = rows.model, [_Heights(name, sign) for name, sign in wanted]
+    found = [_Heights(name, sign) for name, sign in wanted]
     for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
         for heights in found:
             heights.rise(part)
-    near, places_near = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
-    ends = np.cumsum([heights.rows.size for heights in found])
-    factors = {name: _factor(rows.run, name) for name, _ in wanted}
-    searches = [
-        _begun(rows, near, heights, here) for heights, here in zip(found, np.split(places_near, ends[:-1]), strict=True)
-    ]
+    near, places = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
+    quantities = _Quantities(
+        near, rows.model, [name for name, _ in wanted], [_factor(rows.run, name) for name, _ in wanted]
+    )
+    searches = _begun(rows, quantities, found, places)
     inside: Inside | None = None
     while True:
-        places = [search.places() for _, search in searches]
-        if not any(item.size for item in places):
+        times = [search.places() for _, search in searches]
+        if not any(item.size for item in times):
             break
-        ends = np.cumsum([0, *(item.size for item in places)])
         inside = inside or Inside.of(near, functions, REINTEGRATE)
-        states = inside.at(np.concatenate(places), after=False)
-        for k, ((name, _), (_, search)) in enumerate(zip(wanted, searches, strict=True)):
-            if places[k].size:
-                here = states.isel({schema.AT: slice(ends[k], ends[k + 1])})
-                search.narrow(*_with_rates(near, model, name, factors[name], here))
+        states = _States.inside(
+            rows.model, inside.at(np.concatenate(times), after=False), [item.size for item in times]
+        )
+        values = quantities.values(states, states.variables)
+        for (_, search), value, rate in zip(searches, values, quantities.rates(states, values), strict=True):
+            if value.size:
+                search.narrow(value, rate)
     results = [_settled(*item) for item in searches]
-    between_rows = [k for k, result in enumerate(results) if result.rule == INTERPOLATED]
-    if inside is not None and between_rows:
-        states = inside.at(np.array([results[k].time for k in between_rows]), after=False)
-        for i, k in enumerate(between_rows):
-            name = wanted[k][0]
-            _, off = _with_errors(near, model, name, factors[name], states.isel({schema.AT: slice(i, i + 1)}))
-            results[k] = results[k]._replace(uncertainty=float(off[0]))
+    between_rows = np.array([result.rule == INTERPOLATED for result in results])
+    if inside is not None and between_rows.any():
+        ends = inside.at(np.array([result.time for result in results if result.rule == INTERPOLATED]), after=False)
+        states = _States.inside(rows.model, ends, [int(is_between) for is_between in between_rows])
+        errors = quantities.errors(states, quantities.values(states, states.variables))
+        results = [
+            result._replace(uncertainty=float(off[0])) if off.size else result
+            for result, off in zip(results, errors, strict=True)
+        ]
     return results
+
+
+@dataclass(frozen=True)
+class _States:
+    """States inside steps, of several quantities one after the other.
+
+    Attributes
+    ----------
+    variables, errors : mapping of str to ndarray, shape (k,)
+        What steps integrate, and its error by interpolation, in recorded units.
+    times : ndarray, shape (k,), s
+    rows : ndarray of int, shape (k,)
+        From which each step starts.
+    parts : list of slice
+        Of each quantity.
+    """
+
+    variables: Mapping[str, Floats]
+    errors: Mapping[str, Floats]
+    times: Floats
+    rows: Rows
+    parts: list[slice]
+
+    @classmethod
+    def inside(cls, model: Model, states: xr.Dataset, sizes: Sequence[int]) -> _States:
+        """Take what was interpolated or marched, so many states for each quantity."""
+        variables = {name: _column(states, name) for name in model.units}
+        errors = {name: _column(states, schema.error(name)) for name in model.units}
+        return cls(variables, errors, _column(states, schema.AT_TIME), _column(states, "row"), _parts(sizes))
+
+    def moved(self, name: str) -> Mapping[str, Floats]:
+        """Return the variables with one of them off by its error."""
+        return {**self.variables, name: self.variables[name] + self.errors[name]}
+
+
+def _parts(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(*pair) for pair in pairwise(ends)]
+
+
+@dataclass
+class _Quantities:
+    """Recorded quantities on states inside steps: what several of them read is evaluated once.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+    model : Model
+    names : list of str
+    factors : list of float
+        SI units in the unit of each.
+    """
+
+    run: xr.Dataset
+    model: Model
+    names: list[str]
+    factors: list[float]
+    _read: dict[tuple[int, ...], list[Assignment]] = field(default_factory=dict)  # by an expression list and its places
+
+    @cached_property
+    def _trees(self) -> list[Node | None]:
+        return [None if name in self.model.units else tree_of(self.model, name) for name in self.names]
+
+    @cached_property
+    def _rate_trees(self) -> list[Node | None]:
+        return [rate_tree(self.model, name) for name in self.names]
+
+    def values(self, states: _States, variables: Mapping[str, Floats]) -> list[Floats]:
+        """Return each quantity on its part of the states, for these variables."""
+        found = self._evaluated(self._trees, states, variables)
+        return [
+            variables[name][part] if value is None else value
+            for name, value, part in zip(self.names, found, states.parts, strict=True)
+        ]
+
+    def rates(self, states: _States, values: Sequence[Floats]) -> list[Floats]:
+        """Return the rate of each; its own value where none is known."""
+        found = self._evaluated(self._rate_trees, states, states.variables)
+        return [value if rate is None else rate for value, rate in zip(values, found, strict=True)]
+
+    def errors(self, states: _States, values: Sequence[Floats]) -> list[Floats]:
+        """Return how far the errors of the variables move each."""
+        totals = [np.zeros(value.shape) for value in values]
+        for variable in (name for name in self.model.units if states.errors[name].any()):
+            moved = self.values(states, states.moved(variable))
+            totals = [total + np.abs(off - value) for total, off, value in zip(totals, moved, values, strict=True)]
+        return [
+            np.abs(states.errors[name][part]) if name in self.model.units else total
+            for name, total, part in zip(self.names, totals, states.parts, strict=True)
+        ]
+
+    def _evaluated(
+        self, trees: list[Node | None], states: _States, variables: Mapping[str, Floats]
+    ) -> list[Floats | None]:
+        """Evaluate each expression on its part, if it has any states; None where there is no expression."""
+        results: list[Floats | None] = [None if tree is None else np.zeros(0) for tree in trees]
+        known = [
+            (k, tree, part)
+            for k, (tree, part) in enumerate(zip(trees, states.parts, strict=True))
+            if tree is not None and part.start < part.stop
+        ]
+        if not known:
+            return results
+        places, some, parts = zip(*known, strict=True)
+        key = (id(trees), *places)
+        if key not in self._read:
+            self._read[key] = read_by(self.model, some)
+        read = self._read[key]
+        found = evaluated_on(self.run, self.model, some, variables, states.times, states.rows, parts, read)
+        for k, value in zip(places, found, strict=True):
+            results[k] = value / self.factors[k]
+        return results
 
 
 @dataclass
@@ -155,21 +274,28 @@ class _Heights:
             self.rows, self.values, self.times = self.rows[:, kept], self.values[:, kept], self.times[:, kept]
 
 
-def _begun(rows: Chunks, near: xr.Dataset, heights: _Heights, places: Rows) -> tuple[Extreme, Summits]:
-    """Return the best accepted state, and the search of the steps around each hump, whose rows are at places near it."""
-    name, sign, model = heights.name, heights.sign, rows.model
+def _begun(
+    rows: Chunks, quantities: _Quantities, found: Sequence[_Heights], places: Rows
+) -> list[tuple[Extreme, Summits]]:
+    """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
+    sizes = [heights.rows.size for heights in found]
+    states = {variable: _column(quantities.run, variable)[places] for variable in rows.model.units}
+    times = np.concatenate([heights.times.ravel() for heights in found])
+    unknown = [np.zeros(0)] * len(found)
+    rates = quantities.rates(_States(states, {}, times, places, _parts(sizes)), unknown)
+    return [_search(rows, heights, rate) for heights, rate in zip(found, rates, strict=True)]
+
+
+def _search(rows: Chunks, heights: _Heights, rates: Floats) -> tuple[Extreme, Summits]:
+    """Return the best accepted state, and the search of the steps around each hump; without rates where none are known."""
+    name, sign = heights.name, heights.sign
     top, time, kind = heights.best
     at_event = kind in (schema.EVENT_BEFORE, schema.EVENT_AFTER)
     best = Extreme(sign * top, time, LOCATED if at_event else SAMPLED, 0.0)
     values, times = heights.values, heights.times
-    if rows.run.variables[name].attrs["role"] not in STATES and model.python_functions:
+    if rows.run.variables[name].attrs["role"] not in STATES and rows.model.python_functions:
         best = best._replace(uncertainty=0.0 if at_event else heights.above)
-        values, times, places = values[:, :0], times[:, :0], places[:0]
-    tree, rates = rate_tree(model, name), None
-    if tree is not None:
-        states = {variable: _column(near, variable)[places] for variable in model.units}
-        rates = evaluated_on(near, model, [tree], states, times.ravel(), places)[0].reshape(values.shape)
-        rates = rates / _factor(rows.run, name)
+        values, times = values[:, :0], times[:, :0]
     # the rows of a hump, one after the other
     middles = 1 + 3 * np.arange(values.shape[1])
     search = summits(
@@ -179,7 +305,7 @@ def _begun(rows: Chunks, near: xr.Dataset, heights: _Heights, places: Rows) -> t
         values.T.ravel(),
         times.T.ravel(),
         np.array([0, values.size]),
-        rates,
+        rates.reshape(values.shape) if rates.size else None,
         middles,
         np.zeros(middles.size, np.int64),
     )
@@ -196,44 +322,16 @@ def _factor(run: xr.Dataset, name: str) -> float:
     return float(parse_unit(str(run.variables[name].attrs["units"])).factor)
 
 
-def _with_rates(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset) -> tuple[Floats, Floats]:
-    """Return a quantity on states inside steps, and its rate; where no rate is known, the quantity twice."""
-    values, tree = _values(run, model, name, factor, states), rate_tree(model, name)
-    if tree is None:
-        return values, values
-    state = {variable: _column(states, variable) for variable in model.units}
-    times, rows = _column(states, schema.AT_TIME), _column(states, "row")
-    return values, evaluated_on(run, model, [tree], state, times, rows)[0] / factor
-
-
-def _values(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset, moved: str = "") -> Floats:
-    """Return a quantity on states inside steps; with one variable moved by its interpolation error, if named."""
-    if name in model.units and not moved:
-        recorded: Floats = _column(states, name)
-        return recorded
-    state = {variable: _column(states, variable) for variable in model.units}
-    if moved:
-        state[moved] = state[moved] + _column(states, schema.error(moved))
-    times, rows = _column(states, schema.AT_TIME), _column(states, "row")
-    return evaluated_on(run, model, [tree_of(model, name)], state, times, rows)[0] / factor
-
-
 def between(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
-    states = sampled(run, times, after=False, rule=REINTEGRATE, functions=functions)
-    return _with_errors(run, model, name, _factor(run, name), states)
-
-
-def _with_errors(run: xr.Dataset, model: Model, name: str, factor: float, states: xr.Dataset) -> tuple[Floats, Floats]:
-    """Return the same of known states, where the unit's factor is given: the quantity itself need not be in the record."""
-    values = _values(run, model, name, factor, states)
-    if name in model.units:
-        return values, np.abs(_column(states, schema.error(name)))
-    uncertain = [variable for variable in model.units if _column(states, schema.error(variable)).any()]
-    moved = (np.abs(_values(run, model, name, factor, states, variable) - values) for variable in uncertain)
-    return values, sum(moved, np.zeros(values.shape))
+    states = _States.inside(
+        model, sampled(run, times, after=False, rule=REINTEGRATE, functions=functions), [times.size]
+    )
+    quantity = _Quantities(run, model, [name], [_factor(run, name)])
+    values = quantity.values(states, states.variables)
+    return values[0], quantity.errors(states, values)[0]
 
 
 def _column(states: xr.Dataset, name: str) -> Any:
