@@ -237,7 +237,7 @@ def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request:
 def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
     """Assert that kill -9 at random moments loses no finished block, and that the catalogue is that of a run without."""
     program = PROGRAM.format(axes=AXES, asked=ASKED)
-    assert kills(program, tmp_path / "s", random.Random(0), most=2) > 0
+    assert kills(program, tmp_path / "s", random.Random(0), most=1) > 0
     found = xd.open_sweep(tmp_path / "s")
     assert_same(found, here)
     digests = found.run_digest.values.astype(str).ravel()

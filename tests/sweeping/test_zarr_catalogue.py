@@ -183,12 +183,13 @@ def test_zeros_with_a_sign_keep_it(tmp_path: Path) -> None:
     assert xd.verify(tmp_path / "still.zarr")
 
 
-def test_a_killed_sweep_goes_on() -> None:
+def test_a_killed_sweep_goes_on(request: pytest.FixtureRequest) -> None:
     """Assert that kill -9 at random moments loses no finished block, and leaves nothing beside the digest of the whole."""
     script = Path(__file__).parents[1] / "cases" / "killed_sweeps.py"
-    done = subprocess.run([sys.executable, script, "2"], capture_output=True, text=True, timeout=300, check=False)
+    sweeps = "3" if request.config.getoption("--whole") else "1"
+    done = subprocess.run([sys.executable, script, sweeps], capture_output=True, text=True, timeout=300, check=False)
     assert done.stderr == ""
-    found = re.fullmatch(r"2 of 2 equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout)
+    found = re.fullmatch(rf"{sweeps} of {sweeps} equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout)
     assert found is not None, done.stdout
     assert int(found[1]) > 0
     assert found[3] == "blocks.json digests.json zarr.json"
