@@ -366,6 +366,17 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
         xd.verify(folder)
 
 
+def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
+    """Assert that cases which were kept before a store broke off are read, and the others found then."""
+    keep, methods = str(place.parent), ["velocity_verlet"]
+    whole = xd.validate(methods)
+    with store.once("500 InternalError", "PUT", times=99), pytest.raises(xd.ArchiveError, match="failed 2 times"):
+        xd.validate(methods, keep=keep)
+    assert xd.validate(methods, keep=keep).equals(whole)
+    with store.once("500 InternalError", "PUT", times=99):
+        assert xd.validate(methods, keep=keep).equals(whole)
+
+
 def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
     """Assert the numbers of a sweep in memory, verified, and opened by plain xarray."""
     pytest.importorskip("zarr")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.budgeting import numerical
 from xdynamics.budgeting.budget_dataset import Budgeted, budget_dataset
 from xdynamics.budgeting.budget_request import COVERAGE, BudgetRequest, budget_request
-from xdynamics.budgeting.measurand import Target
+from xdynamics.budgeting.measurand import MEMBERS, Target
 from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
 from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
 from xdynamics.budgeting.physical import copies
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 UNSURE = 0.02  # relative error of a term up to which a doubtful slope is not warned of
 FIRST_DRAWS = 4096
-MEMBERS = 512  # copies or draws of a task
 DRAWS = "draws"  # among the parts of a budget
 
 Gatherer = Callable[[Callable[..., Any]], Task | Gathered]
@@ -55,6 +55,7 @@ def error_budget(
     inadequate_fit: bool = False,
     only: Sequence[str] | str | None = None,
     without: Sequence[str] | str | None = None,
+    keep: str | Path | None = None,
     compute: bool = True,
     **settings: Any,
 ) -> xr.Dataset:
@@ -96,6 +97,9 @@ def error_budget(
         Terms by their names, which alone are computed, or which are left out, of totals and draws too: ``["roundoff"]``,
         ``["truncation", "c"]``. Every other term is the same as in the whole budget, and the record says what is left
         out. Without truncation no finer run is marched, and there is nothing along `level`.
+    keep : str or Path, optional
+        A folder in which the number in each level, each term and each block of draws is kept as soon as it is known, or
+        ``"s3://bucket/folder"``: the same call continues a budget that was interrupted. The run itself is marched again.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with a task for each level, each term and each
         block of draws; `until_uncertainty` cannot be used.
@@ -160,6 +164,7 @@ def error_budget(
         inadequate_fit=inadequate_fit,
         only=only,
         without=without,
+        keep=keep,
         **settings,
     )
     if not compute:

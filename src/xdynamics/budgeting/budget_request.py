@@ -14,6 +14,7 @@ from xdynamics.budgeting.random_draws import Propagation
 from xdynamics.budgeting.sources import ErrorSource, names_left_out, stated_source
 from xdynamics.budgeting.tabulated import table_sources
 from xdynamics.budgeting.term import PHYSICAL, Declared, Term
+from xdynamics.evidence.kept_results import Keep
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.runtime.cached_properties import cached_property
@@ -122,6 +123,7 @@ def budget_request(
     inadequate_fit: bool = False,
     only: Any = None,
     without: Any = None,
+    keep: Any = None,
     **settings: Any,
 ) -> BudgetRequest:
     """Read and check the arguments of `error_budget`.
@@ -139,7 +141,12 @@ def budget_request(
     marched = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
     declared = tuple(map(_declared, (terms,) if isinstance(terms, Declared) else terms or ()))
     whole = BudgetRequest(
-        Measurand(model, target, marched, seed), declared, draws, coverage, digits, inadequate_fit is True
+        Measurand(model, target, marched, seed, Keep.of(keep)),
+        declared,
+        draws,
+        coverage,
+        digits,
+        inadequate_fit is True,
     )
     names = whole.names
     left_out = names_left_out(names, only, without)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,6 +66,7 @@ def certify(
     *,
     draws: int = DRAWS,
     seed: int = 0,
+    keep: str | Path | None = None,
     compute: bool = True,
     **asked: Any,
 ) -> xr.Dataset:
@@ -74,6 +76,9 @@ def certify(
     ----------
     model, quantity, draws, seed
         As in `error_budget`; without uncertainties in the model nothing is drawn.
+    keep : str or Path, optional
+        A folder in which results of the budget and of the ledger are kept: the same call continues one that was
+        interrupted.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with the tasks of the budget and of the ledger.
     **asked
@@ -102,15 +107,15 @@ def certify(
         )
     draws = draws if model.uncertain else 0
     if not compute:
-        return lazy(_stage(budget_request(model, quantity, draws=draws, seed=seed, **asked)))
-    budget = error_budget(model, quantity, draws=draws, seed=seed, **asked)
-    return _dataset(model, budget, validate([str(budget.attrs["solver_method"])]))
+        return lazy(_stage(budget_request(model, quantity, draws=draws, seed=seed, keep=keep, **asked)))
+    budget = error_budget(model, quantity, draws=draws, seed=seed, keep=keep, **asked)
+    return _dataset(model, budget, validate([str(budget.attrs["solver_method"])], keep=keep))
 
 
 def _stage(request: BudgetRequest) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
-    ledger = own_ledger([str(budget.template.attrs["solver_method"])])
+    ledger = own_ledger([str(budget.template.attrs["solver_method"])], request.measurand.keep)
     template = _dataset(request.measurand.model, budget.template, ledger.template)
     gates = tuple(template["gate_name"].values.tolist())
     task = Task.of(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
+from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.observables import comparable, observables_of, observe
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stages import inputs_of
@@ -36,6 +37,7 @@ TIME = "t"  # the quantity that is the time of the event itself
 SIDES = ("before", "after")
 ROUNDED = 8.0 * float(np.finfo(float).eps)  # relative rounding of a time
 SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
+MEMBERS = 512  # copies or draws of a task
 NEAR = 1e-3  # fraction of a step over which a quantity's rate at an event is taken
 
 
@@ -215,12 +217,15 @@ class Measurand:
         Of `simulate`.
     seed : int
         Of everything that is drawn.
+    keep : Keep, optional
+        Where results of tasks are kept.
     """
 
     model: Model
     target: Target
     settings: dict[str, Any]
     seed: int = 0
+    keep: Keep | None = None
 
     @property
     def inputs(self) -> tuple[Any, ...]:
@@ -253,10 +258,13 @@ class Measurand:
             places = {"times": [target.at]}
         elif target.event:
             places = {"occurrences": (target.occurrence - 1, target.occurrence)}
+        if self.keep is not None:
+            settings = {"members_per_task": MEMBERS} | settings
         swept = sweep(self.model, axes, keep=[target.kept], **places, **(self.settings | settings))
         numbers = unfold(swept)[target.kept]
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
-        return numbers[..., 0] if target.at is not None else numbers
+        numbers = numbers[..., 0] if target.at is not None else numbers
+        return numbers if self.keep is None else self.keep.blocks(numbers)
 
 
 def _of_whole_run(quantity: str, at: Any, event: Any) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +16,7 @@ from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
+from xdynamics.evidence.kept_results import Form
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
@@ -75,6 +76,7 @@ class Estimate(NamedTuple):
         return cls(*number, int(run.attrs["run_accepted_steps"]), digest_of_run(run))
 
 
+ESTIMATES = Form(list, lambda entries: Estimate(*entries))
 NOT_MARCHED = Estimate(np.nan, np.nan, np.nan, 0, "")  # before a run is marched
 
 
@@ -173,7 +175,8 @@ def run_task(measurand: Measurand) -> Task:
 
 def number_task(measurand: Measurand, run: Task) -> Task:
     """Return the task that takes the number out of a run."""
-    return Task.of("number", partial(Estimate.of, measurand), (run,), *measurand.inputs)
+    task = Task.of("number", partial(Estimate.of, replace(measurand, keep=None)), (run,), *measurand.inputs)
+    return task if measurand.keep is None else measurand.keep.task(task, ESTIMATES)
 
 
 def levels_task(measurand: Measurand, number: Task, levels: Levels) -> Task:

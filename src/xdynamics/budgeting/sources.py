@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import nan
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.budgeting.measurand import Measurand, Target
-from xdynamics.budgeting.term import Term
+from xdynamics.budgeting.term import TERMS, Term
 from xdynamics.evidence.stages import Gathered, Task
 from xdynamics.faults import InputError
 from xdynamics.units import Unit
@@ -61,7 +61,12 @@ class ErrorSource:
     def task(self, measurand: Measurand, shared: Mapping[str, Task | Gathered]) -> Task:
         """Return the task that computes the terms, alone."""
         needs = tuple(shared[name] for name in self.needs)
-        return Task.of(self.names[0], self.terms, needs, self.names, *measurand.inputs, *self.inputs)
+        words = (self.names, *measurand.inputs, *self.inputs)
+        if measurand.keep is None:
+            return Task.of(self.names[0], self.terms, needs, *words)
+        # what is needed follows from the number; and blocks that are there already have other names than those to come
+        task = replace(Task.of(self.names[0], self.terms, (), shared[NUMBER].name, *words), needs=needs)
+        return measurand.keep.task(task, TERMS)
 
 
 def _in_row(term: Callable[..., Term], *needs: Any) -> list[Term]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
 from math import inf, isfinite, nan, sqrt
+from typing import Any
 
 from xdynamics.budgeting.measurand import Target
+from xdynamics.evidence.kept_results import Form
 from xdynamics.faults import InputError
-from xdynamics.units import Quantity, Unit, parse_quantity, parse_unit, time_in
+from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit, time_in
 
 NUMERICAL, PHYSICAL = "numerical", "physical"
 KINDS = (NUMERICAL, PHYSICAL)
@@ -57,6 +61,32 @@ class Term:
     def bounded(cls, name: str, kind: str, bound: float, rule: str) -> Term:
         """Return a term with a known bound."""
         return cls(name, kind, bound / BOUNDED, bound, rule)
+
+
+def _written(terms: Sequence[Term]) -> list[Any]:
+    """Return terms as lists of texts and numbers."""
+    rows = [[getattr(term, entry.name) for entry in fields(Term)] for term in terms]
+    return [[_unit_written(entry) if isinstance(entry, Unit) else entry for entry in row] for row in rows]
+
+
+def _read(rows: Sequence[Sequence[Any]]) -> list[Term]:
+    names = [entry.name for entry in fields(Term)]
+    entries: list[list[Any]] = [
+        [_unit_read(entry) if isinstance(entry, list) else entry for entry in row] for row in rows
+    ]
+    return [Term(**dict(zip(names, row, strict=True))) for row in entries]
+
+
+def _unit_written(unit: Unit) -> list[Any]:
+    return [unit.text, [*map(str, unit.dimension.powers)], str(unit.factor)]
+
+
+def _unit_read(entry: Sequence[Any]) -> Unit:
+    text, powers, factor = entry
+    return Unit(text, Dimension(tuple(map(Fraction, powers))), Fraction(factor))
+
+
+TERMS = Form(_written, _read)
 
 
 @dataclass(frozen=True)

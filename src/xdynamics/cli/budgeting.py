@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.clustering import clustered, made
+from xdynamics.cli.clustering import KEPT, clustered, made
 from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.measuring import measured_data, reading_of, without
@@ -38,6 +38,7 @@ OF_A_NUMBER = (
         "--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."
     ),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
+    KEPT,
     clustered,
     json_option,
     settings(without=OF_RECORDS),

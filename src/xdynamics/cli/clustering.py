@@ -31,6 +31,13 @@ def clustered(verb: Callable[..., None]) -> Callable[..., None]:
     return verb
 
 
+KEPT = click.option(
+    "--keep",
+    metavar="FOLDER",
+    help="Keep each result in this folder as soon as it is known: the same command goes on with the others.",
+)
+
+
 def made(
     make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **named: Any
 ) -> xr.Dataset:
@@ -44,13 +51,25 @@ def made(
     from xdynamics.evidence.cluster import cluster_of
     from xdynamics.evidence.stages import computed
 
+    kept = (
+        f"what is done is kept in '{named['keep']}', and the same command goes on with it" if named.get("keep") else ""
+    )
     with cluster_of(scheduler, workers) as client:
         if client is None:
-            return make(*arguments, **named)
+            try:
+                return make(*arguments, **named)
+            except KeyboardInterrupt:
+                if kept:
+                    complain(f"interrupted; {kept}")
+                raise
         stage = make(*arguments, compute=False, **named)
         with progress("{count} tasks done") as tell:
             try:
                 return computed(stage, tell=tell)[0]
             except KeyboardInterrupt:
-                complain("interrupted; the cluster was told to drop what was asked of it")
+                complain(
+                    "; ".join(
+                        ["interrupted; the cluster was told to drop what was asked of it", *([kept] * bool(kept))]
+                    )
+                )
                 raise

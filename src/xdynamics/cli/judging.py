@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.clustering import clustered, made
+from xdynamics.cli.clustering import KEPT, clustered, made
 from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
 from xdynamics.cli.marching import changed_model
 from xdynamics.cli.measuring import TABLES, measured_data, reading_of
@@ -213,6 +213,7 @@ def diagnose(
     help="A method; by default all of them, or the one in the model's [run].",
 )
 @click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
+@KEPT
 @clustered
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")
 @json_option

@@ -63,6 +63,7 @@ STORES = (
     "  xd.sweep(model, axes, path='grid.zarr')      a Zarr store, of files or objects, for grids too large for one file",
     "  xd.open_logs('s3://bucket/grid', '0:10:101 s')      the runs of a sweep with keep=['log'] at common times, lazily",
     "  xd.refine(model, steps=[...], keep='s3://bucket/levels')      a run for each level; the same call goes on with those",
+    "  xd.error_budget(model, 'y', at='1 s', keep='s3://bucket/kept')     each term, block of draws; also validate, certify",
     "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is read: its seal is of",
     "every byte, and nothing is believed before. Of a Zarr store each chunk is read alone when it is used; xd.verify compares",
     "all of them with their digest, which does not depend on how members were cut into chunks. Members are added, and whole",
@@ -188,7 +189,8 @@ Before anything is marched each worker is asked for its versions, math functions
 the verb ends with a line for each. The finest level of a study begins first. A worker that is lost loses what it was
 marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
 The same command goes on: a sweep from its folder, refine --keep FOLDER with the levels that are whole there (a folder that all
-machines see, or s3://bucket/levels). budget, validate and certify keep nothing before they end, and begin again.
+machines see, or s3://bucket/levels), budget, validate and certify --keep FOLDER with the numbers, terms, blocks of draws and
+cases that are known there; what is of another version, or damaged, is made again.
 Stages whose sizes follow from the march need them stated: --occurrences 10 (refine), --impacts 10 (validate).
 """
 

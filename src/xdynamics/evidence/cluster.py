@@ -162,11 +162,17 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 @contextmanager
 def _quiet_end() -> Iterator[None]:
     """Where Ctrl-C ends the wait for a cluster, keep the library's own tasks, which nobody waits for any more, from the terminal."""
+    logging.getLogger("asyncio").addFilter(_is_awaited)  # one task may be told of before the wait has ended here
     try:
         yield
     except KeyboardInterrupt:
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
         raise
+
+
+def _is_awaited(told: logging.LogRecord) -> bool:
+    """Whether what is told is not the end of a wait for results that are not wanted any more."""
+    return not (told.exc_info and told.exc_info[0] is not None and told.exc_info[0].__name__ == "AllExit")
 
 
 @contextmanager

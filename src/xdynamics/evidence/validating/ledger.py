@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
+from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy, march_task, remembered
+from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy, march_task, remembered, results_of
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
-from xdynamics.evidence.validating.ledger_rows import LedgerRow, ledger_dataset
+from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_dataset
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS, unknown_method
@@ -34,6 +35,7 @@ def validate(
     model: Model | None = None,
     *,
     impacts: int | None = None,
+    keep: str | Path | None = None,
     compute: bool = True,
 ) -> xr.Dataset:
     """Compare methods with exact cases, or a model with its own closed forms and the law of its contacts.
@@ -49,6 +51,9 @@ def validate(
     impacts : int, optional
         How many relations of impacts to list of a model with contacts; where a run has fewer they are refused. By
         default as many as it has.
+    keep : str or Path, optional
+        A folder in which the lines of each case are kept as soon as they are known, or ``"s3://bucket/folder"``: the
+        same call continues a ledger that was interrupted.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with one task for each case and method. A model
         with contacts needs `impacts` then.
@@ -87,9 +92,11 @@ def validate(
     names = _names(methods, model, impacts)
     cases = _own(names) if model is None else _of_model(model, names, impacts)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
-    if compute:
-        return ledger_dataset([row for case in cases for row in case.rows()], title)
-    return lazy(ledger_stage(cases, title))
+    kept = Keep.of(keep)
+    if not compute:
+        return lazy(ledger_stage(cases, title, kept))
+    found = (case.rows() if kept is None else results_of(kept.task(case.named(), ROWS))[0] for case in cases)
+    return ledger_dataset([row for rows in found for row in rows], title)
 
 
 def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
@@ -135,16 +142,16 @@ def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None) 
     return [Case(model, method, impacts=impacts) for method in chosen]
 
 
-def ledger_stage(cases: Sequence[Case], title: str) -> Stage:
+def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) -> Stage:
     """Return a ledger before it is computed, one task for each case and method."""
-    tasks = tuple(case.task() for case in cases)
+    tasks = tuple(case.task() if keep is None else keep.task(case.task(), ROWS) for case in cases)
     template = ledger_dataset([row for case in cases for row in case.blank()], title)
     return Stage(template, Task.of("ledger", partial(_of_tasks, title), tasks), ("case_method", "case_stage"))
 
 
-def own_ledger(methods: Sequence[str]) -> Stage:
+def own_ledger(methods: Sequence[str], keep: Keep | None = None) -> Stage:
     """Return the ledger of exact cases by methods, before it is computed."""
-    return ledger_stage(_own(methods), EXACT_CASES)
+    return ledger_stage(_own(methods), EXACT_CASES, keep)
 
 
 def _of_tasks(title: str, *rows: Sequence[LedgerRow]) -> xr.Dataset:
@@ -192,6 +199,10 @@ class Case:
                 f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
                 " number to list, like impacts=10 (refused where there are fewer), or 0 for none"
             )
+        return self.named()
+
+    def named(self) -> Task:
+        """Return the task that marches it, with as many lines as there will be."""
         asked = CaseRuns(self.model, self.method, own=self.stage > 0).asked
         words = (
             self.stage,
@@ -201,6 +212,7 @@ class Case:
             self.model.digest,
             inputs_of(asked),
             xdynamics_version(),
+            *(function.digest for function in self.model.python_functions),
         )
         return Task.of("case", partial(_rows_of, self), (), *words)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.kept_results import Form
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over
 from xdynamics.record.flag_words import words_of
@@ -52,6 +53,9 @@ class LedgerRow:
         if self.note and np.isnan(self.bound):
             return REFUSED
         return PASSED if self.residual <= self.bound else FAILED
+
+
+ROWS = Form(lambda rows: [[*asdict(row).values()] for row in rows], lambda rows: [LedgerRow(*row) for row in rows])
 
 
 def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:

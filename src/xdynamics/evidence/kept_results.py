@@ -1,0 +1,140 @@
+"""Results of tasks in a folder, by which evidence from many marches goes on where it was interrupted.
+
+A result is a file that is named as its task, so by a digest of all that it depends on; it is written whole or not at all,
+with a digest of its own. One of another version, or a damaged one, is made again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.archive.place import Place, placed
+from xdynamics.archive.store import TakenError
+from xdynamics.archive.stores import made_folder, store_of, taking_name
+from xdynamics.evidence.cluster import environment
+from xdynamics.evidence.memory import REMEMBERED
+from xdynamics.evidence.stages import Task
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.runtime.cached_properties import cached_property
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SUFFIX = ".json"
+MOST = 100_000_000  # bytes of a result
+_WRITTEN: set[Place] = set()  # by this process
+
+
+@dataclass(frozen=True)
+class Form:
+    """How results of a kind are put into lists, texts and numbers, and read from them."""
+
+    written: Callable[[Any], Any]
+    read: Callable[[Any], Any]
+
+
+NUMBERS = Form(np.ndarray.tolist, partial(np.array, dtype=float))
+
+
+class Keep:
+    """A folder of results.
+
+    Parameters
+    ----------
+    folder : Path or ObjectName
+    """
+
+    def __init__(self, folder: Place) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> Any:  # what is there is looked up anew in another process
+        return Keep, (self.folder,)
+
+    @cached_property
+    def present(self) -> set[str]:
+        """The names of the results that were there when it was first looked."""
+        return {place.name for place in store_of(self.folder).names(self.folder)}
+
+    @classmethod
+    def of(cls, keep: str | Path | None) -> Keep | None:
+        """Return the folder that a user names, made if it does not exist; None for none.
+
+        Raises
+        ------
+        InputError
+            If it cannot be a folder.
+        """
+        return None if keep is None else cls(made_folder(placed(keep)))
+
+    def task(self, task: Task, form: Form) -> Task:
+        """Return a task whose result is kept: read at once if it is there, so that nothing is marched for it."""
+        place = self.folder / f"{task.name}{SUFFIX}"
+        if place.name in self.present:
+            with suppress(ArchiveError, InputError, OSError, ValueError, KeyError, TypeError):
+                return replace(task, call=partial(_same, form.read(_content(place))), needs=(), steps=0.0)
+        return replace(task, call=partial(_keeping, task.call, form, place), lasting=False)
+
+    def blocks(self, numbers: xr.DataArray) -> xr.DataArray:
+        """Return lazy numbers along one dimension, of which each block is kept."""
+        import dask.array
+
+        da: Any = dask.array  # its functions are not typed
+        data, parts = numbers.data, []
+        for k in range(data.numblocks[0]):
+            name = f"block-{sha256(f'{data.name} {k}'.encode()).hexdigest()[:32]}"
+            task = self.task(Task(name, _same), NUMBERS)
+            if isinstance(task.call, partial) and task.call.func is _same:
+                parts.append(da.from_array(task.call(), chunks=-1, name=f"{name}-kept"))
+            else:
+                place = self.folder / f"{name}{SUFFIX}"
+                keeping = partial(_keeping, _same, NUMBERS, place)
+                # with a meta of its own dask does not try it on an empty block, which would be kept
+                parts.append(data.blocks[k].map_blocks(keeping, dtype=data.dtype, meta=np.zeros(0, data.dtype)))
+        return numbers.copy(data=da.concatenate(parts))
+
+
+def _same(result: Any) -> Any:
+    return result
+
+
+def _keeping(call: Callable[..., Any], form: Form, place: Place, *needs: Any) -> Any:
+    """Return a result, which is remembered, and write it; of two processes with one task both have the same."""
+    result = REMEMBERED.result(place.stem, partial(call, *needs))
+    if place not in _WRITTEN or store_of(place).kind(place) is not None:
+        content = json.dumps(form.written(result))
+        with suppress(TakenError), taking_name(place) as new:
+            new.part.write_text(json.dumps({"made_by": _made_by(), "digest": _digest(content), "result": content}))
+        _WRITTEN.add(place)
+    return result
+
+
+def _content(place: Place) -> Any:
+    """Return what a file holds.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or of another version.
+    """
+    whole = json.loads(store_of(place).content(place, MOST))
+    if whole["made_by"] != _made_by() or whole["digest"] != _digest(whole["result"]):
+        raise ValueError(f"'{place}' is of another version, or damaged")
+    return json.loads(whole["result"])
+
+
+def _digest(content: str) -> str:
+    return sha256(content.encode()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _made_by() -> dict[str, str]:
+    return environment()

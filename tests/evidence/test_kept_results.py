@@ -1,0 +1,93 @@
+"""Budgets, ledgers and certificates whose results are kept in a folder, and that go on where they were interrupted."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import dask
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS
+from cases.stages import assert_same_bits, marches, no_march
+from xdynamics.evidence import kept_results
+from xdynamics.evidence.kept_results import Keep
+
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+ASKED: dict[str, Any] = {"at": "1 s", "method": "rk4", "step": 0.05, "until": "1 s"}
+MAKE: dict[str, Callable[..., xr.Dataset]] = {
+    "budget": lambda **how: xd.error_budget(BALL, "y", draws=1100, **ASKED, **how),
+    "ledger": lambda **how: xd.validate(["rk4"], **how),
+    "certificate": lambda **how: xd.certify(BALL, "y", draws=1100, **ASKED, **how),
+}
+
+
+@pytest.mark.parametrize("what", ["budget", "ledger"])
+def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> None:
+    """Assert that what was known before an interrupt is read, every other task done once, and the bits those of one go."""
+    make, keeping, kept = MAKE[what], kept_results._keeping, list[str]()
+
+    def interrupted(*given: Any) -> Any:
+        if len(kept) == 4:
+            raise KeyboardInterrupt
+        kept.append(given[2].name)
+        return keeping(*given)
+
+    one_by_one = dask.config.set(scheduler="synchronous")
+    with mock.patch.object(kept_results, "_keeping", interrupted), one_by_one, pytest.raises(KeyboardInterrupt):
+        make(keep=tmp_path)
+    assert sorted(place.name for place in tmp_path.iterdir()) == sorted(kept)
+    again = list[str]()
+    with mock.patch.object(kept_results, "_keeping", lambda *given: again.append(given[2].name) or keeping(*given)):
+        found = make(keep=tmp_path)
+    assert not {*kept} & {*again}
+    assert_same_bits(found, make())
+    with mock.patch.object(kept_results, "_keeping", interrupted):
+        assert_same_bits(make(keep=tmp_path), found)
+        assert_same_bits(make(keep=tmp_path, compute=False), found)
+
+
+def test_a_whole_certificate_marches_its_own_run_alone(tmp_path: Path) -> None:
+    """Assert it of budget and ledger together, lazily at first, then at once."""
+    found = MAKE["certificate"](keep=tmp_path, compute=False).compute(scheduler="synchronous")
+    with marches() as begun:
+        assert_same_bits(MAKE["certificate"](keep=tmp_path), found)
+    assert begun == ["Ball thrown upward with quadratic drag rk4 0.05"]
+    assert_same_bits(MAKE["certificate"](), found)
+
+
+def test_what_is_damaged_or_of_another_version_is_made_again(tmp_path: Path) -> None:
+    """Assert it of a flipped digit, half a file and another version; and that a folder of results is looked at anew elsewhere."""
+    whole = MAKE["ledger"](keep=tmp_path)
+    first, second, third = sorted(tmp_path.iterdir())[:3]
+    first.write_text(first.read_text().replace("0", "1", 1))
+    second.write_text(second.read_text()[:-9])
+    content = json.loads(third.read_text())
+    content["made_by"]["xdynamics"] = "0.0.1"
+    third.write_text(json.dumps(content))
+    again = list[Path]()
+    keeping = kept_results._keeping
+    with mock.patch.object(kept_results, "_keeping", lambda *given: again.append(given[2]) or keeping(*given)):
+        assert_same_bits(MAKE["ledger"](keep=tmp_path), whole)
+    assert sorted(again) == [first, second, third]
+    with no_march():
+        assert_same_bits(MAKE["ledger"](keep=tmp_path), whole)
+    keep = Keep(tmp_path)
+    assert len(keep.present) == len(list(tmp_path.iterdir()))
+    assert "present" not in vars(pickle.loads(pickle.dumps(keep)))
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+    """Assert that a file in its place, and an address with credentials, are told before anything is marched."""
+    (tmp_path / "file").write_text("")
+    for make in MAKE.values():
+        with no_march(), pytest.raises(xd.InputError, match="file' is a file"):
+            make(keep=tmp_path / "file")
+        with no_march(), pytest.raises(xd.InputError, match="credentials stand in an address"):
+            make(keep="s3://me:secret@bucket/kept")
