@@ -19,6 +19,7 @@ CELLS = {
     "accessor": "run.dynamics.plot(only='y')",
     "page": "box = xd.simulate(xd.Model.from_toml('data/models/ball_in_box.toml'), until='1 s')\nxd.animate(box, seconds=0.2)",
     "film": "import tempfile, pathlib\nxd.animate(box, pathlib.Path(tempfile.mkdtemp()) / 'box.gif', seconds=0.2)",
+    "interactive": "run.dynamics.plot(only='y').interactive()",
     "methods": "xd.METHODS",
     "other": "import xarray as xr\nxr.Dataset({'a': 1})",
 }
@@ -61,6 +62,14 @@ def test_pictures_and_films_are_shown(shown: dict[str, dict[str, str]]) -> None:
     assert 'type="range" min="0" max="4"' in page
     assert page.count("iVBORw0KGgo") == 5
     assert film.startswith('<img src="data:image/gif;base64,R0lGOD')
+
+
+def test_an_interactive_figure_is_in_its_cell(shown: dict[str, dict[str, str]]) -> None:
+    """Assert the figure's data and all that draws it in the output of the cell, and no address to be fetched from."""
+    page = shown["interactive"]["text/html"]
+    assert "plotly.js v" in page
+    assert "Plotly.newPlot(" in page
+    assert "src=" not in page.partition("<script")[0] + page.partition("Plotly.newPlot(")[2]
 
 
 def test_methods_are_a_table(shown: dict[str, dict[str, str]]) -> None:

@@ -48,7 +48,7 @@ def _opened(name: str) -> xr.Dataset:
     "-o",
     "--output",
     metavar="FIGURE",
-    help="The figure to write: PNG, SVG or PDF, by its suffix; by default a PNG beside the archive.",
+    help="The figure to write: PNG, SVG or PDF, by its suffix, or HTML that is interactive; by default a PNG beside the archive.",
 )
 @click.option("--only", metavar="NAMES", help="Draw only these panels or variables, like 'plane,energy,x'.")
 @click.option(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from xdynamics.figures.interactive import Interactive
 
 DPI = 100  # of a picture in a notebook
 
@@ -22,3 +25,9 @@ class Picture(Figure):
         drawn = BytesIO()
         self.savefig(drawn, format="png", dpi=DPI)
         return drawn.getvalue()
+
+    def interactive(self) -> Interactive:
+        """Return the figure as one that can be zoomed and asked for values, in a notebook or as a page; it needs plotly."""
+        from xdynamics.figures.interactive import interactive
+
+        return interactive(self)

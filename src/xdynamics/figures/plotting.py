@@ -30,7 +30,8 @@ from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
+
+    from xdynamics.figures.picture import Picture
 
 PAGES = {
     kind: module.PAGE
@@ -50,7 +51,7 @@ def plot(
     size: tuple[float, float] | None = None,
     dpi: int = DPI,
     dark: bool = False,
-) -> Figure:
+) -> Picture:
     """Draw a run (its motion, energy, what drives or touches, with the events) or the findings of evidence.
 
     Parameters
@@ -61,7 +62,7 @@ def plot(
         the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
         stretch are kept, and what is at events.
     path : str or Path, optional
-        Where to write the figure: PNG, SVG or PDF by its ending.
+        Where to write the figure: PNG, SVG or PDF by its ending; HTML for a page that is interactive, which needs plotly.
     only : str or sequence of str, optional
         Of a run: panels (plane, trajectory, velocity, state, profile, contact, drive, phase, section, energy, steps, errors, events) or
         variables that are drawn alone; forces, accelerations and observables are drawn where they are named.
@@ -74,6 +75,11 @@ def plot(
         Dots per inch, for PNG.
     dark : bool
         Whether to draw on a dark background.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As a cell's last line a picture; its ``interactive()`` can be zoomed and asked for values, and needs plotly.
 
     Raises
     ------

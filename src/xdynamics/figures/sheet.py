@@ -19,11 +19,13 @@ from xdynamics.figures.placing import settle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+
+    from xdynamics.figures.picture import Picture
 
 Panel = Callable[["Axes"], None]
 
-FORMATS = (".png", ".svg", ".pdf")
+PAGE = ".html"  # of an interactive figure
+FORMATS = (".png", ".svg", ".pdf", PAGE)
 WIDTH, MOST_LINES = 190, 3  # of the text below
 HEIGHT = 2.9  # inches
 LEAST = (2.4, 1.6)  # inches of a panel, with its labels
@@ -73,7 +75,7 @@ class Page:
 
 def sheet(
     panels: Sequence[Panel], title: str, foot: str, height: float = HEIGHT, size: tuple[float, float] | None = None
-) -> Figure:
+) -> Picture:
     """Draw panels in reading order in two columns, a single one across both; each of a height in inches, or all of a size.
 
     Raises
@@ -118,9 +120,14 @@ def lit(*, dark: bool) -> Iterator[None]:
         yield
 
 
-def write(figure: Figure, path: Place, dpi: int = DPI) -> None:
+def write(figure: Picture, path: Place, dpi: int = DPI) -> None:
     """Write a figure whole, or not at all."""
     ending = path.suffix.lower()
+    if ending == PAGE:
+        page = figure.interactive().html()
+        with kept("figure", path) as part:
+            part.write_text(page, encoding="utf-8")
+        return
     drawn = BytesIO()
     with _as_laid_out(figure):
         figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
@@ -129,7 +136,7 @@ def write(figure: Figure, path: Place, dpi: int = DPI) -> None:
 
 
 @contextmanager
-def _as_laid_out(figure: Figure) -> Iterator[None]:
+def _as_laid_out(figure: Picture) -> Iterator[None]:
     """Keep all axes where they are: names were placed there, and another layout would cost as much as the drawing."""
     engine = figure.get_layout_engine()
     figure.set_layout_engine("none")

@@ -22,10 +22,10 @@ from xdynamics.schema import BOUNDS, EVENTS, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from xdynamics.archive.place import Given
     from xdynamics.figures.film import Film
+    from xdynamics.figures.picture import Picture
 
 teach()  # whoever imported pint-xarray too
 show_pages()
@@ -167,7 +167,7 @@ class Dynamics:
         """Return the record with units in its arrays, by pint-xarray; every verb takes it so."""
         return quantified(self._run)
 
-    def plot(self, path: Given | None = None, **how: Any) -> Figure:
+    def plot(self, path: Given | None = None, **how: Any) -> Picture:
         """Draw the run; see `xdynamics.plot`."""
         from xdynamics.figures import plot
 

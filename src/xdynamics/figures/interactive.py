@@ -1,0 +1,327 @@
+"""A figure that can be zoomed, moved and asked for values, as a page of its own: no server, nothing from a network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PIXELS = 90  # of a page for each inch of the figure
+SYMBOLS = {
+    "v": "triangle-down",
+    "^": "triangle-up",
+    "s": "square",
+    "D": "diamond",
+    "d": "diamond-tall",
+    "X": "x",
+    "x": "x-thin-open",
+    "P": "cross",
+    "+": "cross-thin-open",
+    "*": "star",
+}
+DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
+LOOSE = 0.02  # of a panel, that a name may stand outside of it
+HALF_LIT = 1.5  # sum of red, green and blue
+
+
+@dataclass(frozen=True)
+class Interactive:
+    """A figure of plotly, which a notebook shows as the last line of a cell: about 5 MB, since all that draws it is inside.
+
+    Attributes
+    ----------
+    figure : plotly.graph_objects.Figure
+    """
+
+    figure: Any
+
+    def _repr_html_(self) -> str:
+        return self.html(whole=False)
+
+    def html(self, *, whole: bool = True) -> str:
+        """Return the page, or the part of one, with plotly.js in it."""
+        return str(self.figure.to_html(full_html=whole, include_plotlyjs=True, include_mathjax=False))
+
+
+def interactive(drawn: Figure) -> Interactive:
+    """Return a drawn figure as one that is interactive: the same panels, lines, points, maps, names and legends.
+
+    Raises
+    ------
+    InputError
+        If plotly is not installed.
+    """
+    try:
+        import plotly.graph_objects as go
+    except ImportError:
+        raise InputError(
+            "an interactive figure needs the package plotly: pip install 'xdynamics[interactive]'"
+        ) from None
+    drawn.draw_without_rendering()
+    width, height = (round(inches * PIXELS) for inches in drawn.get_size_inches())
+    title, foot = (_plain(text) for text in (drawn.get_suptitle(), drawn.get_supxlabel()))
+    page = go.Figure(
+        layout={
+            "width": width,
+            "height": height,
+            "template": "plotly_white",
+            "font_size": 11,
+            "hovermode": "closest",
+            "title": {"text": title, "x": 0.01, "y": 0.995, "yanchor": "top", "font_size": 15},
+            "margin": {"l": 0, "r": 0, "t": 10, "b": 0},
+            "paper_bgcolor": _colour(drawn.get_facecolor()),
+            "font_color": _ink(drawn),
+        }
+    )
+    page.add_annotation(
+        text=foot.replace("\n", "<br>"),
+        xref="paper",
+        yref="paper",
+        x=0.01,
+        y=0.0,
+        showarrow=False,
+        align="left",
+        xanchor="left",
+        yanchor="bottom",
+        font_size=9,
+        opacity=0.7,
+    )
+    for number, axes in enumerate([axes for axes in drawn.axes if axes.get_visible()], start=1):
+        (_solid if hasattr(axes, "zaxis") else _flat)(page, axes, "" if number == 1 else str(number))
+    return Interactive(page)
+
+
+def _flat(page: Any, axes: Axes, n: str) -> None:
+    """Add a panel of two axes."""
+    box, title = axes.get_position(), _plain(axes.get_title(loc="left"))
+    for letter, axis, across in (("x", axes.xaxis, (box.x0, box.x1)), ("y", axes.yaxis, (box.y0, box.y1))):
+        low, high = axis.get_view_interval()
+        logarithmic = axis.get_scale() == "log"
+        settings: dict[str, Any] = {
+            "domain": [max(0.0, across[0]), min(1.0, across[1])],
+            "anchor": f"{'y' if letter == 'x' else 'x'}{n}",
+            "type": "log" if logarithmic else "linear",
+            "range": [float(end) for end in (np.log10([low, high]) if logarithmic else (low, high))],
+            "title": {"text": _plain(axis.get_label_text()), "standoff": 4},
+            "zeroline": False,
+            "exponentformat": "power",
+            "showticklabels": len(axis.get_ticklocs()) > 0,
+        }
+        if type(axis.get_major_locator()).__name__ == "FixedLocator":
+            labels = [_plain(label.get_text()) for label in axis.get_ticklabels()]
+            settings |= {"tickvals": axis.get_ticklocs().tolist(), "ticktext": labels}
+        if axis.get_ticks_position() in ("right", "top"):
+            settings["side"] = axis.get_ticks_position()
+        if letter == "y" and axes.get_aspect() != "auto":
+            settings |= {"scaleanchor": f"x{n}", "scaleratio": float(axes.get_aspect()), "constrain": "domain"}
+        page.update_layout({f"{letter}axis{n}": settings})
+    lines = title.replace("\n", "<br>")
+    page.add_annotation(
+        text=lines, xref="paper", yref="paper", x=box.x0, y=box.y1, xanchor="left", yanchor="bottom", showarrow=False
+    )
+    legend, place = axes.get_legend(), f"legend{n}"
+    if legend is not None:
+        corner = legend.get_window_extent().transformed(axes.figure.transFigure.inverted())
+        sides = {
+            "x": float(np.clip(corner.x0, 0, 1)),
+            "y": float(np.clip(corner.y1, 0, 1)),
+            "yanchor": "top",
+            "font_size": 9,
+        }
+        page.update_layout({place: {**sides, "bgcolor": "rgba(255,255,255,0.6)", "tracegroupgap": 0}})
+    for trace in _traces(axes):
+        named = {"showlegend": legend is not None and bool(trace.get("name")), "legend": place if legend else "legend"}
+        kind = {"type": "scatter", "hovertemplate": "%{x:.6g}, %{y:.6g}"} if trace.get("type") != "heatmap" else {}
+        page.add_trace(kind | (named if kind else {}) | trace | {"xaxis": f"x{n}", "yaxis": f"y{n}"})
+    for text in axes.texts:
+        if text.get_visible() and text.get_text():
+            _annotate(page, axes, text, n)
+
+
+def _traces(axes: Axes) -> Iterator[dict[str, Any]]:
+    """Yield what is drawn in a panel as plotly takes it, what lies lowest first."""
+    for artist in sorted([*axes.collections, *axes.patches, *axes.lines], key=lambda each: each.get_zorder()):
+        if not artist.get_visible():
+            continue
+        if artist in axes.lines:
+            yield from _line(axes, artist)
+        elif hasattr(artist, "get_coordinates"):
+            yield _map(artist)
+        elif len(getattr(artist, "get_offsets", list)()) and not hasattr(artist, "get_segments"):
+            yield _points(artist)
+        else:
+            yield from _shapes(axes, artist)
+
+
+def _line(axes: Axes, line: Any) -> Iterator[dict[str, Any]]:
+    points = _of_data(axes, line, np.column_stack(line.get_data(orig=False)).astype(float))
+    marker, style = str(line.get_marker()), str(line.get_linestyle())
+    dotted, ruled = marker not in ("", "None", "none", " "), style in DASHES
+    colour = _colour(line.get_color(), line.get_alpha())
+    if len(points) and (dotted or ruled):
+        yield _named(line) | {
+            "x": points[:, 0],
+            "y": points[:, 1],
+            "mode": "+".join(["lines"] * ruled + ["markers"] * dotted),
+            "line": {
+                "color": colour,
+                "width": line.get_linewidth() * 1.2,
+                "simplify": False,
+                "dash": DASHES.get(style, "solid"),
+            },
+            "marker": {
+                "symbol": SYMBOLS.get(marker, "circle"),
+                "size": max(1.5, line.get_markersize() * 1.2),
+                "color": _colour(line.get_markerfacecolor(), line.get_alpha(), colour),
+                "line": {
+                    "color": _colour(line.get_markeredgecolor(), line.get_alpha()),
+                    "width": 0.5 if marker not in "x+" else 1.0,
+                },
+            },
+        }
+
+
+def _points(collection: Any) -> dict[str, Any]:
+    places = np.asarray(collection.get_offsets(), float)
+    colours = [_colour(each) for each in collection.get_facecolor()] or ["black"]
+    return _named(collection) | {
+        "x": places[:, 0],
+        "y": places[:, 1],
+        "mode": "markers",
+        "marker": {
+            "color": colours if len(colours) == len(places) else colours[0],
+            "size": np.sqrt(collection.get_sizes()) * 1.2,
+        },
+    }
+
+
+def _map(mesh: Any) -> dict[str, Any]:
+    """Return a coloured map with the values of its cells and the scale of its colours."""
+    corners, values = np.asarray(mesh.get_coordinates()), np.ma.filled(mesh.get_array(), np.nan)
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (corners[0, :, 0], corners[:, 0, 1]))
+    shades = [[s, _colour(mesh.cmap(s))] for s in np.linspace(0.0, 1.0, 33).tolist()]
+    return {
+        "type": "heatmap",
+        "x": x,
+        "y": y,
+        "z": np.reshape(values, (len(y), len(x))).astype(float),
+        "colorscale": shades,
+        "zmin": float(mesh.norm.vmin),
+        "zmax": float(mesh.norm.vmax),
+        "showscale": False,
+        "hovertemplate": "%{x:.6g}, %{y:.6g}: %{z:.6g}<extra></extra>",
+    }
+
+
+def _shapes(axes: Axes, artist: Any) -> Iterator[dict[str, Any]]:
+    """Yield areas and lines that are drawn as paths: bars, bands, springs, contour lines, error bars."""
+    paths = artist.get_paths() if hasattr(artist, "get_paths") else [artist.get_path()]
+    face, edge = (
+        np.atleast_2d(colour() if len(colour()) else (0, 0, 0, 0))
+        for colour in (artist.get_facecolor, artist.get_edgecolor)
+    )
+    filled = not hasattr(artist, "get_segments") and face[0][-1] > 0.0 if np.size(face) else False
+    for k, path in enumerate(paths):
+        rings = [_of_data(axes, artist, ring) for ring in path.to_polygons(closed_only=False)] if len(path) else []
+        if not rings:
+            continue
+        points = np.concatenate([np.vstack([ring, [np.nan, np.nan]]) for ring in rings])
+        width = float(np.atleast_1d(artist.get_linewidth())[0])
+        yield (_named(artist) if k == 0 else {}) | {
+            "x": points[:, 0],
+            "y": points[:, 1],
+            "mode": "lines",
+            "hoverinfo": "skip",
+            "hovertemplate": None,
+            "fill": "toself" if filled else "none",
+            "fillcolor": _colour(face[k % len(face)]),
+            "line": {"color": _colour(edge[k % len(edge)]), "width": width},
+        }
+
+
+def _solid(page: Any, axes: Any, n: str) -> None:
+    """Add a panel in space: its lines, which can be turned."""
+    box, scene = axes.get_position(), f"scene{n}"
+    labels = {f"{letter}axis": {"title": {"text": _plain(getattr(axes, f"get_{letter}label")())}} for letter in "xyz"}
+    page.update_layout(
+        {scene: {"domain": {"x": [box.x0, box.x1], "y": [box.y0, box.y1]}, "aspectmode": "data", **labels}}
+    )
+    for line in axes.lines:
+        x, y, z = line.get_data_3d()
+        marked = str(line.get_marker()) not in ("", "None", "none")
+        page.add_trace(
+            _named(line)
+            | {
+                "type": "scatter3d",
+                "showlegend": False,
+                "x": x,
+                "y": y,
+                "z": z,
+                "scene": scene,
+                "mode": "markers" if marked else "lines",
+                "line": {"color": _colour(line.get_color()), "width": 3},
+                "marker": {"color": _colour(line.get_color()), "size": 3},
+            }
+        )
+
+
+def _annotate(page: Any, axes: Axes, text: Any, n: str) -> None:
+    """Add a text where it stands, as long as it stands in the panel."""
+    box = text.get_window_extent().transformed(axes.transAxes.inverted())
+    across, up = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
+    if -LOOSE <= across <= 1 + LOOSE and -LOOSE <= up <= 1 + LOOSE:
+        x, y = axes.transData.inverted().transform(axes.transAxes.transform((across, up)))
+        x, y = (np.log10(at) if axis.get_scale() == "log" else at for at, axis in ((x, axes.xaxis), (y, axes.yaxis)))
+        page.add_annotation(
+            text=_plain(text.get_text()).replace("\n", "<br>"),
+            x=float(x),
+            y=float(y),
+            xref=f"x{n}",
+            yref=f"y{n}",
+            showarrow=False,
+            font={"size": text.get_fontsize() * 1.25, "color": _colour(text.get_color())},
+        )
+
+
+def _of_data(axes: Axes, artist: Any, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points of an artist in the units of the panel's axes, whichever it was given in."""
+    moved = artist.get_transform() - axes.transData
+    return np.asarray(moved.transform(points)) if len(points) else points
+
+
+def _named(artist: Any) -> dict[str, Any]:
+    """Return the name that a legend has for an artist, which stands beside its values too."""
+    label = str(artist.get_label())
+    return {} if label.startswith("_") or label == "None" else {"name": _plain(label)}
+
+
+def _colour(colour: Any, alpha: float | None = None, otherwise: str = "rgba(0,0,0,0)") -> str:
+    from matplotlib.colors import to_rgba
+
+    if colour is None or (isinstance(colour, str) and colour == "auto"):
+        return otherwise
+    red, green, blue, opacity = to_rgba(colour, alpha)
+    return f"rgba({round(red * 255)},{round(green * 255)},{round(blue * 255)},{opacity:.3g})"
+
+
+def _ink(drawn: Figure) -> str:
+    """Return the colour of text on the figure's background."""
+    from matplotlib.colors import to_rgba
+
+    return "#222222" if sum(to_rgba(drawn.get_facecolor())[:3]) > HALF_LIT else "#e8e8e8"
+
+
+def _plain(text: str) -> str:
+    """Return a text of matplotlib as HTML has it."""
+    from html import escape
+
+    return escape(text.replace(r"\$", "$"), quote=False)

@@ -1,0 +1,85 @@
+"""Interactive figures: the same panels, lines and names as the picture, in one page that asks nothing of a network."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.figures.picture import Picture
+
+
+@pytest.fixture(scope="module")
+def ball() -> Any:
+    """A ball that bounces for a second."""
+    return xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until="1 s")
+
+
+def traces_of(shown: Any, axis: str) -> list[Any]:
+    """The traces of a panel."""
+    return [trace for trace in shown.figure.data if getattr(trace, "xaxis", None) == axis]
+
+
+def test_lines_have_the_values_of_the_record(ball: Any) -> None:
+    """Assert values, units, titles, marks and names of events in the panels of a run."""
+    shown = xd.plot(ball, only=["y", "v_y"]).interactive()
+    line, *marks = traces_of(shown, "x")
+    assert (line.x.min(), line.x.max(), line.y.max()) == (0.0, 1.0, float(ball.y.max()))
+    assert np.isin(line.y, ball.y.values).all()
+    assert shown.figure.layout.yaxis2.title.text == "v_y (m s⁻¹)"
+    impact = next(mark for mark in marks if mark.mode == "markers")
+    assert impact.marker.symbol == "triangle-down"
+    assert impact.x[0] == pytest.approx(np.sqrt(2 / 9.81), rel=1e-3)
+    assert {"floor impact", "y", "v_y"} & {note.text for note in shown.figure.layout.annotations}
+
+
+def test_scales_words_maps_and_lines_in_space_are_kept() -> None:
+    """Assert logarithmic and inverted axes, words at ticks, bands and bars, cells of a map, and lines in space."""
+    drawn = Picture(figsize=(8, 8))
+    logarithmic, words, cells = (drawn.add_subplot(2, 2, place) for place in (1, 2, 3))
+    logarithmic.loglog([1.0, 100.0], [1e-3, 1e-1], "--", label="error")
+    logarithmic.axhline(1e-2)
+    words.barh([0, 1], [2.0, 3.0])
+    words.set_yticks([0, 1], ["vt", "g"])
+    words.invert_yaxis()
+    cells.pcolormesh([1.0, 2.0, 4.0], [0.0, 1.0], [[5.0, 6.0, 7.0], [8.0, 9.0, np.nan]], shading="nearest")
+    drawn.add_subplot(2, 2, 4, projection="3d").plot([0.0, 1.0], [0.0, 2.0], [0.0, 3.0])
+    figure = drawn.interactive().figure
+    layout, (line, rule) = figure.layout, traces_of(drawn.interactive(), "x")
+    assert (layout.xaxis.type, line.name, line.line.dash) == ("log", "error", "dash")
+    assert layout.xaxis.range[0] < 0.0 < 2.0 < layout.xaxis.range[1] < 3.0
+    assert rule.y == pytest.approx([1e-2, 1e-2])
+    assert (layout.yaxis2.ticktext, layout.yaxis2.range[0] > layout.yaxis2.range[1]) == (("vt", "g"), True)
+    bars = traces_of(drawn.interactive(), "x2")
+    assert [np.nanmax(bar.x) for bar in bars] == pytest.approx([2.0, 3.0])
+    (heat,) = traces_of(drawn.interactive(), "x3")
+    assert np.array_equal(heat.z, [[5.0, 6.0, 7.0], [8.0, 9.0, np.nan]], equal_nan=True)
+    (space,) = (trace for trace in figure.data if trace.type == "scatter3d")
+    assert space.z[-1] == 3.0
+
+
+def test_a_page_asks_nothing_of_a_network(ball: Any, tmp_path: Path) -> None:
+    """Assert one file with plotly.js in it, no source elsewhere, hostile titles as text, and a part of it for a notebook."""
+    hostile = xd.plot(ball.assign_attrs(title="<script>alert(1)</script> $x$"), tmp_path / "ball.html")
+    page = (tmp_path / "ball.html").read_text()
+    assert page.startswith("<!doctype html>")
+    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)
+    assert "plotly.js v" in page
+    assert "<script>alert" not in page
+    part = hostile.interactive()._repr_html_()
+    assert part.startswith("<div")
+    assert 4e6 < len(part) < 6e6
+
+
+def test_without_plotly_the_extra_is_named(ball: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert the remedy, and no file."""
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    with pytest.raises(xd.InputError, match=r"needs the package plotly: pip install 'xdynamics\[interactive\]'"):
+        xd.plot(ball, tmp_path / "ball.html")
+    assert not [*tmp_path.iterdir()]
