@@ -62,6 +62,42 @@ def line(rng: np.random.Generator, times: np.ndarray, begin: float, noise: float
     return pd.DataFrame({"t [s]": times, "x [m]": values} | ({"u(x) [m]": np.full(times.size, noise)} if told else {}))
 
 
+def test_the_zero_of_a_recording_is_found_too() -> None:
+    """Assert restitution, height and the clock's offset, with uncertainties and correlation, against scipy's fit of the closed form."""
+    noise, zero = 2e-4, 17.3
+    heard = zero + clicks(0.82, 1.0, 8) + noise * np.random.default_rng(3).standard_normal(8)
+    data = pd.DataFrame({"event_time_floor [ms]": 1e3 * heard, "u(event_time_floor) [ms]": np.full(8, 1e3 * noise)})
+    found = xd.fit(ball(), data, ["e", "y", "offset"], **BOUNCES)
+    right = least_squares(
+        lambda p: (p[2] + clicks(*p[:2], 8) - heard) / noise, [0.8, 0.95, 17.0], xtol=1e-15, x_scale=[1e-3, 1e-3, 1e-3]
+    )
+    covariance = np.linalg.inv(right.jac.T @ right.jac)
+    deviations = np.sqrt(np.diag(covariance))
+    assert found.parameter_name.values.tolist() == ["e", "y", "offset"]
+    assert found.parameter_units.values.tolist()[2] == "s"
+    assert found.estimate.values == pytest.approx(right.x, rel=1e-7)
+    assert found.standard_uncertainty.values == pytest.approx(deviations, rel=1e-4)
+    assert found.correlation.values == pytest.approx(covariance / np.outer(deviations, deviations), abs=1e-4)
+    fitted = xd.Model.from_text(str(found.model_toml.values))
+    assert "offset" not in {*fitted.parameters, *fitted.initial}
+    assert float(fitted.parameters["e"].quantity.si) == pytest.approx(0.82, abs=1e-3)
+
+
+def test_each_recording_has_a_zero_of_its_own() -> None:
+    """Assert the offsets of two recordings of one ball, and refusals: of data that are no events, and of a name of the model."""
+    one, two = (
+        pd.DataFrame({"event_time_floor [s]": zero + clicks(0.8, 0.95, count), "u(event_time_floor) [s]": 1e-4})
+        for zero, count in ((-3.25, 5), (100.5, 6))
+    )
+    found = xd.fit(ball(), {"first": one, "second": two}, ["e"], own=["offset"], **BOUNCES)
+    assert found.estimate.values == pytest.approx([0.8, -3.25, 100.5], abs=1e-7)
+    assert found.parameter_record.values.tolist() == ["", "first", "second"]
+    with pytest.raises(xd.InputError, match="'offset' is that of a clock by which events were timed"):
+        xd.fit(ball(), pd.DataFrame({"time [s]": [0.1, 0.2, 0.3], "y [m]": [0.9, 0.8, 0.6]}), ["offset"], **BOUNCES)
+    with pytest.raises(xd.InputError, match="is outside the run"):
+        xd.fit(ball(), two, ["e"], **BOUNCES)
+
+
 def test_the_sound_of_a_ball_gives_its_restitution() -> None:
     """Assert estimates, uncertainties and correlation from impact times against scipy's fit of the closed form."""
     noise = 2e-4

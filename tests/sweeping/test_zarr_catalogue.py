@@ -189,7 +189,9 @@ def test_a_killed_sweep_goes_on(request: pytest.FixtureRequest) -> None:
     sweeps = "3" if request.config.getoption("--whole") else "1"
     done = subprocess.run([sys.executable, script, sweeps], capture_output=True, text=True, timeout=300, check=False)
     assert done.stderr == ""
-    found = re.fullmatch(rf"{sweeps} of {sweeps} equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout)
+    found = re.fullmatch(
+        rf"{sweeps} of {sweeps} equal, (\d+) kills, (\d+) behind a finished block, left (.*)\n", done.stdout
+    )
     assert found is not None, done.stdout
     assert int(found[1]) > 0
     assert found[3] == "blocks.json digests.json zarr.json"

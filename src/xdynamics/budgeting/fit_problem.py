@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 SHIFT = 1e-3  # relative to a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
+OFFSET = "offset"  # of a clock: what a record's event times read where the model's time is 0
 SHARED = -1  # in the place of a record's number
 
 
@@ -54,8 +55,14 @@ class Asked:
     label: str = ""
 
     def declared(self, name: str) -> Quantity:
-        """Return the declared value of a parameter or initial value."""
+        """Return the declared value of a parameter or initial value; a clock's offset begins at 0."""
+        if self.is_offset(name):
+            return Quantity(0.0, self.model.time_unit)
         return self.model.parameters[name].quantity if name in self.model.parameters else self.model.initial[name]
+
+    def is_offset(self, name: str) -> bool:
+        """Whether a name is the offset of the record's clock, and nothing that the model has."""
+        return name == OFFSET and name not in self.model.parameters and name not in self.model.initial
 
     @property
     def measured(self) -> Floats:
@@ -96,7 +103,9 @@ class Asked:
                 values[:, i], attrs={"units": self.declared(name).unit.text}
             )
             for i, name in enumerate(self.names)
-        }
+            if not self.is_offset(name)
+        } or self._unchanged(len(values))
+        offset = sum(values[:, [i]] for i, name in enumerate(self.names) if self.is_offset(name))
         numbers = self.data.occurrences
         times, places = (np.zeros(0), numbers - 1) if numbers.size else np.unique(self.data.times, return_inverse=True)
         members = sweep(
@@ -109,12 +118,19 @@ class Asked:
         )
         marched = unfold(members.compute())
         rows = np.concatenate(
-            [marched[name].values.reshape(len(values), -1)[:, places] for name in self.quantities], axis=1
+            [marched[name].values.reshape(len(values), -1)[:, places] + offset for name in self.quantities], axis=1
         )
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             raise InputError(self._missing(values[k], rows[k], marched.isel(fitted=k)))
         return rows
+
+    def _unchanged(self, members: int) -> dict[str, Any]:
+        """Return what is varied where the offset alone is fitted: a parameter, which keeps its value."""
+        import xarray as xr
+
+        name, part = next(iter(self.model.parameters.items()))
+        return {name: xr.DataArray(np.full(members, part.quantity.value), attrs={"units": part.quantity.unit.text})}
 
     def _missing(self, values: Floats, row: Floats, member: Any) -> str:
         """Return the message for a run in which something measured does not happen."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.fit_problem import SHARED, Asked, FittedNumber
+from xdynamics.budgeting.fit_problem import OFFSET, SHARED, Asked, FittedNumber
 from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, measured
 from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, written
@@ -118,7 +118,7 @@ def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tupl
             f"{what} are {[*names]}, need one name or more, each once; there are {', '.join(of_wholes(available))}"
         )
     for name in names:
-        if name not in available:
+        if name not in available and name != OFFSET:
             raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
     return names
 
@@ -147,15 +147,19 @@ def _record(
         table = replace(table, name=f"'{label}'")
     ledger = Ledger(table.name)
     _check_columns(table, units, ledger)
+    asked = Asked(model, names, table, {name: units[name] for name in table.values if name in units}, settings, label)
     begin, end, second = model.initial["t"].si, march_settings.until, unit_suffix(model.time_unit)
-    outside = np.flatnonzero((table.times < begin) | (table.times > end))
+    own_clock = asked.is_offset(OFFSET) and OFFSET in names
+    outside = np.flatnonzero(((table.times < begin) | (table.times > end)) & (not own_clock))
     if outside.size:
         ledger.note(
             f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from"
             f" {begin!r}{second} to {end!r}{second}; give until=…"
         )
+    if asked.is_offset(OFFSET) and OFFSET in names and not table.occurrences.size:
+        ledger.note("'offset' is that of a clock by which events were timed, and the data are no event times")
     ledger.raise_faults()
-    return Asked(model, names, table, {name: units[name] for name in table.values}, settings, label)
+    return asked
 
 
 def _check_columns(table: Any, units: Mapping[str, Unit], ledger: Ledger) -> None:
@@ -203,11 +207,24 @@ def _ends(asked: Asked, name: str, ends: Any) -> Floats:
     except (InputError, TypeError) as error:
         raise InputError(f"bounds of '{name}' are {ends!r}, need the lowest and the highest: {error}") from None
     values = values * float(unit.factor / declared.unit.factor)
-    if len(values) != 2 or not values[0] < values[1] or not values[0] <= declared.value <= values[1]:
+    inside = len(values) == 2 and (values[0] <= declared.value <= values[1] or asked.is_offset(name))
+    if not inside or not values[0] < values[1]:
         raise InputError(
             f"bounds of '{name}' are {[*map(str, ends)]}, need the lowest, then the highest, and {declared} between them"
         )
     return values
+
+
+def with_offsets(records: Sequence[Asked], numbers: Sequence[FittedNumber], start: Floats) -> Floats:
+    """Return where a search begins: at the model's own values, and at the offset by which its events differ from the measured ones."""
+    begun = start.copy()
+    for i, number in enumerate(numbers):
+        asked = record_of(records, number)
+        if asked.is_offset(number.name):
+            own = np.array([[asked.declared(name).value for name in asked.names]])
+            apart = asked.measured - asked.computed(own, whole=False)[0]
+            begun[i] = np.median(apart[np.isfinite(apart)]) if np.isfinite(apart).any() else start[i]
+    return begun
 
 
 def scales_of(

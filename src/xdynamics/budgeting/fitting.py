@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.fit_problem import Asked, Fitting
-from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of
+from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of, with_offsets
 from xdynamics.budgeting.fit_variables import estimates_as, records_as, residuals_as, searches_as
 from xdynamics.budgeting.intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
 from xdynamics.budgeting.losses import LINEAR, loss_named, spread_of
@@ -66,7 +66,7 @@ def fit(
         once; a mapping names them.
     parameters : sequence of str
         Parameters and initial values to be fitted: ``"k"``, of a quantity with dimensions all elements, or ``"k[2]"``. All
-        records share them.
+        records share them. Of event times also ``"offset"``: what their clock reads at the model's time 0.
     own : sequence of str, optional
         Parameters and initial values of which each record has a value of its own.
     gaps : {"refuse", "skip"}
@@ -144,6 +144,7 @@ def fit(
     records, numbers = records_of(model, data, parameters, own, gaps, reading, march)
     start = np.array([record_of(records, number).declared(number.name).value for number in numbers])
     low, high = bounds_of(records, numbers, bounds or {})
+    start = np.clip(with_offsets(records, numbers, start), low, high)
     scales = scales_of(records, numbers, start, low, high)
     problem = Fitting(records, numbers, scales)
     if problem.told:
@@ -316,6 +317,8 @@ def _fitted(
     statement = asked.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
     for i, name in enumerate(asked.names):
+        if asked.is_offset(name):  # of the record's clock, not of the model
+            continue
         unit = asked.declared(name).unit
         declared = parameters.get(name) or starts.get(name)
         entry = Parameter(
@@ -328,7 +331,7 @@ def _fitted(
         else:
             starts[name], initial[name] = entry, entry.quantity
     correlations = {pair: entry for pair, entry in statement.correlations.items() if not {*pair} & {*asked.names}}
-    uncertain = [i for i in range(len(values)) if deviations[i] > 0.0]
+    uncertain = [i for i, name in enumerate(asked.names) if deviations[i] > 0.0 and not asked.is_offset(name)]
     for i in uncertain:
         for j in uncertain:
             if i < j:

@@ -12,7 +12,9 @@ bounces, of a model with [contacts.floor] restitution = "e", gives its restituti
   0.4516,0.0002
   1.1913,0.0002
   xdynamics fit ball.toml clicks.csv --parameter e --parameter y --until "5 s"
-Several records are fitted at once. All share `parameters`; of `own` each has a value for itself:
+Where the clock of a recording does not begin with the run, `offset` is what it reads at the model's time 0, and is found too:
+  xdynamics fit ball.toml clicks.csv --parameter e --parameter offset --until "5 s"
+Several records are fitted at once, of which each may have an offset of its own (--own offset). All share `parameters`; of `own` each has a value for itself:
   xdynamics fit spring.toml monday.csv tuesday.csv --parameter k --own x
   xd.fit({"light": one, "heavy": other}, {"light": "a.csv", "heavy": "b.csv"}, ["k"])      models that differ in what is known
 With u(...) in the data, chi-square says whether model and uncertainties fit. Without, the residuals tell the variance, and
