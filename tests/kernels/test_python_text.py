@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from xdynamics.kernels.program import Compute, Load, Place, Program, StoreTo
+from xdynamics.kernels.program import Compute, Load, Place, Program, ProgramCall, Reduction, StoreTo, When, While
 from xdynamics.kernels.python_text import HIGHEST, python_of
 
 
@@ -43,3 +43,46 @@ def test_expressions_have_so_many_levels(levels: int, lines: int) -> None:
     made = printed(*body)
     assert len(made) == lines
     assert "".join(made).count("sin(") == levels
+
+
+def test_a_choice_that_is_compared_is_in_parentheses() -> None:
+    """Assert that what binds less tightly than a comparison is grouped on both of its sides."""
+    choice = Compute("_s", "choose", ("_t", "_a", "_b"))
+    made = printed(Compute("_t", "less", ("_a", "_b")), choice, Compute("_r", "less", ("_s", 2.0)))
+    assert made[-1] == "_z[0] = (_a if _a < _b else _b) < 2.0"
+
+
+@pytest.mark.parametrize(("line", "word"), [(When, "if"), (While, "while")])
+def test_a_call_under_a_condition(line: type[When | While], word: str) -> None:
+    """Assert that a call is made where a number is not zero, and that nothing else is."""
+    body = (line(Place("w", 3), ProgramCall("forces", "own_at", "y", "w")),)
+    made = python_of(Program("lines", "Lines.", body)).splitlines()[2:]
+    assert made[0].strip() == f"{word} _w[3]:"
+    assert made[1].startswith("        forces(own_at, _y, ")
+    assert len(made) == 2
+
+
+@pytest.mark.parametrize("where", ["", "_truth"])
+def test_a_masked_sum_leaves_passes_out(where: str) -> None:
+    """Assert that the truth of a pass is written where it decides, and that a sum without one decides nothing."""
+    place = Place("y", 0, (("i", 1),))
+    body = (Load("_x", place), *((Compute("_truth", "less", ("_x", 1.0)),) if where else ()))
+    total = Reduction("i", 4, body, ("_x",), ("_total",), "add", (0.0,), where)
+    made = python_of(Program("lines", "Lines.", (total, StoreTo(Place("z"), "_total")))).splitlines()[2:]
+    inner = [line.strip() for line in made]
+    assert inner[0] == "_total = 0.0"
+    assert inner[1] == "for i in range(4):"
+    assert inner[-1] == "_z[0] = _total"
+    if where:
+        assert inner[2:-1] == ["_x = _y[i]", "if _x < 1.0:", "_total = _total + _x"]
+        assert made[-2].startswith("            ")
+    else:
+        assert inner[2:-1] == ["_total = _total + _y[i]"]
+
+
+def test_the_newest_term_takes_the_place_of_the_total() -> None:
+    """Assert that joining by "newest" prints the term alone."""
+    place = Place("y", 0, (("i", 1),))
+    total = Reduction("i", 4, (Load("_x", place),), ("_x",), ("_total",), "newest", (0.0,))
+    made = python_of(Program("lines", "Lines.", (total, StoreTo(Place("z"), "_total")))).splitlines()[2:]
+    assert [line.strip() for line in made] == ["_total = 0.0", "for i in range(4):", "_total = _y[i]", "_z[0] = _total"]
