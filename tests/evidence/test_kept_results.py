@@ -67,7 +67,7 @@ def test_what_is_damaged_or_of_another_version_is_made_again(tmp_path: Path) -> 
     whole = MAKE["ledger"](keep=tmp_path)
     first, second, third = sorted(tmp_path.iterdir())[:3]
     first.write_text(first.read_text().replace("0", "1", 1))
-    second.write_text(second.read_text()[:-9])
+    second.write_text("[" * 100_000)
     content = json.loads(third.read_text())
     content["made_by"]["xdynamics"] = "0.0.1"
     third.write_text(json.dumps(content))
@@ -91,3 +91,8 @@ def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
             make(keep=tmp_path / "file")
         with no_march(), pytest.raises(xd.InputError, match="credentials stand in an address"):
             make(keep="s3://me:secret@bucket/kept")
+        for wrong in (7, "", True):
+            with no_march(), pytest.raises(xd.InputError, match=f"keep is {wrong!r}, needs the name of a folder"):
+                make(keep=wrong)
+    with pytest.raises(xd.InputError, match="keep is '', needs the name of a folder"):
+        xd.refine(BALL, steps=[0.1, 0.05], method="rk4", keep="")

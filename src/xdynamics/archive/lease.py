@@ -25,7 +25,8 @@ from xdynamics.archive.store import LockedError
 from xdynamics.archive.temporary_files import take
 from xdynamics.faults import InputError
 
-LEASE = 60.0  # s without renewal after which a lock is free
+LEASE = 30.0  # s without renewal after which a lock is free; a holder that was cut off longer writes under a condition
+RENEWALS = 6  # in that time: a store tells ages in whole seconds, and some calls are tried several times
 
 
 @contextmanager
@@ -61,7 +62,7 @@ class _Lease:
         self.thread.start()
 
     def _renew(self) -> None:
-        while not self.over.wait(LEASE / 3.0):
+        while not self.over.wait(LEASE / RENEWALS):
             try:
                 self.stamp = _put(self.lock, self.content, IfMatch=self.stamp)
             except RefusedError as error:
@@ -106,7 +107,7 @@ def _taken(lock: ObjectName, what: ObjectName, content: bytes) -> str:
         holder, age = {}, 0.0
     raise LockedError(
         f"'{what}' is locked by process {holder.get('process', '?')} of {str(holder.get('host', '?'))[:80]}, which renewed"
-        f" its lock {age:.0f} s ago; one that is not renewed is free after {LEASE:g} s"
+        f" its lock {age:.0f} s ago; unless it does so again, the lock is free in {max(LEASE - age, 1.0):.0f} s: try again then"
     )
 
 

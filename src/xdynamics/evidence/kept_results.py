@@ -73,13 +73,13 @@ class Keep:
         InputError
             If it cannot be a folder.
         """
-        return None if keep is None else cls(made_folder(placed(keep)))
+        return None if keep is None else cls(folder_named(keep))
 
     def task(self, task: Task, form: Form) -> Task:
         """Return a task whose result is kept: read at once if it is there, so that nothing is marched for it."""
         place = self.folder / f"{task.name}{SUFFIX}"
         if place.name in self.present:
-            with suppress(ArchiveError, InputError, OSError, ValueError, KeyError, TypeError):
+            with suppress(ArchiveError, InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
                 return replace(task, call=partial(_same, form.read(_content(place))), needs=(), steps=0.0)
         return replace(task, call=partial(_keeping, task.call, form, place), lasting=False)
 
@@ -100,6 +100,19 @@ class Keep:
                 # with a meta of its own dask does not try it on an empty block, which would be kept
                 parts.append(data.blocks[k].map_blocks(keeping, dtype=data.dtype, meta=np.zeros(0, data.dtype)))
         return numbers.copy(data=da.concatenate(parts))
+
+
+def folder_named(keep: Any) -> Any:
+    """Return a folder to keep results or runs in, made if it does not exist.
+
+    Raises
+    ------
+    InputError
+        If it cannot be a folder.
+    """
+    if not isinstance(keep, str | Path) or not str(keep):
+        raise InputError(f"keep is {keep!r}, needs the name of a folder, like 'kept' or 's3://bucket/kept'")
+    return made_folder(placed(keep))
 
 
 def _same(result: Any) -> Any:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.place import placed
-from xdynamics.archive.stores import made_folder
+from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import observables_of
 from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset
 from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
@@ -136,7 +135,7 @@ def refine(
     choices = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
     bounds, many = _bounds(most_rows, memory), counted_number(occurrences, "occurrences")
-    folder = None if keep is None else made_folder(placed(keep))
+    folder = None if keep is None else folder_named(keep)
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = tuple(model.units) if observables is None else _known(model, observables)
     if not compute:
