@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import xdynamics as xd
@@ -84,6 +85,17 @@ def test_the_model_of_ten_lines_bounces_and_rests(tmp_path: Path) -> None:
     assert run.attrs["run_outcome"] == "completed"
     assert (tmp_path / "first.png").stat().st_size > 5_000
     assert (ROOT / "data" / "figures" / "first_model.png").stat().st_size > 5_000
+    figure = xd.plot(run, only=["trajectory", "energy"])
+    figure.set_layout_engine("none")
+    figure.set_dpi(130)  # as it is written; letters are wider there than at 100
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    names = {text.get_text(): text.get_window_extent() for text in axes.texts if text.get_visible()}
+    assert "floor impact ×36" in names
+    drawn = [axes.transData.transform(line.get_xydata()) for line in axes.lines]
+    marks = np.concatenate(drawn[2:])  # after the rows and the curve
+    for box in names.values():
+        assert not any(box.count_contains(points) for points in (*drawn, marks - [5, 0], marks + [5, 0]))
 
 
 def test_methods_are_the_registry() -> None:

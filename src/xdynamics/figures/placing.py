@@ -19,6 +19,7 @@ EVENT = "event"  # the mark of names that are placed here
 CELL = 4.0  # pixels of the side of a cell, which is taken or free
 REACH = 70.0  # pixels from a mark to its name
 CROSSED = 6.0  # pixels further, that a name goes rather than lie on one more cell with a line
+WIDER = 1.13  # that a text may be at another resolution, whose letters are rounded to whole pixels otherwise
 FAINT = 0.1  # opacity up to which a patch is a background
 MARK = np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]) * CELL  # pixels, that a marker takes
 MOST_ROUNDS = 3  # of placing legends
@@ -192,10 +193,11 @@ def _place_names(axes: Axes, names: list[Any]) -> None:
     scale = axes.figure.dpi / 72.0
     for name in sorted(names, key=lambda text: axes.transData.transform(text.xy)[0]):
         box, mark = name.get_window_extent(), axes.transData.transform(name.xy)
-        crossed, hidden = (each.counts(box.width, box.height) for each in (ground, others))
+        width = WIDER * box.width
+        crossed, hidden = (each.counts(width, box.height) for each in (ground, others))
         left = ground.x + CELL * np.arange(crossed.shape[1])
         low = ground.y + CELL * np.arange(crossed.shape[0])
-        across = np.maximum(0.0, np.maximum(left - mark[0], mark[0] - left - box.width))
+        across = np.maximum(0.0, np.maximum(left - mark[0], mark[0] - left - width))
         up = np.maximum(0.0, np.maximum(low - mark[1], mark[1] - low - box.height))
         away = np.hypot(across[None, :], up[:, None])
         costs = np.where((hidden == 0) & (away < REACH), away + CROSSED * crossed, np.inf)
@@ -206,4 +208,4 @@ def _place_names(axes: Axes, names: list[Any]) -> None:
         x, y = float(left[column]) + CELL / 2, float(low[row]) + CELL / 2
         name.set(ha="left", va="bottom", position=((x - mark[0]) / scale, (y - mark[1]) / scale))
         for each in (ground, others):
-            each.take_box(name.get_window_extent())
+            each.take_box(name.get_window_extent().expanded(2.0 * WIDER - 1.0, 1.0))
