@@ -93,9 +93,9 @@ def test_the_model_of_ten_lines_bounces_and_rests(tmp_path: Path) -> None:
     names = {text.get_text(): text.get_window_extent() for text in axes.texts if text.get_visible()}
     assert "floor impact ×36" in names
     drawn = [axes.transData.transform(line.get_xydata()) for line in axes.lines]
-    marks = np.concatenate(drawn[2:])  # after the rows and the curve
+    marks, beside = np.concatenate(drawn[2:]), np.array([5.0, 0.0])  # after the rows and the curve
     for box in names.values():
-        assert not any(box.count_contains(points) for points in (*drawn, marks - [5, 0], marks + [5, 0]))
+        assert not any(box.count_contains(points) for points in (*drawn, marks - beside, marks + beside))
 
 
 def test_methods_are_the_registry() -> None:
