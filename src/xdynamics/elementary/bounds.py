@@ -29,6 +29,8 @@ def above(x: Number, margin: Number) -> Number:
 
 def least(x: Number, *others: Number) -> Number:
     """Return the least of some numbers, two at a time; where one is nan, as Python's `min` does."""
+    if not others:
+        return x
     if len(others) > 1:
         return least(least(x, others[0]), least(*others[1:]))
     return choose(others[0] < x, others[0], x)
@@ -36,6 +38,8 @@ def least(x: Number, *others: Number) -> Number:
 
 def greatest(x: Number, *others: Number) -> Number:
     """Return the greatest of some numbers, two at a time; where one is nan, as Python's `max` does."""
+    if not others:
+        return x
     if len(others) > 1:
         return greatest(greatest(x, others[0]), greatest(*others[1:]))
     return choose(others[0] > x, others[0], x)
