@@ -27,6 +27,7 @@ from xdynamics.march.assembly.impact import (
     SKIPS,
     SLACK,
     TAKEN,
+    acceleration_of,
     rate_of,
 )
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
@@ -81,15 +82,6 @@ def falling(run: Run, a: int) -> float:
     for i in range(run.normals.shape[1]):
         size += abs(run.normals[a, i] * run.z[accelerations + run.reads[a, i]])
     return size
-
-
-@shared
-def acceleration_of(run: Run, a: int) -> float:
-    """The acceleration of a gap with the accelerations of the trial's state."""
-    accelerations, total = run.plan[0].used, run.touching[a, BIAS]
-    for i in range(run.normals.shape[1]):
-        total += run.normals[a, i] * run.z[accelerations + run.reads[a, i]]
-    return total
 
 
 @shared

@@ -168,12 +168,23 @@ def weigh_impulses(run: Run) -> None:
 
 
 @shared
+def along(run: Run, a: int, total: float, first: int) -> float:
+    """A link's normal times numbers of the trial's state, those of coordinates' owners from `first` on, added to a total."""
+    for i in range(run.normals.shape[1]):
+        total += run.normals[a, i] * run.z[first + run.reads[a, i]]
+    return total
+
+
+@shared
 def rate_of(run: Run, a: int) -> float:
     """The rate of a gap with the velocities as they are now."""
-    n, rate = run.plan[0].coordinates, run.touching[a, EARLY]
-    for i in range(run.normals.shape[1]):
-        rate += run.normals[a, i] * run.z[n + run.reads[a, i]]
-    return rate
+    return along(run, a, run.touching[a, EARLY], run.plan[0].coordinates)
+
+
+@shared
+def acceleration_of(run: Run, a: int) -> float:
+    """The acceleration of a gap with the accelerations of the trial's state."""
+    return along(run, a, run.touching[a, BIAS], run.plan[0].used)
 
 
 @shared
