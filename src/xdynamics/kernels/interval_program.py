@@ -19,7 +19,7 @@ from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
-from xdynamics.kernels.step_programs import curve_degree
+from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.model.reactions import modes

@@ -26,7 +26,8 @@ from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.step_programs import Steps, curve_degree, curve_size
+from xdynamics.kernels.step_polynomial import curve_degree, curve_size
+from xdynamics.kernels.step_programs import Steps
 from xdynamics.methods.scheme import Scheme
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for

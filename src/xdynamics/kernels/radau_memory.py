@@ -9,7 +9,7 @@ from xdynamics.kernels import radau_lines
 from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import Operand, Place
-from xdynamics.kernels.step_programs import curve_size
+from xdynamics.kernels.step_polynomial import curve_size
 
 # Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
 # of the current trial whether its iteration is open or failed, how many corrections it had, and whether its

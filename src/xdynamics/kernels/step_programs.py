@@ -24,6 +24,7 @@ from xdynamics.kernels.program import (
     element,
     nested,
 )
+from xdynamics.kernels.step_polynomial import curve_size
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import SCALARS, Evaluation, Solve, VectorStatement
 from xdynamics.methods.scheme import Scheme
@@ -84,23 +85,6 @@ def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
     steps = scheme.method.stepper.programs(_StepWriting(layout, scheme, sampled))
     return replace(steps, memory=steps.memory + curve_size(layout))
-
-
-def curve_degree(layout: Layout) -> int:
-    """Return the degree of the polynomial that a step leaves for the search for events; 0 if it leaves none.
-
-    Contacts of many links are searched for by the states alone.
-    """
-    scheme = layout.scheme
-    if scheme is None or not scheme.leaves_polynomial or not layout.watched or layout.model.assemblies:
-        return 0
-    return scheme.interpolant.degree
-
-
-def curve_size(layout: Layout) -> int:
-    """Return how many coefficients that polynomial has, of all components."""
-    degree = curve_degree(layout)
-    return (degree + 1) * layout.used.size if degree else 0
 
 
 def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:

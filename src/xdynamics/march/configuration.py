@@ -13,7 +13,8 @@ import numpy as np
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
-from xdynamics.march.settings import EARLIEST_FIRST, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.march.root_methods import EARLIEST_FIRST
+from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances
 from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT

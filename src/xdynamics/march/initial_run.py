@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,56 +13,40 @@ from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.drive_tables import flattened
-from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
-from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
-from xdynamics.kernels.step_programs import curve_degree
+from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.tables import assembled
-from xdynamics.march.engine import assemblies as meeting
-from xdynamics.march.engine import contacts, pressing, watchers
+from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
-from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
-from xdynamics.march.events.intervals import rules
 from xdynamics.march.handle import PLAINLY
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (
-    BALANCE,
-    DETECTOR,
     HOLD,
     KEPT,
-    LINK,
     NOW,
-    PIECE,
     PLAN,
-    REACTION,
     STEP_IN_TIME,
-    TOUCH,
     TRIAL,
-    WATCH,
     Run,
 )
+from xdynamics.march.search_arrays import watching
 from xdynamics.march.settings import EPS, Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
-from xdynamics.model.assemblies import PATTERN, together
+from xdynamics.model.assemblies import together
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
-from xdynamics.model.parts import ACTIONS, IMPACT_LAWS
-from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
-from xdynamics.model.switches import borders, switch_inputs
+from xdynamics.model.reactions import modes
+from xdynamics.model.switches import switch_inputs
 from xdynamics.model.whole import acting, has_wholes, written_out
-from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME, Scales
 
 Floats = NDArray[np.float64]
-
-DEEPEST = 64  # halvings of a step in search of events
-_DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
 def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
@@ -99,7 +82,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
-        **_watching(model, law, settings) | assembly,
+        **watching(model, law, settings) | assembly,
         w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
@@ -122,13 +105,6 @@ def _words(run: Run) -> Floats:
     if PLAINLY:
         return np.array([keys_of([run])[0], pressing()], float)
     return np.array([run.address, pressing()], np.int64).view(float)
-
-
-def _of_contacts(model: Model, layout: Layout) -> list[int]:
-    """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
-    if model.assemblies:
-        return [0, meeting()]
-    return [contacts()] if layout.reactions and PATTERN not in model.contacts else []
 
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
@@ -253,140 +229,6 @@ def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
     values = np.array([*known.values(), *[0.0] * (2 * bool(model.assemblies))])  # room for addresses, see `_entered`
     changing = len(modes(model)) + len(switch_inputs(model))
     return {"p": values, "modes": values[len(known) - changing : len(known)]}
-
-
-def _watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the search for events."""
-    watched = law.layout.watched
-    intervals, depth, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
-    places = {
-        "under": np.zeros(intervals.values),
-        "over": np.zeros(intervals.values),
-        "flaws": np.zeros(intervals.values, np.int64),
-        "wanted": np.zeros(intervals.values, np.int64),
-    }
-    operations = rules(law.scheme.math_functions, intervals.rules, curve_degree(law.layout))
-    functions = [*operations, *watchers()] if watched else []
-    return (
-        places
-        | _touching(model, settings)
-        | {
-            "detectors": _detectors(law.layout, intervals, settings),
-            "watches": np.zeros(events, WATCH),
-            **_region(law.layout, intervals, settings),
-            "resets": np.zeros(len(law.layout.resets)),
-            "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
-            "piece": np.zeros(1, PIECE),
-            "rows": intervals.rows,
-            "numbers": intervals.numbers,
-            "parts": np.array(intervals.parts, np.int64),
-            "branches": np.zeros((depth, 1 + law.layout.record.size + events)),
-            "functions": np.array([*functions, *_of_contacts(model, law.layout)], np.int64),
-        }
-    )
-
-
-def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a region without events; empty where contacts read gaps in every step."""
-    rows = {k: intervals.rows[k].tolist() for k in range(intervals.parts[0], intervals.parts[1])}
-    disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
-    leaves = []
-    for k, (row, target, i, *_) in rows.items() if not disabled else ():
-        if row == VARIABLE and not curve_degree(layout):
-            leaves.append((POSITION, i, target))
-        elif VARIABLE <= row < NUMBER or row == INSTANTS:
-            leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
-    return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
-
-
-def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
-    """Return the arrays of contacts and friction elements, with room for the problems that they pose."""
-    all_reactions, scales = reactions(model), settings.scales
-    m, n = len(all_reactions), len(model.coordinates)
-    unknowns = sum(1 if reaction.sort == NORMAL else 3 for reaction in all_reactions)
-    fixed = np.zeros(m, REACTION)
-    for row, reaction in zip(fixed, all_reactions, strict=True):
-        part: Any = model.frictions[reaction.owner] if reaction.sort == DRY else model.contacts[reaction.owner]
-        row.role, row.normal, row.tolerance, row.rest_height = (
-            reaction.sort,
-            reaction.normal,
-            settings.located_within(part.time_tolerance) / scales.of(TIME),
-            -1.0,
-        )
-        if reaction.sort == NORMAL:
-            row.law = IMPACT_LAWS.index(part.law)
-            if part.rest_height is not None:
-                row.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
-    return {
-        "reactions": fixed,
-        "touches": np.zeros(m, TOUCH),
-        "swiftest": np.zeros(m),
-        "lingering": np.zeros(m),
-        "entry": np.zeros(2 * n if m else 0),
-        "balance": np.zeros(BALANCE),
-        **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
-        **_linked(m, n),
-        "problem": np.zeros((unknowns, 2 * unknowns + 2)),
-        "basis": np.zeros(unknowns, np.int64),
-        "solution": np.zeros(unknowns),
-        "effects": np.zeros((m, unknowns)),
-        "square": np.zeros(m * m),
-        "column": np.zeros(m),
-        "chosen": np.zeros(m, np.int64),
-    }
-
-
-def _linked(m: int, n: int) -> dict[str, NDArray[Any]]:
-    """Return the contact tables of m reactions and n coordinates, and their parts as `model.reactions.table` lists them."""
-    width = len(LINK.names or ())
-    tables = np.zeros((width + m + 2 * n) * m)
-    numbers, delassus, directions, responses = np.split(tables, np.cumsum([width * m, m * m, m * n]))
-    return {
-        "contact_tables": tables,
-        "links": numbers.view(LINK),
-        "delassus": delassus.reshape(m, m),
-        "directions": directions.reshape(m, n),
-        "responses": responses.reshape(m, n),
-    }
-
-
-def _targets(law: Law) -> list[tuple[int, int]]:
-    """Return the event and the place in the state of everything that events set."""
-    events, used = list(law.layout.model.events), law.layout.used
-    return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
-
-
-def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
-    """Return the number of a drive, and the places of its argument, the argument's rate and acceleration in a state."""
-    argument, places = layout.model.drives[drive].argument, {name: i for i, name in enumerate(layout.record)}
-    owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
-    turn = places[acceleration(owner)]
-    return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
-
-
-def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDArray[np.void]:
-    model, watched = layout.model, layout.watched
-    rows = np.zeros(len(watched), DETECTOR)
-    rows["value"], rows["slope"], rows["of_time"] = intervals.functions, intervals.slopes, intervals.of_time
-    rows["bend"] = intervals.bends
-    place = len(modes(model))  # of sides, after the modes of contacts
-    for row, detector in zip(rows, watched, strict=True):
-        event = detector.event
-        row.direction, row.action, row.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
-        row.to = list(model.regimes).index(event.to) if event.to else 0
-        row.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
-        position = detector.position_tolerance
-        row.position = np.inf if position is None else position.si / settings.scales.of(position.unit.dimension)
-        row.role, row.reaction = detector.role, detector.reaction
-        row.sampled = int(detector.sampled)
-        row.interpolant = int(event.root_state == "interpolant")
-        row.drive = -1
-        if detector.role in (SWITCH, KINK):
-            row.to, row.at_zero = place, detector.at_zero
-            place += len(borders(detector.drive)) if detector.drive else 1
-        if detector.drive:
-            row.drive, row.argument, row.rate, row.turn = _followed_by(layout, detector.drive)
-    return rows
 
 
 @lru_cache(maxsize=64)

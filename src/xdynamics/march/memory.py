@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels.program import REGIME
+from xdynamics.march.lifetimes import Lifetime
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.run import ARRAYS, CHANGING, Lifetime, Run
+from xdynamics.march.run import ARRAYS, CHANGING, Run
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]

@@ -6,8 +6,7 @@ read and set as ``run.now[0].t``. The bytes of everything except the log and add
 
 from __future__ import annotations
 
-from enum import Enum
-from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.machine import address_of
 from xdynamics.kernels.program import TABLE, WORDS
+from xdynamics.march.lifetimes import Address, ArrayKind, Given, Lifetime, Log, Own, Passing, Scratch, Within
 
 
 def _record(floats: str, integers: str) -> np.dtype[Any]:
@@ -26,17 +26,16 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
 # largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `apart` is 1 where events
 # are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
-# struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what
-# they do after one; `margin` is added to the rounding by which an interval is widened; `order`
-# is k of an error that falls as h**k; `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s
-# that a step leaves, 0 if it leaves none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of
-# their program.
+# struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what they do after one;
+# `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
+# `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s that a step leaves, 0 if it leaves
+# none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of their program.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
     "adaptive differences estimates steps extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together degree curve"
-    " polynomial",
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together"
+    " degree curve polynomial",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -131,41 +130,6 @@ NO_LINK = -1  # of an event that is of no contact of many links
 # The counts of `NOW` at the log's first row.
 BASE = _record("", "rows trials events samples")
 
-
-class ArrayKind(NamedTuple):
-    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart."""
-
-    name: str
-    elements: Any
-    dimensions: int = 1
-
-
-class Lifetime(Enum):
-    """How long an array lives, and whose it is."""
-
-    LASTING = "it is part of the memory to continue from, even after the end"
-    PASSING = "it belongs to a step: part of the memory within a march, but after a node nothing needs it"
-    GIVEN = "by the model and the settings: runs side by side share it"
-    OWN = "given to a run by itself"
-    SCRATCH = "computed where it is needed"
-    ADDRESS = "it belongs to a process: runs side by side share it"
-    LOG = "lent to the run until it is full"
-
-
-class Within(NamedTuple):
-    """The array that another one is a part of."""
-
-    owner: str
-
-
-T = TypeVar("T")
-Passing = Annotated[T, Lifetime.PASSING]
-Given = Annotated[T, Lifetime.GIVEN]
-Own = Annotated[T, Lifetime.OWN]
-Scratch = Annotated[T, Lifetime.SCRATCH]
-Address = Annotated[T, Lifetime.ADDRESS]
-Log = Annotated[T, Lifetime.LOG]
-
 Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
 Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
@@ -214,9 +178,8 @@ class Run:
     z: Passing[Floats]  # the state that the trial led to
     e: Passing[Floats]  # its error
     samples: Passing[Floats]  # force evaluations of the trial, one after the other
-    w: Passing[
-        Floats
-    ]  # vectors of an implicit method; of `march.implicit.radau` its stages' states and the derivatives
+    # vectors of an implicit method; of `march.implicit.radau` its stages' states and the derivatives; a step's polynomial
+    w: Passing[Floats]
     log_rows: Log[Columns]  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     # used by the march alone
     plan: Own[Plans]
@@ -244,9 +207,8 @@ class Run:
     far: Passing[Floats]
     far_g: Passing[Floats]
     entered: Passing[Floats]  # the side of every event function where the piece begins
-    pending: Passing[
-        Floats
-    ]  # how long before the step its zero may be, where the march landed on another event near it
+    # how long before the step its zero may be, where the march landed on another event near it
+    pending: Passing[Floats]
     branches: Passing[Columns]  # right ends of pieces still to be searched: step, state, event functions
     rows: Given[Lists]  # by `kernels.interval_program`: the event functions, to be computed with intervals
     numbers: Given[Floats]

@@ -13,6 +13,7 @@ from xdynamics.elementary import NAME, SETS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
+from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
 from xdynamics.methods.steppers import EXACT, JACOBIANS
@@ -30,19 +31,6 @@ LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
-EARLIEST_FIRST, ON_HERMITE, ONE_BY_ONE = "earliest first", "earliest first by Hermite", "one by one"
-_EARLIEST_FIRST = (
-    "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
-    " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
-)
-ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the last, what followed it the second
-    EARLIEST_FIRST: f"{_EARLIEST_FIRST}; steps that leave a polynomial are searched by its bounds",
-    ON_HERMITE: _EARLIEST_FIRST,
-    ONE_BY_ONE: (
-        "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is"
-        " accepted"
-    ),
-}
 
 
 def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:

@@ -11,7 +11,7 @@ from xdynamics import schema
 from xdynamics.elementary import kept_set
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP
-from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods.scheme import STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER

@@ -17,7 +17,8 @@ from xdynamics.march.control import ERROR_NORM, FIRST_STEP, SPACINGS
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.settings import ROOT_METHODS, Settings
+from xdynamics.march.root_methods import ROOT_METHODS
+from xdynamics.march.settings import Settings
 from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.lines import printed

@@ -11,7 +11,7 @@ import numpy as np
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.faults import InputError
-from xdynamics.march.settings import EARLIEST_FIRST, ROOT_METHODS
+from xdynamics.march.root_methods import EARLIEST_FIRST, ROOT_METHODS
 from xdynamics.model import Model
 from xdynamics.record.arguments import root_method_of
 from xdynamics.record.element_names import listed

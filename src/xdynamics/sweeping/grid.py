@@ -15,7 +15,7 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.march import Settings
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
-from xdynamics.march.settings import EARLIEST_FIRST
+from xdynamics.march.root_methods import EARLIEST_FIRST
 from xdynamics.model import Model
 from xdynamics.model.toml import tables_of
 from xdynamics.runtime.cached_properties import cached_property

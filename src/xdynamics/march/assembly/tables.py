@@ -17,8 +17,9 @@ from xdynamics.march.assembly.broad_phase import GROUP, SLOTS
 from xdynamics.march.assembly.closed_links import VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
 from xdynamics.march.handle import PLAINLY
+from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
 from xdynamics.march.run import ASSEMBLY, Run
-from xdynamics.march.settings import EARLIEST_FIRST, ON_HERMITE, Settings
+from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, Leaf, assemblies, slots_of, together
 from xdynamics.model.motion import constants

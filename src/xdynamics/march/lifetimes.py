@@ -1,0 +1,41 @@
+"""How long the arrays of a run live, and what their elements are, as the run's annotations say it."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+
+class ArrayKind(NamedTuple):
+    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart."""
+
+    name: str
+    elements: Any
+    dimensions: int = 1
+
+
+class Lifetime(Enum):
+    """How long an array lives, and whose it is."""
+
+    LASTING = "it is part of the memory to continue from, even after the end"
+    PASSING = "it belongs to a step: part of the memory within a march, but after a node nothing needs it"
+    GIVEN = "by the model and the settings: runs side by side share it"
+    OWN = "given to a run by itself"
+    SCRATCH = "computed where it is needed"
+    ADDRESS = "it belongs to a process: runs side by side share it"
+    LOG = "lent to the run until it is full"
+
+
+class Within(NamedTuple):
+    """The array that another one is a part of."""
+
+    owner: str
+
+
+T = TypeVar("T")
+Passing = Annotated[T, Lifetime.PASSING]
+Given = Annotated[T, Lifetime.GIVEN]
+Own = Annotated[T, Lifetime.OWN]
+Scratch = Annotated[T, Lifetime.SCRATCH]
+Address = Annotated[T, Lifetime.ADDRESS]
+Log = Annotated[T, Lifetime.LOG]
