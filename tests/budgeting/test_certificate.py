@@ -338,8 +338,8 @@ def test_a_method_that_fails_its_ledger_is_no_witness(monkeypatch: pytest.Monkey
     """Assert that a failed case of the method fails the gate."""
     from xdynamics.budgeting import certificate as room
 
-    def failing(methods: list[str]) -> xr.Dataset:
-        found = xd.validate(methods)
+    def failing(methods: list[str], **kept: Any) -> xr.Dataset:
+        found = xd.validate(methods, **kept)
         found["verdict"] = (
             found.verdict.dims,
             np.where(np.arange(found.sizes["case"]) == 3, 1, found.verdict.values).astype(np.int8),
