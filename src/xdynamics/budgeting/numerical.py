@@ -16,7 +16,7 @@ from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
-from xdynamics.evidence.kept_results import Form
+from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
@@ -76,7 +76,7 @@ class Estimate(NamedTuple):
         return cls(*number, int(run.attrs["run_accepted_steps"]), digest_of_run(run))
 
 
-ESTIMATES = Form(list, lambda entries: Estimate(*entries))
+ESTIMATES = ResultForm(list, lambda entries: Estimate(*entries))
 NOT_MARCHED = Estimate(np.nan, np.nan, np.nan, 0, "")  # before a run is marched
 
 

@@ -9,7 +9,7 @@ from math import inf, isfinite, nan, sqrt
 from typing import Any
 
 from xdynamics.budgeting.measurand import Target
-from xdynamics.evidence.kept_results import Form
+from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.faults import InputError
 from xdynamics.units import Dimension, Quantity, Unit, parse_quantity, parse_unit, time_in
 
@@ -86,7 +86,7 @@ def _unit_read(entry: Sequence[Any]) -> Unit:
     return Unit(text, Dimension(tuple(map(Fraction, powers))), Fraction(factor))
 
 
-TERMS = Form(_written, _read)
+TERMS = ResultForm(_written, _read)
 
 
 @dataclass(frozen=True)

@@ -35,14 +35,14 @@ _WRITTEN: set[Place] = set()  # by this process
 
 
 @dataclass(frozen=True)
-class Form:
+class ResultForm:
     """How results of a kind are put into lists, texts and numbers, and read from them."""
 
     written: Callable[[Any], Any]
     read: Callable[[Any], Any]
 
 
-NUMBERS = Form(np.ndarray.tolist, partial(np.array, dtype=float))
+NUMBERS = ResultForm(np.ndarray.tolist, partial(np.array, dtype=float))
 
 
 class Keep:
@@ -75,7 +75,7 @@ class Keep:
         """
         return None if keep is None else cls(folder_named(keep))
 
-    def task(self, task: Task, form: Form) -> Task:
+    def task(self, task: Task, form: ResultForm) -> Task:
         """Return a task whose result is kept: read at once if it is there, so that nothing is marched for it."""
         place = self.folder / f"{task.name}{SUFFIX}"
         if place.name in self.present:
@@ -119,7 +119,7 @@ def _same(result: Any) -> Any:
     return result
 
 
-def _keeping(call: Callable[..., Any], form: Form, place: Place, *needs: Any) -> Any:
+def _keeping(call: Callable[..., Any], form: ResultForm, place: Place, *needs: Any) -> Any:
     """Return a result, which is remembered, and write it; of two processes with one task both have the same."""
     result = REMEMBERED.result(place.stem, partial(call, *needs))
     if place not in _WRITTEN or store_of(place).kind(place) is not None:

@@ -189,11 +189,15 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "pressed": layout.state.size - layout.reactions.size,
         "assemblies": len(model.assemblies),
         "together": together(model),
-        "degree": curve_degree(layout),
-        "curve": law.curve,
-        "polynomial": FORCES + len(law.printed.names) - 1,
+        **_left_polynomial(law),
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def _left_polynomial(law: Law) -> dict[str, int]:
+    """Return the degree of the polynomial that a step leaves, where its coefficients begin, the number of their program."""
+    program = FORCES + len(law.printed.names) - 1
+    return {"degree": curve_degree(law.layout), "curve": law.curve, "polynomial": program}
 
 
 def floor_of(rtol: float) -> float:

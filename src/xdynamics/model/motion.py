@@ -231,11 +231,11 @@ def evaluated_many(
             values[item.name] = call(*(values[name] for name in item.value.arguments))
         else:
             values[item.name] = evaluate_many(item.value, values, math_functions)
-    given = [values] * len(wanted) if parts is None else [_Part(values, part) for part in parts]
+    given = [values] * len(wanted) if parts is None else [_PartialValues(values, part) for part in parts]
     return [evaluate_many(item, here, math_functions) for item, here in zip(wanted, given, strict=True)]
 
 
-class _Part(dict[str, Any]):
+class _PartialValues(dict[str, Any]):
     """The values at some of the states, each taken when it is first read."""
 
     def __init__(self, values: Mapping[str, Any], part: slice) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.kept_results import Form
+from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import over
 from xdynamics.record.flag_words import words_of
@@ -55,7 +55,9 @@ class LedgerRow:
         return PASSED if self.residual <= self.bound else FAILED
 
 
-ROWS = Form(lambda rows: [[*asdict(row).values()] for row in rows], lambda rows: [LedgerRow(*row) for row in rows])
+ROWS = ResultForm(
+    lambda rows: [[*asdict(row).values()] for row in rows], lambda rows: [LedgerRow(*row) for row in rows]
+)
 
 
 def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
