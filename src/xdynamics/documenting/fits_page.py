@@ -17,7 +17,7 @@ Where the clock of a recording does not begin with the run, `offset` is what it 
 Several records are fitted at once, of which each may have an offset of its own (--own offset). All share `parameters`; of `own` each has a value for itself:
   xdynamics fit spring.toml monday.csv tuesday.csv --parameter k --own x
   xd.fit({"light": one, "heavy": other}, {"light": "a.csv", "heavy": "b.csv"}, ["k"])      models that differ in what is known
-With u(...) in the data, chi-square says whether model and uncertainties fit. Without, the residuals tell the variance, and
+With u(...) in the data, chi-square says whether model and uncertainties fit. Without, the variance follows from the residuals, and
 intervals are Student's t; one number of under 30 degrees of freedom is so in the fitted model, too.
   --loss soft_l1 | huber | cauchy    outliers move the estimates no more than good values do, and are marked (outlier_x)
   --intervals profile                ends where the sum of squares has risen enough, with all other numbers fitted again: for

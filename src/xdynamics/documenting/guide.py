@@ -69,7 +69,7 @@ STORES = (
     "all of them with their digest, which does not depend on how members were cut into chunks. Members are added, and whole",
     "runs kept, by sweeps into folders; not in a Zarr store.",
     "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
-    "the second is told, and nothing is lost. A lock that its process does not renew is free after a minute, one that a dead",
+    "the second is refused in words, and nothing is lost. A lock that its process does not renew is free after a minute, one that a dead",
     "process of this machine left at once.",
     "xd.save_many(runs, 's3://bucket/runs') sends several files at once, and names them when all are there: if one cannot be",
     "sent, none has changed; if the store fails between the first name and the last, the error says how many have theirs.",

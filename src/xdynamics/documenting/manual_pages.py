@@ -50,7 +50,7 @@ Limits  Contacts have 24 forces at most (those of more links of a dimension or r
 Keys: `xdynamics help events`, `help contacts`, `help frictions`, `help run`; methods: `xdynamics methods`.
 """
 EVIDENCE_PAGE = """\
-Stages take runs and models, and return Datasets with units and the digests of the runs behind them.
+Stages take runs and models, and return Datasets with units and the digests of the runs that they rest on.
   refine       over steps, tolerances, root tolerances or rules: differences, signed orders, verdicts, limits, uncertainties of
                states, events, periods; a gate where interpolation is larger than what is compared; until a change is small enough
   companion    the error that a run has come to since its start, by one more run at a tighter setting
@@ -83,5 +83,5 @@ drawn (xd.Draws). Runs go side by side in vector code, one a lane, with steps an
 bits that it has alone (check=0.01 looks). With path= it goes into a folder, on from where it was stopped; open_sweep opens it;
 keep=["log"] keeps each run, and open_logs opens all. xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run.
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast, sensitivities, influences,
-sobol_indices, convergence and precision say what a grid tells.
+sobol_indices, convergence and precision say what a grid shows.
 """

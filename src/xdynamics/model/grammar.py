@@ -101,7 +101,7 @@ READING = (
     Key("decimal", words(".", ","), "decimal mark", "found", kept=False),
 )
 OF_EVENTS = (
-    Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step tells", NEEDED),
+    Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", NEEDED),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", words(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
     Key("to", name_of("a regime"), "that a switch goes on in", "needed by switch", omitted=""),
