@@ -86,7 +86,7 @@ def test_settings_reach_the_record(tmp_path: Path) -> None:
         (["run", BALL, "-o", "x.nc", "--set", "m=1", "--set", "m=2"], "twice"),
         (["run", BALL, "-o", "x.nc", "--scale", "width=1 m"], "scale 'width' is not known"),
         (["show", "nowhere.nc"], "does not exist"),
-        (["run", BALL], "Missing option"),
+        (["run", BALL], "It names what is written, like -o run.nc"),
     ],
 )
 def test_wrong_input_is_one_line_and_two(

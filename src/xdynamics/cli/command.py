@@ -105,7 +105,7 @@ class _Command(click.Group):
                 warnings.showwarning = lambda message, *_rest: complain(f"warning: {message}")
                 return super().invoke(ctx)
         except click.UsageError as error:
-            click.UsageError(escaped(error.format_message()), error.ctx).show()
+            click.UsageError(escaped(_with_example(error)), error.ctx).show()
             ctx.exit(WRONG_INPUT)
         except ArchiveError as error:
             complain(error)
@@ -129,6 +129,14 @@ class _Command(click.Group):
             complain(_memory_words())
             ctx.exit(BADLY)
         return name, command, rest
+
+
+def _with_example(error: click.UsageError) -> str:
+    """Return what is wrong with a command; where the name of what it writes is missing, with one that would do."""
+    text, option = error.format_message(), getattr(error, "param", None)
+    if not (isinstance(error, click.MissingParameter) and option is not None and option.name == "output"):
+        return text
+    return f"{text} It names what is written, like -o {str(option.metavar).partition('|')[0].lower()}"
 
 
 def _memory_limit() -> int | None:

@@ -115,7 +115,7 @@ def _size(text: str | None) -> tuple[float, float] | None:
     "-o",
     "--output",
     required=True,
-    metavar="FILM",
+    metavar="FILM.gif|.html|.mp4",
     help="The film to write: GIF, HTML with a slider, or MP4 if ffmpeg is installed.",
 )
 @click.option("--seconds", type=float, help="Duration of the film in seconds.")
