@@ -217,7 +217,10 @@ def test_an_event_inside_a_step_comes_before_later_impacts() -> None:
     ("change", "message"),
     [
         ({"restitution": 0.5, "law": "energetic"}, "law = 'energetic' is not among their laws"),
-        ({"tangential": "coulomb", "slip": "first(v_x, pair)", "friction": 0.1}, "remove slip and friction"),
+        (
+            {"tangential": "coulomb", "slip": "first(v_x, pair)", "friction": 0.1, "law": "sequential"},
+            "remove slip and friction",
+        ),
     ],
 )
 def test_what_links_cannot_have_is_refused(change: dict[str, Any], message: str) -> None:

@@ -84,6 +84,8 @@ def test_stacked_discs_stand(method: str, count: int) -> None:
     above = G * np.cumsum(mass[::-1])[::-1]
     between, floor = at_end(run, "discs"), at_end(run, "floor")
     assert run.attrs["run_outcome"] == "completed"
+    assert run.closed_force_residual.attrs["units"] == "m s-2"
+    assert np.abs(run.closed_force_residual.values).max() < 1e-13 * above[0]
     assert (between.closed_first.values.tolist(), between.closed_second.values.tolist()) == (
         [*range(count - 1)],
         [*range(1, count)],
@@ -223,7 +225,7 @@ def test_rows_of_closed_links_survive(tmp_path: Any) -> None:
     half = xd.simulate(model, until="300 ms", log="full", time_tolerance="1e-12 s")
     longer = xd.extend(half, until="320 ms")
     names = [str(name) for name in whole.variables if str(name).startswith("closed_")]
-    assert len(names) == 9
+    assert len(names) == 10
     assert whole.sizes["closed"] > 20
     for name in names:
         assert np.array_equal(longer[name].values, whole[name].values), name

@@ -34,6 +34,11 @@ def assembly_dispute(march: March) -> str:
                     " over an impact; take a smaller step"
                 )
             return f"the gap of {name} is {size:.6g} {gap} at the start: one body is inside the other; begin apart"
+        case broad_phase.RUBBED:
+            return (
+                f"the friction of {name} is {run.spans[broad_phase.DEPTH]:.6g}, and needs to be non-negative and at most"
+                " 'static'"
+            )
         case broad_phase.BOUNCED:
             return f"the restitution of {name} is {run.spans[broad_phase.DEPTH]:.6g}, and needs to be from 0 to 1"
         case broad_phase.CROWDED:
@@ -60,7 +65,13 @@ def _of_closed(march: March, gap: Dimension) -> str:
             return (
                 f"the forces of {count or int(run.tallies[broad_phase.TOGETHER])} links that touch were not found: their"
                 f" equations are left with {run.spans[broad_phase.STRAIN]:.3g} of the size of their terms, and 1e-9 is"
-                " allowed; bodies whose masses differ less, or fewer of them, are easier to solve for"
+                " allowed; bodies whose masses differ less, fewer of them, or less friction are easier to solve for"
+            )
+        case broad_phase.HASTY:
+            return (
+                f"{run.tallies[broad_phase.HASTE]} events of links followed each other within what their times are located"
+                " to, and no motion came of them: which links hold and which slide cannot be decided here; start a little"
+                " later or elsewhere, or change friction a little"
             )
         case broad_phase.SHIFTED:
             far = run.spans[broad_phase.ASTRAY] * march.settings.scales.of(gap)

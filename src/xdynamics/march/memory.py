@@ -17,7 +17,7 @@ from xdynamics.march.run import ARRAYS, CHANGING, Run
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
-_OF_CONTACTS = ("modes", "touches", "closed", "greatest")
+_OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
 # after a node forces are evaluated anew, and a method starts as at the beginning

@@ -105,7 +105,7 @@ TOUCH = _record(
 # whether its gap changes with time alone; where its links (among all), its leaves, its order of elements, its hulls begin, how many groups.
 ASSEMBLY = _record(
     "tolerance rest_height",
-    "links first_link elements paired leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
+    "links first_link elements paired rubs leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
 )
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
@@ -265,8 +265,12 @@ class Run:
     greatest: Floats  # the largest velocity so far, then for every assembly the largest speed of an impact
     held: Scratch[Lists]  # assembly, link and elements of each closed link
     loads: Scratch[Floats]  # the force of each at the last evaluation
-    lifted: Scratch[Whole]  # 1 for one whose force passes zero in the trial
+    pulls: Scratch[Floats]  # its friction
+    remains: Scratch[Floats]  # the acceleration that its gap is left with
+    lifted: Scratch[Whole]  # what passes zero in the trial: 1 the force of one, 2 its grip, 3 its slip
+    grips: Whole  # what each does along its slip; see `march.assembly.closed_links`
     vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
+    paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
     swing: Scratch[Floats]  # what forces of links do to all coordinates
     of_time: Given[Whole]  # drives of time
     atol: Own[Floats]
@@ -305,7 +309,7 @@ class Run:
     log_trials: Log[TrialRows]
     log_events: Log[EventRows]
     log_rates: Log[Columns]  # of observables at the events
-    log_closed: Log[Columns]  # row, number, gap and force of links that are closed in it
+    log_closed: Log[Columns]  # row, number, gap, force, residual and friction of links that are closed in it
     log_links: Log[Whole]  # how many of these there are
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 

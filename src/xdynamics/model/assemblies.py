@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,11 +146,11 @@ class Assembly:
             dimensions |= {own: unit.dimension, velocity(own): unit.per(old.time_unit).dimension}
             place = [*old.coordinates].index(leaf.name) if k < self.coordinates else -1
             masses[own] = expand(old.expanded(old.mass[place][place]), names) if place >= 0 else ONE
-        contact = replace(
-            self.contact,
-            gap=expand(old.expanded(self.contact.gap), names),
-            restitution=expand(old.expanded(self.contact.restitution), names),
-        )
+        moving = {velocity(leaf.name): Name(velocity(leaf_name(k))) for k, leaf in enumerate(self.leaves)}
+        trees: dict[str, Any] = {
+            key: expand(old.expanded(tree), names | moving) for key, tree in _trees(self.contact).items()
+        }
+        contact = replace(self.contact, **trees)
         event = Event(contact.gap, time_tolerance=contact.time_tolerance)
         bare = Statement(
             old.name,
@@ -187,10 +187,11 @@ def assemblies(model: Model) -> tuple[Assembly, ...]:
 
 def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
     shapes, dims = model.shapes, model.shapes.dims.get(name, ())
-    trees = [contact.gap, contact.restitution]
-    read = sorted(set[str]().union(*(free_names(model.expanded(tree)) for tree in trees)) & _elements(model))
+    elements, named = _elements(model), {velocity(name): name for name in model.coordinates}
+    found = set[str]().union(*(free_names(model.expanded(tree)) for tree in _trees(contact).values()))
+    read = sorted({named.get(name, name) for name in found} & elements)
     masses = [model.mass[i][i] for i, coordinate in enumerate(model.coordinates) if coordinate in read]
-    read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & _elements(model)})
+    read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & elements})
     ordered = [coordinate for coordinate in model.coordinates if coordinate in read]
     ordered += [name for name in read if name not in model.coordinates]
     leaves = tuple(_leaf(name, dims, shapes) for name in ordered)
@@ -204,6 +205,12 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
     assembly = Assembly(name, contact, leaves, coordinates, paired, model)
     _compare(assembly)
     return assembly
+
+
+def _trees(contact: Contact) -> dict[str, Node]:
+    """Return the expressions of a contact that each of its links has with its own elements."""
+    every = {key: getattr(contact, key) for key in ("gap", "restitution", "slip", "friction", "static")}
+    return {key: tree for key, tree in every.items() if tree is not None}
 
 
 def _elements(model: Model) -> set[str]:
@@ -237,16 +244,19 @@ def _compare(assembly: Assembly) -> None:
     model, shapes = assembly.model, assembly.model.shapes
     declared, statement = model.shaped.contacts[assembly.name], model.shaped
     pattern = {leaf.name: Name(leaf_name(k)) for k, leaf in enumerate(assembly.leaves)}
+    pattern |= {velocity(leaf.name): Name(velocity(leaf_name(k))) for k, leaf in enumerate(assembly.leaves)}
+    own = _trees(assembly.contact)
     wanted = np.unique(np.linspace(0, assembly.links - 1, EXAMINED).astype(np.int64))
     numbers, (first, second) = assembly.numbers(wanted), assembly.ends(wanted)
     names = {leaf: shapes.elements(leaf.quantity) for leaf in assembly.leaves}
     places = {leaf: assembly.elements(leaf, first, second, numbers) for leaf in assembly.leaves}
     for i in range(len(wanted)):
         renamed = {names[leaf][places[leaf][i]]: Name(leaf_name(k)) for k, leaf in enumerate(assembly.leaves)}
+        renamed |= {velocity(name): Name(velocity(tree.name)) for name, tree in [*renamed.items()]}
         here = {dim: int(numbers[dim][i]) for dim in assembly.dims}
-        for tree, own in ((declared.gap, assembly.contact.gap), (declared.restitution, assembly.contact.restitution)):
+        for key, tree in _trees(declared).items():
             said = at(expanded(tree, statement.definitions, shapes), here, shapes)
-            if expand(said, renamed) != expand(model.expanded(own), pattern):
+            if expand(said, renamed) != expand(model.expanded(own[key]), pattern):
                 raise InputError(
                     f"contact '{assembly.name}' reads something else at each of its {assembly.links} links than values"
                     " of its own elements; of many links all read the same, so write what differs as a parameter with"

@@ -11,7 +11,7 @@ from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, Contact, Function
+from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, NEWTON, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
 from xdynamics.units import NONE, Dimension, constant
@@ -64,10 +64,19 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
     """Refuse what contacts of many links cannot have."""
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
-        if contact.slip is not None:
+        if contact.slip is not None and contact.law != NEWTON:
             ledger.note(
-                f"{many} none has friction: remove slip and friction of contact '{name}', or write what rubs as a force"
+                f"{many} those with friction have law = '{NEWTON}' (contact '{name}': '{contact.law}'); choose that, or"
+                " remove slip and friction"
             )
+        for key in ("slip", "friction", "static"):
+            tree = getattr(contact, key)
+            read = set() if tree is None else free_names(expand(tree, statement.definitions))
+            for what in sorted(read & {*statement.states, *statement.drives}):
+                ledger.note(
+                    f"{many} {key} of contact '{name}' may read coordinates, velocities, time and parameters, not"
+                    f" '{what}'"
+                )
         if contact.law == ENERGETIC:
             ledger.note(
                 f"{many} law = '{ENERGETIC}' is not among their laws; choose 'newton', 'poisson' or 'sequential'"
@@ -76,6 +85,13 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
     for name, contact in statement.assemblies.items():
         with suppress(InputError):  # what is wrong with a gap is said with its contact
             units[name] = dimension_of(contact.gap, known)
+    slips: dict[str, Dimension] = {}
+    for name, contact in statement.assemblies.items():
+        with suppress(InputError):
+            slips |= {name: dimension_of(contact.slip, known)} if contact.slip is not None else {}
+    if len({*slips.values()}) > 1:
+        said = ", ".join(f"'{name}': {unit}" for name, unit in slips.items())
+        ledger.note(f"{many} their slips are of one unit ({said}); write each slip as a velocity, say")
     if len({*units.values()}) > 1:
         said = ", ".join(f"'{name}': {unit}" for name, unit in units.items())
         ledger.note(f"{many} their gaps are of one unit ({said}); write each gap as a length, say")

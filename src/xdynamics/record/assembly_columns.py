@@ -68,12 +68,30 @@ def _of_closed(about: About) -> list[Column]:
         role = "contact" if at.role == "event" else at.role
         at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
         collected.append(Column(at, along(dim, find)))
+    left = spell(gap.dimension / model.time_unit.dimension**2)
     words_of_force = "normal force of the link, which presses where it is positive"
-    return [
-        *collected,
+    words_of_left = (
+        "residual of the equations of all forces: the acceleration with which the gap of the link still opens"
+    )
+    collected += [
         Column(_variable("gap", "f8", gap.text, "gap of the link, which is held at zero"), number(2, gap)),
         Column(_variable("force", "f8", force.text, words_of_force), number(3, force)),
+        Column(_variable("force_residual", "f8", left.text, words_of_left), number(4, left)),
     ]
+    return [*collected, *_of_friction(model, force, gap, number)]
+
+
+def _of_friction(
+    model: Model, force: Unit, gap: Unit, number: Callable[[int, Unit], Callable[[LogBlock], Array]]
+) -> list[Column]:
+    """Return the friction of closed links, where a contact has any."""
+    slips = [assembly.contact.slip for assembly in assemblies(model) if assembly.contact.slip is not None]
+    if not slips:
+        return []
+    rate = gap.dimension / model.time_unit.dimension
+    unit = spell(force.dimension * rate / dimension_of(slips[0], model.dimensions))
+    long_name = "friction force of the link along its positive slip, against which it acts while it slips"
+    return [Column(_variable("friction_force", "f8", unit.text, long_name), number(5, unit))]
 
 
 def _row_of_closed(block: LogBlock) -> Array:

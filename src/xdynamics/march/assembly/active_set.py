@@ -9,8 +9,22 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import LOSS, STRAIN, STRAINED, TERMS, TOGETHER, WORK, blame
-from xdynamics.march.assembly.closed_links import RIGHT, SCALE, X, list_ends, look_at_closed
+from xdynamics.march.assembly.broad_phase import GRIPPING, LOSS, ROWS, STRAIN, STRAINED, TERMS, TOGETHER, WORK, blame
+from xdynamics.march.assembly.closed_links import (
+    DRAG,
+    FRICTIONLESS,
+    GRIP,
+    RIGHT,
+    SCALE,
+    SLIDES_BACK,
+    SLIDES_ON,
+    STICKS,
+    X,
+    closed_from,
+    list_ends,
+    look_at_closed,
+)
+from xdynamics.march.assembly.friction import BREAKS, RESTLESS, solve_links
 from xdynamics.march.assembly.holding import project, stop
 from xdynamics.march.assembly.impact import (
     ACTS,
@@ -18,25 +32,39 @@ from xdynamics.march.assembly.impact import (
     BIAS,
     BOUNCE,
     CANDIDATE,
+    DRAGS,
     EARLY,
     FORCE,
+    GRIPS,
+    KINETIC,
     LASTS,
     LIFTS,
     OWN,
+    PULL,
     RATE,
+    RUBS,
     SKIPS,
     SLACK,
+    SLIP_AFTER,
+    SLIP_BIAS,
+    SLIP_EARLY,
+    SLIP_OWN,
+    SLIP_SLACK,
+    STATIC,
     TAKEN,
-    acceleration_of,
+    acceleration_along,
+    pose_slip,
     rate_of,
+    slip_of,
 )
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
-from xdynamics.march.assembly.normal_forces import ALLOWED, solve_unilateral
+from xdynamics.march.assembly.normal_forces import ALLOWED, largest
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 
 LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, unless the model says how low they are
+LOOSENED = 1.0 - 1e-9  # of the most that grips hold, where one has just broken and would not without
 ROUNDS = 4  # of examining again which links come to rest
 
 
@@ -44,6 +72,9 @@ ROUNDS = 4  # of examining again which links come to rest
 def rest(run: Run, t: float) -> bool:
     """Find out which links that touch are closed, and put the trial's state on them; whether their forces were found."""
     note_speeds(run)
+    run.tallies[GRIPPING] = run.closed[0]
+    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
+        run.touching[a, SLIP_SLACK] += slip_falling(run, a) * resolution(run, a)  # with the forces of the motion so far
     run.closed[0] = 0
     evaluate(run, t, run.z)  # without forces of links
     for a in range(run.tallies[TOGETHER]):
@@ -78,47 +109,95 @@ def resolution(run: Run, a: int) -> float:
 @shared
 def falling(run: Run, a: int) -> float:
     """The size of the terms of a link's acceleration without forces of links."""
-    accelerations, size = run.plan[0].used, abs(run.touching[a, BIAS])
+    return size_along(run, int(run.tallies[ROWS]) * a, run.touching[a, BIAS])
+
+
+@shared
+def size_along(run: Run, row: int, bias: float) -> float:
+    """The size of the terms of an acceleration along a row."""
+    accelerations, size = run.plan[0].used, abs(bias)
     for i in range(run.normals.shape[1]):
-        size += abs(run.normals[a, i] * run.z[accelerations + run.reads[a, i]])
+        size += abs(run.normals[row, i] * run.z[accelerations + run.reads[row, i]])
     return size
 
 
 @shared
 def solve_forces(run: Run) -> bool:
     """Find the forces of links that do not part, and the acceleration of every gap with them."""
-    count = run.tallies[TOGETHER]
+    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
     for a in range(count):
-        acts = run.touching[a, ACTS] == 1.0
-        run.vectors[SCALE, a] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
-        run.vectors[RIGHT, a] = -acceleration_of(run, a) * run.vectors[SCALE, a]
-    left = solve_unilateral(run, 0, count)
+        acts, row = run.touching[a, ACTS] == 1.0, rows * a
+        run.vectors[SCALE, row] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
+        run.vectors[RIGHT, row] = -acceleration_along(run, row, run.touching[a, BIAS]) * run.vectors[SCALE, row]
+        if rows == 2:
+            pose_grip(run, a, acts)
+    left = solve_links(run, 0, count)
     if not left <= ALLOWED:
         k = int(run.touching[0, CANDIDATE])
         blame(run, STRAINED, run.candidates[k, ASSEMBLY], run.candidates[k, LINK])
         run.spans[STRAIN] = left
         return False
     for a in range(count):
-        run.touching[a, FORCE] = run.vectors[X, a] * run.vectors[SCALE, a]
+        run.touching[a, FORCE] = run.vectors[X, rows * a] * run.vectors[SCALE, rows * a]
+        if rows == 2:
+            run.touching[a, DRAGS] = run.vectors[X, rows * a + 1] * run.vectors[SCALE, rows * a + 1]
     note_accelerations(run)
     return True
 
 
 @shared
+def pose_grip(run: Run, a: int, acts: bool) -> None:
+    """Write down whether a link grips, and within which bounds, or slides already."""
+    row = 2 * a + 1
+    pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
+    if run.touching[a, RUBS] == 1.0:
+        slip = slip_of(run, a)
+        if abs(slip) <= run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a):
+            run.vectors[GRIP, row] = run.touching[a, STATIC] * (LOOSENED if any_breaks(run) else 1.0)
+        else:
+            run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
+
+
+@shared
+def any_breaks(run: Run) -> bool:
+    """Whether a grip breaks at the end of the trial."""
+    breaks = False
+    for a in range(run.tallies[GRIPPING]):
+        breaks = breaks or run.lifted[a] == BREAKS
+    return breaks
+
+
+@shared
+def slip_falling(run: Run, a: int) -> float:
+    """The size of the terms of the acceleration of a link's slip."""
+    return size_along(run, 2 * a + 1, run.touching[a, SLIP_BIAS])
+
+
+@shared
 def note_accelerations(run: Run) -> None:
     """Note the acceleration of every gap that touches, with the forces just found."""
-    count = run.tallies[TOGETHER]
+    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
+    for row in range(rows * count):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[row, i]] = 0.0
     for a in range(count):
         for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] = 0.0
+            run.swing[run.reads[rows * a, i]] += run.replies[rows * a, i] * run.touching[a, FORCE]
+            if rows == 2:
+                run.swing[run.reads[2 * a + 1, i]] += run.replies[2 * a + 1, i] * run.touching[a, DRAGS]
     for a in range(count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] += run.replies[a, i] * run.touching[a, FORCE]
-    for a in range(count):
-        total = acceleration_of(run, a)
-        for i in range(run.reads.shape[1]):
-            total += run.normals[a, i] * run.swing[run.reads[a, i]]
-        run.touching[a, AFTER] = total
+        run.touching[a, AFTER] = pressed_along(run, rows * a, run.touching[a, BIAS])
+        if rows == 2:
+            run.touching[a, SLIP_AFTER] = pressed_along(run, 2 * a + 1, run.touching[a, SLIP_BIAS])
+
+
+@shared
+def pressed_along(run: Run, row: int, bias: float) -> float:
+    """The acceleration along a row with what forces of links add."""
+    total = acceleration_along(run, row, bias)
+    for i in range(run.reads.shape[1]):
+        total += run.normals[row, i] * run.swing[run.reads[row, i]]
+    return total
 
 
 @shared
@@ -152,9 +231,15 @@ def close(run: Run) -> None:
     """Write down which links are closed from now on: those that press, and those whose gap does not open either."""
     count = 0
     for a in range(run.tallies[TOGETHER]):
-        opens = run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > 4.0 * NOISE * falling(run, a)
+        still = 4.0 * NOISE * falling(run, a)
+        if run.tallies[ROWS] == 2:  # where forces are balanced by friction, what is left of them is no motion
+            still += 4.0 * RESTLESS * largest(run, X, 0, 2 * run.tallies[TOGETHER]) * sqrt(run.touching[a, OWN])
+        opens = run.touching[a, FORCE] == 0.0 and run.touching[a, AFTER] > still
         if run.touching[a, ACTS] == 1.0 and not opens:
             k = int(run.touching[a, CANDIDATE])
+            if run.tallies[ROWS] == 2:
+                run.grips[count] = grip_of(run, a)
+                run.touching[a, GRIPS] = run.grips[count]
             count += 1
             run.closed[count] = run.assemblies[run.candidates[k, ASSEMBLY]].first_link + run.candidates[k, LINK]
         else:
@@ -164,13 +249,31 @@ def close(run: Run) -> None:
 
 
 @shared
+def grip_of(run: Run, a: int) -> int:
+    """What a link that is closed from now on does along its slip."""
+    if run.touching[a, RUBS] == 0.0:
+        return FRICTIONLESS
+    drag, after = run.vectors[DRAG, 2 * a + 1], run.touching[a, SLIP_AFTER]
+    if run.vectors[GRIP, 2 * a + 1] == 0.0 and abs(slip_of(run, a)) > run.touching[a, SLIP_SLACK]:
+        return SLIDES_ON if slip_of(run, a) > 0.0 else SLIDES_BACK
+    if drag != 0.0:
+        return SLIDES_ON if drag < 0.0 else SLIDES_BACK
+    size = slip_falling(run, a) + largest(run, X, 0, 2 * run.tallies[TOGETHER]) * sqrt(run.touching[a, SLIP_OWN])
+    if abs(after) > 4.0 * RESTLESS * size:
+        return SLIDES_ON if after > 0.0 else SLIDES_BACK
+    return STICKS
+
+
+@shared
 def take_energy(run: Run, t: float) -> None:
     """Remove the rates of closed links, and note what energy bounces that are skipped had."""
     for a in range(run.tallies[TOGETHER]):
         run.touching[a, TAKEN] = rate_of(run, a)
+        if run.tallies[ROWS] == 2:
+            run.touching[a, PULL] = slip_of(run, a)
     look_at_closed(run, t, run.z)
     stop(run)
-    row = run.touching.shape[0]
+    row, rows = closed_from(run), int(run.tallies[ROWS])
     for a in range(run.tallies[TOGETHER]):
         before = run.touching[a, TAKEN]
         run.touching[a, TAKEN] = 0.0
@@ -181,4 +284,9 @@ def take_energy(run: Run, t: float) -> None:
             run.spans[LOSS] += taken
             run.spans[WORK] -= impulse * run.touching[a, EARLY]
             run.spans[TERMS] += abs(impulse) * (abs(before) + abs(after))
-            row += 1
+            if rows == 2 and run.touching[a, RUBS] == 1.0:
+                pull, slip = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1], run.touching[a, PULL]
+                run.spans[LOSS] -= pull * (slip + slip_of(run, a)) / 2.0
+                run.spans[WORK] -= pull * run.touching[a, SLIP_EARLY]
+                run.spans[TERMS] += abs(pull) * (abs(slip) + abs(slip_of(run, a)))
+            row += rows

@@ -28,9 +28,11 @@ from xdynamics.march.run import Run
 # of `tallies`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
 # arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses, where the
 # trial was to land
-# whether patterns have the parameters of the run
+# whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
+# links closed before the event; how many events followed each other within what times are located to
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
-OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY = range(1, 8)  # what was wrong
+ROWS, GRIPPING, HASTE = range(12, 15)
+OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY = range(1, 10)  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
 # gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms
 SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE = range(13)

@@ -1,7 +1,8 @@
 """Links that are closed: their gap stays zero, and a normal force holds it. Which they are, and each one at a state.
 
 Of the arrays that links have in common, `normals`, `replies`, `reads` and `vectors`, those that are struck at an event
-have the first half, closed ones the second, which begins at `closed_from`.
+have the first half, closed ones the second, which begins at `closed_from`. A link has a row; two where any link has
+friction, the second along its slip.
 """
 
 from __future__ import annotations
@@ -12,20 +13,44 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.links import member, pattern_at, touch_link
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
 # rows of `vectors`: the factor by which a link is scaled, what its rate, or acceleration, is to change by, and the
-# solution; its gap and rate, the size of the terms of the gap, and of its derivatives; the rest is of `normal_forces`
+# solution; its gap and rate, the size of the terms of the gap, and of its derivatives; of `normal_forces`: bounds of
+# the solution; of a row along a slip: friction over the normal force, the most of it while there is no slip, and what
+# it is where there is; the scale of a row while it holds; the rest is of `friction`
 SCALE, RIGHT, X, GAPS, RATES, ROUGHLY, STEEP, RESIDUE, WAY, IMAGE, WAY_IMAGE = range(11)
-VECTORS = 11
+LEAST, MOST, GRIP, DRAG, OWN_SCALE, LOAD, GIVEN, RATIO, AMISS, TRIED, TRIED_WAY, FIRST_X = range(11, 23)
+VECTORS = 23
+PATHS = 24  # directions in which friction of many links is solved for at once
+FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link does along its slip
 
 
 @shared
 def closed_from(run: Run) -> int:
-    """The place of the first closed link in arrays of links."""
-    return int(run.touching.shape[0])
+    """The place of the first row of closed links in arrays of links."""
+    return int(run.normals.shape[0] // 2)
+
+
+@shared
+def row_of(run: Run, a: int) -> int:
+    """The row of a closed link; that along its slip, if any, comes next."""
+    return closed_from(run) + int(run.tallies[ROWS]) * a
+
+
+@shared
+def rows_of_closed(run: Run) -> int:
+    """How many rows closed links have."""
+    return int(run.tallies[ROWS] * run.closed[0])
+
+
+@shared
+def grip_at(run: Run, a: int) -> int:
+    """What a closed link does along its slip."""
+    return int(run.grips[a]) if run.tallies[ROWS] == 2 else FRICTIONLESS
 
 
 @shared
@@ -57,11 +82,11 @@ def list_ends(run: Run) -> None:
                 first += 1
             second += first + 1
         run.held[a, 0], run.held[a, 1], run.held[a, 2], run.held[a, 3] = c, link, first, second
-        row = closed_from(run) + a
-        for i in range(run.normals.shape[1]):
-            run.reads[row, i], run.normals[row, i], run.replies[row, i] = 0, 0.0, 0.0
-        for i in range(assembly.coordinates):
-            run.reads[row, i] = member(run, assembly.first_leaf + i, link, first, second)
+        for row in range(row_of(run, a), row_of(run, a + 1)):
+            for i in range(run.normals.shape[1]):
+                run.reads[row, i], run.normals[row, i], run.replies[row, i] = 0, 0.0, 0.0
+            for i in range(assembly.coordinates):
+                run.reads[row, i] = member(run, assembly.first_leaf + i, link, first, second)
 
 
 @shared
@@ -69,7 +94,7 @@ def look_at_closed(run: Run, t: float, state: State) -> None:
     """Compute of every closed link, at a state, its directions, gap and rate, and its acceleration, to be taken away."""
     accelerations = run.plan[0].used
     for a in range(run.closed[0]):
-        c, row, own = run.held[a, 0], closed_from(run) + a, 0.0
+        c, row, own = run.held[a, 0], row_of(run, a), 0.0
         touch_link(run, state, t, c, run.held[a, 1], run.held[a, 2], run.held[a, 3])
         pattern = pattern_at(run.patterns[2 * c + 1])
         total, size, steep = pattern.links[0].free, abs(pattern.links[0].gap), 0.0
@@ -83,13 +108,40 @@ def look_at_closed(run: Run, t: float, state: State) -> None:
         run.vectors[SCALE, row], run.vectors[RIGHT, row] = scale, -total * scale
         run.vectors[GAPS, row], run.vectors[RATES, row] = pattern.links[0].gap, pattern.links[0].rate
         run.vectors[ROUGHLY, row], run.vectors[STEEP, row] = size, steep
+        if run.tallies[ROWS] == 2:
+            look_along_slip(run, a, state)
+
+
+@shared
+def look_along_slip(run: Run, a: int, state: State) -> None:
+    """Do so along the slip of a closed link, which has just been looked at; while it slides nothing holds the row."""
+    c, row, own, steep, accelerations = run.held[a, 0], row_of(run, a) + 1, 0.0, 0.0, run.plan[0].used
+    for vector in range(run.vectors.shape[0]):
+        run.vectors[vector, row] = 0.0
+    if run.assemblies[c].rubs == 0:
+        return
+    pattern = pattern_at(run.patterns[2 * c + 1])
+    total = pattern.links[1].free
+    for i in range(run.assemblies[c].coordinates):
+        steep += abs(pattern.directions[1, i])
+        run.normals[row, i], run.replies[row, i] = pattern.directions[1, i], pattern.responses[1, i]
+        own += pattern.directions[1, i] * pattern.responses[1, i]
+        total += pattern.directions[1, i] * state[accelerations + run.reads[row, i]]
+    scale, grip = 1.0 / sqrt(own), run.grips[a]
+    run.vectors[OWN_SCALE, row] = scale
+    run.vectors[RATES, row], run.vectors[STEEP, row] = pattern.links[1].rate, steep
+    run.vectors[ROUGHLY, row] = total
+    run.vectors[GRIP, row] = pattern.links[1].most
+    if grip == STICKS:
+        run.vectors[SCALE, row], run.vectors[RIGHT, row] = scale, -total * scale
+    else:
+        run.vectors[DRAG, row] = (-1.0 if grip == SLIDES_ON else 1.0) * pattern.links[1].coefficient
 
 
 @shared
 def add_answers(run: Run, state: State, offset: int) -> None:
     """Add to a state, from a place on, what the solution for closed links changes there."""
-    for a in range(run.closed[0]):
-        row = closed_from(run) + a
+    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         amount = run.vectors[X, row] * run.vectors[SCALE, row]
         for i in range(run.normals.shape[1]):
             state[offset + run.reads[row, i]] += run.replies[row, i] * amount

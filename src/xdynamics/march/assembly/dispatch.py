@@ -22,6 +22,8 @@ from xdynamics.march.assembly.broad_phase import (
     ENERGY,
     FASTEST,
     FIGURE,
+    HASTE,
+    HASTY,
     LANDING,
     LOSS,
     MEETS,
@@ -41,7 +43,14 @@ from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note
 from xdynamics.march.assembly.holding import hold, release_moved
 from xdynamics.march.assembly.impact import collide, list_touching, weigh_impulses
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
-from xdynamics.march.assembly.narrow_phase import NOISE, fastest, find_first, find_release, remember_fastest
+from xdynamics.march.assembly.narrow_phase import (
+    NOISE,
+    fastest,
+    find_first,
+    find_release,
+    finest_resolution,
+    remember_fastest,
+)
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.calls import called
@@ -58,6 +67,7 @@ from xdynamics.march.run import BEGUN as STARTED
 from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
+MOST_HASTE = 1000  # events that follow each other within what times are located to
 LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)  # no literals: numba compiles a copy for each
@@ -116,7 +126,7 @@ def begin(run: Run) -> None:
         run.tallies[CLOSE] += 1
     if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
-    run.tallies[BEGUN] = 0
+    run.tallies[BEGUN], run.tallies[HASTE] = 0, 0
 
 
 @shared
@@ -158,7 +168,9 @@ def find(run: Run) -> None:
     meets = find_first(run)
     remember_fastest(run)
     meets = find_release(run) or meets
-    if holds(run) and meets:
+    if meets and is_hasty(run):
+        give_up(run, HASTY, REASON_CONTACT)
+    elif holds(run) and meets:
         run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
         run.trial[0].landing = AT_BORDER
@@ -239,6 +251,14 @@ def land(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         run.watches[i].hit = NONE
     rearm(run)
+
+
+@shared
+def is_hasty(run: Run) -> bool:
+    """Whether a great many events have followed each other within what their times are located to."""
+    soon = run.trial[0].t - run.now[0].t <= 4.0 * finest_resolution(run, run.trial[0].h)
+    run.tallies[HASTE] = run.tallies[HASTE] + 1 if soon else 0
+    return bool(run.tallies[HASTE] > MOST_HASTE)
 
 
 @shared

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import LEFT, RESIDUAL, SLOTS, TOGETHER
-from xdynamics.march.assembly.closed_links import GAPS, closed_from
+from xdynamics.march.assembly.broad_phase import LEFT, RESIDUAL, ROWS, SLOTS, TOGETHER
+from xdynamics.march.assembly.closed_links import GAPS, STICKS, row_of
 from xdynamics.march.assembly.impact import (
     ACTS,
     CANDIDATE,
     GAP,
+    GRIPPED,
+    GRIPS,
     HELD,
     LASTS,
     LOST,
@@ -19,11 +21,13 @@ from xdynamics.march.assembly.impact import (
     SLACK,
     TAKEN,
     TOTAL,
+    TOTAL_PULL,
 )
 from xdynamics.march.assembly.links import ASSEMBLY, END, LINK
 from xdynamics.march.assembly.narrow_phase import forces_at
 from xdynamics.march.run import Run
-from xdynamics.schema import IMPACT, REST, TAKEOFF
+from xdynamics.schema import IMPACT, REST, STICK, TAKEOFF
+from xdynamics.schema import SLIP as SLIP_KIND
 
 
 @shared
@@ -48,7 +52,7 @@ def add_row(run: Run, a: int, before: int, kind: int) -> int:
 @shared
 def note_impacts(run: Run, before: int) -> None:
     """Write a row for each link that was struck: its impulse, by coordinates of both ends, and the energy it took."""
-    slots = run.tallies[SLOTS]
+    slots, rows = run.tallies[SLOTS], int(run.tallies[ROWS])
     for a in range(run.tallies[TOGETHER]):
         impulse = run.touching[a, TOTAL]
         if run.touching[a, OWN] * impulse <= (run.touching[a, SLACK] if run.touching[a, HELD] == 1.0 else 0.0):
@@ -56,15 +60,20 @@ def note_impacts(run: Run, before: int) -> None:
         e = add_row(run, a, before, IMPACT)
         assembly = run.assemblies[run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]]
         for i in range(assembly.coordinates):
-            slot = run.slots[run.reads[a, i]] + slots * run.leafs[assembly.first_leaf + i, END]
-            run.log_impulses[slot, e] += run.normals[a, i] * impulse
+            slot = run.slots[run.reads[rows * a, i]] + slots * run.leafs[assembly.first_leaf + i, END]
+            run.log_impulses[slot, e] += run.normals[rows * a, i] * impulse
+            if rows == 2:
+                run.log_impulses[slot, e] += run.normals[2 * a + 1, i] * run.touching[a, TOTAL_PULL]
         run.log_impulses[2 * slots, e] = run.touching[a, LOST]
         run.log_impulses[2 * slots + 1, e] = run.spans[RESIDUAL]
 
 
 @shared
 def note_changes(run: Run, before: int) -> None:
-    """Write a row for each link that comes to rest, perhaps again after an impact, or takes off without an impulse."""
+    """Write a row for each link that comes to rest, perhaps again after an impact, or takes off without an impulse.
+
+    One that stays closed has a row where it begins to slip or to stick.
+    """
     for a in range(run.tallies[TOGETHER]):
         rests = run.touching[a, HELD] == 0.0 or run.touching[a, SKIPS] == 1.0
         if run.touching[a, ACTS] == 1.0 and rests:
@@ -74,6 +83,11 @@ def note_changes(run: Run, before: int) -> None:
         elif run.touching[a, ACTS] == 0.0 and run.touching[a, HELD] == 1.0 and run.touching[a, TOTAL] <= 0.0:
             e = add_row(run, a, before, TAKEOFF)
             run.log_events[e].residual = 0.0
+        elif run.touching[a, ACTS] == 1.0 and run.tallies[ROWS] == 2:
+            did, does = run.touching[a, GRIPPED], run.touching[a, GRIPS]
+            if did != does and (did == STICKS or does == STICKS):
+                e = add_row(run, a, before, STICK if does == STICKS else SLIP_KIND)
+                run.log_events[e].residual = 0.0
 
 
 @shared
@@ -85,5 +99,6 @@ def note_links(run: Run, t: float) -> None:
     for a in range(run.closed[0]):
         place = run.log_links[0]
         run.log_closed[0, place], run.log_closed[1, place] = run.now[0].rows, run.closed[1 + a]
-        run.log_closed[2, place], run.log_closed[3, place] = run.vectors[GAPS, closed_from(run) + a], run.loads[a]
+        run.log_closed[2, place], run.log_closed[3, place] = run.vectors[GAPS, row_of(run, a)], run.loads[a]
+        run.log_closed[4, place], run.log_closed[5, place] = run.remains[a], run.pulls[a]
         run.log_links[0] = place + 1

@@ -10,20 +10,30 @@ from numpy.typing import NDArray
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.assembly.broad_phase import ASTRAY, FASTEST, READY, STRAIN
+from xdynamics.march.assembly.broad_phase import ASTRAY, FASTEST, READY, ROWS, STRAIN
 from xdynamics.march.assembly.closed_links import (
+    FRICTIONLESS,
     GAPS,
+    OWN_SCALE,
     RATES,
+    RESIDUE,
     RIGHT,
     ROUGHLY,
     SCALE,
+    SLIDES_BACK,
+    SLIDES_ON,
     STEEP,
+    STICKS,
     X,
     add_answers,
     closed_from,
+    grip_at,
     list_ends,
     look_at_closed,
+    row_of,
+    rows_of_closed,
 )
+from xdynamics.march.assembly.friction import share_forces, solve_closed
 from xdynamics.march.assembly.normal_forces import solve_equations
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.force_evaluation import evaluate, finite_state
@@ -56,13 +66,17 @@ def press_closed(run: Run, t: float, state: State) -> None:
     """Find forces of closed links after which no gap accelerates, and add what they do to a state's accelerations."""
     if run.tallies[READY] == 0:
         set_out(run)
-    first, count = closed_from(run), run.closed[0]
     look_at_closed(run, t, state)
-    left = solve_equations(run, first, count)
+    left = solve_closed(run)
     run.spans[STRAIN] = left if not left <= run.spans[STRAIN] else run.spans[STRAIN]
-    for a in range(count):
-        run.loads[a] = run.vectors[X, first + a] * run.vectors[SCALE, first + a]
+    for a in range(run.closed[0]):
+        row = row_of(run, a)
+        run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
+        run.remains[a] = -run.vectors[RESIDUE, row] / run.vectors[SCALE, row]
+        run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1] if grip_at(run, a) != FRICTIONLESS else 0.0
     add_answers(run, state, run.plan[0].used)
+    if run.tallies[ROWS] == 2:
+        share_forces(run)
 
 
 @shared
@@ -79,34 +93,48 @@ def hold(run: Run, t: float) -> None:
 @shared
 def project(run: Run, t: float) -> None:
     """Close the gaps of closed links in the trial's state, as far as rounding goes, then remove their rates."""
-    first, count, before = closed_from(run), run.closed[0], inf
+    first, count, before = closed_from(run), rows_of_closed(run), inf
     for _ in range(MOST_CORRECTIONS):
         look_at_closed(run, t, run.z)
         worst = 0.0
-        for a in range(first, first + count):
-            worst = max(worst, abs(run.vectors[GAPS, a]))
-            run.vectors[RIGHT, a] = -run.vectors[GAPS, a] * run.vectors[SCALE, a]
+        for a in range(run.closed[0]):
+            row = row_of(run, a)
+            worst = max(worst, abs(run.vectors[GAPS, row]))
+            run.vectors[RIGHT, row] = -run.vectors[GAPS, row] * run.vectors[SCALE, row]
+            if run.tallies[ROWS] == 2:
+                run.vectors[RIGHT, row + 1], run.vectors[SCALE, row + 1] = 0.0, 0.0
         if worst == 0.0 or not worst < before / 2.0:
             break
         before = worst
         solve_equations(run, first, count)
         add_answers(run, run.z, 0)
-    for a in range(first, first + count):
-        allowed = 16.0 * NOISE * run.vectors[ROUGHLY, a] + 8.0 * run.vectors[STEEP, a] * run.spans[FASTEST] * width(run)
-        astray = abs(run.vectors[GAPS, a]) - allowed
+    for a in range(run.closed[0]):
+        row = row_of(run, a)
+        far = 8.0 * run.vectors[STEEP, row] * run.spans[FASTEST] * width(run)
+        astray = abs(run.vectors[GAPS, row]) - (16.0 * NOISE * run.vectors[ROUGHLY, row] + far)
         run.spans[ASTRAY] = astray if not astray <= run.spans[ASTRAY] else run.spans[ASTRAY]
     stop(run)
 
 
 @shared
 def release_moved(run: Run, t: float) -> None:
-    """Let go of closed links whose gaps, or rates, are not zero in the trial's state, where an event has set it."""
-    first, kept = closed_from(run), 0
+    """Let go of closed links whose gaps, or rates, are not zero in the trial's state, where an event has set it.
+
+    Those that stuck and now slip slide.
+    """
+    kept = 0
     look_at_closed(run, t, run.z)
     for a in range(run.closed[0]):
-        speed = NOISE * run.vectors[STEEP, first + a] * run.greatest[0]
-        far = 16.0 * NOISE * run.vectors[ROUGHLY, first + a] + 8.0 * speed / NOISE * width(run)
-        if abs(run.vectors[RATES, first + a]) <= speed and abs(run.vectors[GAPS, first + a]) <= far:
+        row, grip = row_of(run, a), grip_at(run, a)
+        speed = NOISE * run.vectors[STEEP, row] * run.greatest[0]
+        far = 16.0 * NOISE * run.vectors[ROUGHLY, row] + 8.0 * speed / NOISE * width(run)
+        if grip != FRICTIONLESS:
+            slip = run.vectors[RATES, row + 1]
+            slips = abs(slip) > NOISE * run.vectors[STEEP, row + 1] * run.greatest[0]
+            grip = (SLIDES_ON if slip > 0.0 else SLIDES_BACK) if slips else grip
+        if abs(run.vectors[RATES, row]) <= speed and abs(run.vectors[GAPS, row]) <= far:
+            if run.tallies[ROWS] == 2:
+                run.grips[kept] = grip
             kept += 1
             run.closed[kept] = run.closed[1 + a]
     run.closed[0] = kept
@@ -124,9 +152,13 @@ def width(run: Run) -> float:
 
 @shared
 def stop(run: Run) -> None:
-    """Remove the rates of closed links, which have been looked at, from the trial's state."""
-    first, count = closed_from(run), run.closed[0]
-    for a in range(first, first + count):
-        run.vectors[RIGHT, a] = -run.vectors[RATES, a] * run.vectors[SCALE, a]
+    """Remove the rates of closed links, and slips of those that stick, all looked at, from the trial's state."""
+    first, count = closed_from(run), rows_of_closed(run)
+    for a in range(run.closed[0]):
+        row = row_of(run, a)
+        run.vectors[RIGHT, row] = -run.vectors[RATES, row] * run.vectors[SCALE, row]
+        if run.tallies[ROWS] == 2:
+            run.vectors[SCALE, row + 1] = run.vectors[OWN_SCALE, row + 1] if run.grips[a] == STICKS else 0.0
+            run.vectors[RIGHT, row + 1] = -run.vectors[RATES, row + 1] * run.vectors[SCALE, row + 1]
     solve_equations(run, first, count)
     add_answers(run, run.z, run.plan[0].coordinates)

@@ -16,7 +16,21 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
 from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, WHOLE_STEP
-from xdynamics.march.assembly.closed_links import RIGHT, SCALE, X, closed_from, closed_index
+from xdynamics.march.assembly.closed_links import (
+    OWN_SCALE,
+    RIGHT,
+    SCALE,
+    SLIDES_ON,
+    STEEP,
+    STICKS,
+    X,
+    closed_from,
+    closed_index,
+    grip_at,
+    row_of,
+    rows_of_closed,
+)
+from xdynamics.march.assembly.friction import BREAKS, LIFTING, LIFTS, STOPS, margin
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, enclose_motion, gap_at, pattern_at, rate_at, touch
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import clears
@@ -28,7 +42,6 @@ State = NDArray[Any]
 FREE, MEETS, OPEN = range(3)  # what is known of a link on a piece
 NOISE = 64.0 * EPS  # of the terms of a rate: what rounding may leave
 MOST_TURNS = 200
-LIFTING = 1e-10  # of the largest force: a pull that is smaller may be rounding
 INSIDE = 0.4  # of the time tolerance: how far beyond an estimated root the other side of it is looked for
 
 
@@ -91,7 +104,7 @@ def remember_fastest(run: Run) -> None:
     """Keep the largest velocity of the march; what rounding leaves of a rate is a share of it, and of what forces give."""
     lost = 0.0
     for a in range(run.closed[0]):
-        row = closed_from(run) + a
+        row = row_of(run, a)
         lost = max(lost, abs(run.loads[a]) / run.vectors[SCALE, row] ** 2)
     run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], lost * run.trial[0].h)
 
@@ -207,23 +220,35 @@ def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
 
 @shared
 def find_release(run: Run) -> bool:
-    """Shorten the trial to end just after the force of a closed link passes zero; whether one does."""
+    """Shorten the trial to end just after a closed link lifts, its grip breaks or its slip stops; whether one does."""
     if run.closed[0] == 0:
         return False
     if run.piece[0].substeps > 0:  # else they are those of the trial's last evaluation
         forces_at(run, run.z, run.trial[0].t)
     size, lifts = 0.0, False
-    for a in range(run.closed[0]):
-        row = closed_from(run) + a
+    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
     for a in range(run.closed[0]):
-        run.lifted[a] = run.vectors[X, closed_from(run) + a] < -LIFTING * size
-        lifts = lifts or run.lifted[a] == 1
+        run.lifted[a] = happens(run, a, size)
+        lifts = lifts or run.lifted[a] > 0
     if lifts:
         copy(run.y, run.near)
         copy(run.z, run.far)
         close_in(run, 0.0, run.trial[0].h, False)
     return lifts
+
+
+@shared
+def happens(run: Run, a: int, size: float) -> int:
+    """What happens to a closed link in the trial, by the forces at its end, of a size; 0 for nothing."""
+    row, grip = row_of(run, a), grip_at(run, a)
+    if run.vectors[X, row] < -LIFTING * size:
+        return LIFTS
+    if grip == STICKS and margin(run, a, BREAKS) < -LIFTING * size * run.vectors[OWN_SCALE, row + 1]:
+        return BREAKS
+    if grip >= SLIDES_ON and margin(run, a, STOPS) < -NOISE * run.vectors[STEEP, row + 1] * run.greatest[0]:
+        return STOPS
+    return 0
 
 
 @shared
@@ -236,12 +261,12 @@ def forces_at(run: Run, state: State, t: float) -> None:
 
 @shared
 def least_force(run: Run, state: State, t: float) -> float:
-    """The least force of the closed links that lift off in the trial."""
+    """The least of what falls to zero in the trial: forces, what is left of grips, or slips."""
     forces_at(run, state, t)
     force = inf
     for a in range(run.closed[0]):
-        if run.lifted[a] == 1:
-            force = min(force, run.loads[a])
+        if run.lifted[a] > 0:
+            force = min(force, margin(run, a, run.lifted[a]))
     return force
 
 

@@ -4,7 +4,8 @@ W is the effect of each link on each, scaled so that every link answers itself w
 solved by conjugate residuals (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., 2003, algorithm 6.20), whose
 residual never grows; where links hold more than needs holding, the solution from zero on is that of least norm. The
 complementarity problem is that of a quadratic function on x >= 0, solved by modified proportioning with reduced gradient
-projections (Dostal, Schoeberl, Comput. Optim. Appl. 30, 2005, 23, doi:10.1007/s10589-005-4557-7).
+projections (Dostal, Schoeberl, Comput. Optim. Appl. 30, 2005, 23, doi:10.1007/s10589-005-4557-7); with friction each
+unknown has a greatest value, too.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from math import inf
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.closed_links import IMAGE, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
+from xdynamics.march.assembly.closed_links import IMAGE, LEAST, MOST, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
 from xdynamics.march.run import Run
 
 ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations end
@@ -66,6 +67,8 @@ def solve_equations(run: Run, first: int, count: int) -> float:
         run.vectors[X, a] = 0.0
     given, best = largest(run, RIGHT, first, count), inf
     if given == 0.0:
+        for a in range(first, first + count):
+            run.vectors[RESIDUE, a] = 0.0
         return 0.0
     for _ in range(MOST_RESTARTS):
         multiply(run, X, RESIDUE, first, count)
@@ -111,9 +114,16 @@ def solve_unilateral(run: Run, first: int, count: int) -> float:
     The gradient W x - b is in `RESIDUE` afterwards.
     """
     for a in range(first, first + count):
-        run.vectors[X, a], run.vectors[RESIDUE, a] = 0.0, -run.vectors[RIGHT, a]
+        run.vectors[LEAST, a], run.vectors[MOST, a] = 0.0, inf
+        run.vectors[X, a] = 0.0
+    return solve_bounded(run, first, count)
+
+
+@shared
+def solve_bounded(run: Run, first: int, count: int) -> float:
+    """Solve W x = b where bounds do not hinder it, from an x within bounds on; return the residual, as above."""
     given, step, restarts = largest(run, RIGHT, first, count), 1.0 / greatest_answer(run, first, count), 0
-    begin_way(run, first, count)
+    renew_gradient(run, first, count)
     for _ in range(MOST_TURNS * (count + LEAST_TURNS)):
         share = violation(run, first, count)
         if share <= ENOUGH * max(given, largest(run, X, first, count)):
@@ -152,13 +162,18 @@ def greatest_answer(run: Run, first: int, count: int) -> float:
 @shared
 def freely(run: Run, a: int) -> float:
     """The gradient along an unknown that is not at its bound."""
-    return run.vectors[RESIDUE, a] if run.vectors[X, a] > 0.0 else 0.0
+    return run.vectors[RESIDUE, a] if run.vectors[LEAST, a] < run.vectors[X, a] < run.vectors[MOST, a] else 0.0
 
 
 @shared
 def chopped(run: Run, a: int) -> float:
     """The gradient along an unknown that is at its bound, if it is to leave it."""
-    return min(run.vectors[RESIDUE, a], 0.0) if run.vectors[X, a] == 0.0 else 0.0
+    least, most = run.vectors[LEAST, a], run.vectors[MOST, a]
+    if least == most:
+        return 0.0
+    if run.vectors[X, a] == least:
+        return min(run.vectors[RESIDUE, a], 0.0)
+    return max(run.vectors[RESIDUE, a], 0.0) if run.vectors[X, a] == most else 0.0
 
 
 @shared
@@ -193,7 +208,8 @@ def is_proportional(run: Run, step: float, first: int, count: int) -> bool:
     free, bound = 0.0, 0.0
     for a in range(first, first + count):
         own, other = freely(run, a), chopped(run, a)
-        free += own * (min(run.vectors[X, a] / step, own) if own > 0.0 else own)
+        low, high = run.vectors[LEAST, a] - run.vectors[X, a], run.vectors[MOST, a] - run.vectors[X, a]
+        free += own * (min(-low / step, own) if own > 0.0 else max(-high / step, own))
         bound += other * other
     return bound <= free
 
@@ -206,29 +222,41 @@ def release(run: Run, first: int, count: int) -> None:
     multiply(run, WAY, IMAGE, first, count)
     curve = product(run, WAY, IMAGE, first, count)
     length = product(run, WAY, WAY, first, count) / curve if curve > 0.0 else 1.0
+    length = min(length, way_to_bounds(run, first, count))
     for a in range(first, first + count):
-        run.vectors[X, a] -= length * run.vectors[WAY, a]
+        moved = run.vectors[X, a] - length * run.vectors[WAY, a]
+        run.vectors[X, a] = min(max(run.vectors[LEAST, a], moved), run.vectors[MOST, a])
         run.vectors[RESIDUE, a] -= length * run.vectors[IMAGE, a]
     begin_way(run, first, count)
+
+
+@shared
+def way_to_bounds(run: Run, first: int, count: int) -> float:
+    """How far an unknown may go along the way until the first of them is at a bound."""
+    most = inf
+    for a in range(first, first + count):
+        if run.vectors[WAY, a] > 0.0:
+            most = min(most, (run.vectors[X, a] - run.vectors[LEAST, a]) / run.vectors[WAY, a])
+        elif run.vectors[WAY, a] < 0.0:
+            most = min(most, (run.vectors[X, a] - run.vectors[MOST, a]) / run.vectors[WAY, a])
+    return most
 
 
 @shared
 def follow_way(run: Run, step: float, first: int, count: int) -> bool:
     """Make a step of conjugate gradients, or to the first bound and along the free gradient; whether there is one."""
     multiply(run, WAY, IMAGE, first, count)
-    curve, most = product(run, WAY, IMAGE, first, count), inf
+    curve, most = product(run, WAY, IMAGE, first, count), way_to_bounds(run, first, count)
     if not curve > 0.0:
         return False
     length = product(run, RESIDUE, WAY, first, count) / curve
-    for a in range(first, first + count):
-        if run.vectors[WAY, a] > 0.0:
-            most = min(most, run.vectors[X, a] / run.vectors[WAY, a])
     for a in range(first, first + count):
         run.vectors[X, a] -= min(length, most) * run.vectors[WAY, a]
         run.vectors[RESIDUE, a] -= min(length, most) * run.vectors[IMAGE, a]
     if length > most:
         for a in range(first, first + count):
-            run.vectors[X, a] = max(0.0, run.vectors[X, a] - step * freely(run, a))
+            moved = run.vectors[X, a] - step * freely(run, a)
+            run.vectors[X, a] = min(max(run.vectors[LEAST, a], moved), run.vectors[MOST, a])
         renew_gradient(run, first, count)
         return True
     along = 0.0

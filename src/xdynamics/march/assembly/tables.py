@@ -13,8 +13,8 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
 from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
-from xdynamics.march.assembly.broad_phase import GROUP, SLOTS
-from xdynamics.march.assembly.closed_links import VECTORS
+from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS
+from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
 from xdynamics.march.handle import PLAINLY
 from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
@@ -40,11 +40,22 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     "held": np.zeros((0, 4), np.int64),
     **{
         name: np.zeros(0, np.int64)
-        for name in ("members", "slots", "patterns", "renewed", "grouped", "close", "meets", "closed", "lifted")
+        for name in (
+            "members",
+            "slots",
+            "patterns",
+            "renewed",
+            "grouped",
+            "close",
+            "meets",
+            "closed",
+            "lifted",
+            "grips",
+        )
     },
-    **{name: np.zeros(0) for name in ("greatest", "loads", "swing")},
+    **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "swing")},
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
-    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors")},
+    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths")},
 }
 
 
@@ -80,7 +91,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     # links are looked for between states, whatever polynomial a step leaves
     bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
     patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
-    parts = [_Part(assembly, law, settings) for assembly in every]
+    parts = [_AssemblyTables(assembly, law, settings) for assembly in every]
     rows, leafs, members = np.zeros(len(every), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()
     first_order, first_hull, first_link = 0, 0, 0
     for row, part in zip(rows, parts, strict=True):
@@ -95,7 +106,8 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     n, most, widest = layout.coordinates.size, together(model), max(row.coordinates for row in rows)
     slots, width = slots_of(model, layout.coordinates)
     tallies = np.zeros(16, np.int64)
-    tallies[SLOTS] = width
+    rows_each = 2 if any(assembly.contact.slip is not None for assembly in every) else 1
+    tallies[SLOTS], tallies[ROWS] = width, rows_each
     room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))
     arrays: dict[str, NDArray[Any]] = {
         "assemblies": rows,
@@ -114,15 +126,19 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "close": np.zeros(room, np.int64),
         "meets": np.zeros(room, np.int64),
         "touching": np.zeros((most, NUMBERS)),
-        "normals": np.zeros((2 * most, widest)),
-        "replies": np.zeros((2 * most, widest)),
-        "reads": np.zeros((2 * most, widest), np.int64),
+        "normals": np.zeros((2 * rows_each * most, widest)),
+        "replies": np.zeros((2 * rows_each * most, widest)),
+        "reads": np.zeros((2 * rows_each * most, widest), np.int64),
         "closed": np.zeros(1 + most, np.int64),
         "greatest": np.zeros(1 + len(every)),
         "held": np.zeros((most, 4), np.int64),
         "loads": np.zeros(most),
+        "pulls": np.zeros(most),
+        "remains": np.zeros(most),
+        "grips": np.zeros(most if rows_each == 2 else 0, np.int64),
         "lifted": np.zeros(most, np.int64),
-        "vectors": np.zeros((VECTORS, 2 * most)),
+        "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
+        "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
         "swing": np.zeros(n),
         "problem": np.zeros((MOST_LEMKE, 2 * MOST_LEMKE + 2)),
         "basis": np.zeros(MOST_LEMKE, np.int64),
@@ -131,7 +147,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     return arrays, patterns
 
 
-class _Part:
+class _AssemblyTables:
     """One assembly as numbers."""
 
     def __init__(self, assembly: Assembly, law: Law, settings: Settings) -> None:
@@ -152,6 +168,7 @@ class _Part:
             "links": assembly.links,
             "elements": elements,
             "paired": int(assembly.paired),
+            "rubs": int(assembly.contact.slip is not None),
             "leaves": len(assembly.leaves),
             "coordinates": assembly.coordinates,
             "row_leaf": first,

@@ -1,0 +1,314 @@
+"""Coulomb's friction of many links: a force along each slip, at most a fraction of the normal force of the same link.
+
+A link that grips has any force within its bounds and no slip, or that at a bound, against the slip; one that slides has
+that of its sliding. Bounds follow normal forces: these are solved for with bounds as they are, then bounds are made
+anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital. B 17, 1980, 796; Acary and Brogliato,
+Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import ROWS
+from xdynamics.march.assembly.closed_links import (
+    AMISS,
+    DRAG,
+    FIRST_X,
+    GIVEN,
+    GRIP,
+    LEAST,
+    LOAD,
+    MOST,
+    OWN_SCALE,
+    RATES,
+    RATIO,
+    RESIDUE,
+    RIGHT,
+    SCALE,
+    SLIDES_ON,
+    STICKS,
+    TRIED,
+    TRIED_WAY,
+    X,
+    closed_from,
+    row_of,
+    rows_of_closed,
+)
+from xdynamics.march.assembly.normal_forces import (
+    ALLOWED,
+    ENOUGH,
+    largest,
+    multiply,
+    solve_bounded,
+    solve_equations,
+    solve_unilateral,
+)
+from xdynamics.march.run import Run
+
+MOST_BOUNDS = 300  # turns of making bounds anew
+RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
+HELD = 1e-10  # of the largest term: an acceleration that is no motion
+LIFTING = 1e-10  # of the largest force: a pull, or a drag beyond its bound, that is smaller may be rounding
+LIFTS, BREAKS, STOPS = range(1, 4)  # what happens to a closed link: its force, its grip, or its slip passes zero
+
+
+@shared
+def solve_links(run: Run, first: int, count: int) -> float:
+    """Find forces, or impulses, of links within their bounds; return the residual over the size of the terms."""
+    if run.tallies[ROWS] == 1:
+        return solve_unilateral(run, first, count)
+    rows, left, change, before, turn, attempt = 2 * count, 0.0, 0.0, inf, 0, 2
+    for row in range(first, first + rows):
+        run.vectors[GIVEN, row], run.vectors[OWN_SCALE, row] = run.vectors[RIGHT, row], run.vectors[SCALE, row]
+        run.vectors[X, row], run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, 0.0, inf
+    for row in range(first + 1, first + rows, 2):
+        grips = run.vectors[GRIP, row] > 0.0 and run.vectors[SCALE, row] > 0.0
+        run.vectors[LEAST, row], run.vectors[MOST, row] = (-inf, inf) if grips else (0.0, 0.0)
+    while turn < MOST_BOUNDS:
+        turn += 1
+        left = solve_bounded(run, first, rows)
+        change = renew_bounds(run, first, rows)
+        if not left <= ALLOWED or change <= ENOUGH or before <= change <= RESTLESS:
+            break
+        if turn == attempt:
+            attempt *= 2
+            if settle(run, first, rows):
+                break
+        before = change
+    return outside(run, first, rows)
+
+
+@shared
+def renew_bounds(run: Run, first: int, rows: int) -> float:
+    """Give friction the bounds that normal forces set; return by how much a force changes, over the largest one."""
+    most = 0.0
+    for row in range(first + 1, first + rows, 2):
+        old = run.vectors[X, row]
+        at_least, at_most = old == run.vectors[LEAST, row], old == run.vectors[MOST, row]
+        bound_row(run, row)
+        new = min(max(run.vectors[LEAST, row], old), run.vectors[MOST, row])
+        new = run.vectors[MOST, row] if at_most else (run.vectors[LEAST, row] if at_least else new)
+        run.vectors[X, row] = new
+        most = max(most, abs(new - old))
+    size = max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
+    return most / size if most > 0.0 else 0.0
+
+
+@shared
+def bound_row(run: Run, row: int) -> None:
+    """Give one friction the bounds that its normal force sets."""
+    scale = run.vectors[SCALE, row]
+    force = max(run.vectors[X, row - 1], 0.0) * run.vectors[SCALE, row - 1] / scale if scale > 0.0 else 0.0
+    middle, far = run.vectors[DRAG, row] * force, run.vectors[GRIP, row] * force
+    run.vectors[LEAST, row], run.vectors[MOST, row] = middle - far, middle + far
+
+
+@shared
+def outside(run: Run, first: int, rows: int) -> float:
+    """How far the solution is from one of the whole problem, over the size of the terms; gradients are in `RESIDUE`."""
+    worst, size = 0.0, max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
+    multiply(run, X, RESIDUE, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[RESIDUE, row] -= run.vectors[RIGHT, row]
+    for row in range(first, first + rows, 2):
+        bound_row(run, row + 1)
+        for own in range(row, row + 2):
+            x, slope = run.vectors[X, own], run.vectors[RESIDUE, own]
+            near = min(max(run.vectors[LEAST, own], x - slope), run.vectors[MOST, own])
+            worst = abs(x - near) if not abs(x - near) <= worst else worst
+    return worst / size if worst != 0.0 else 0.0
+
+
+@shared
+def settle(run: Run, first: int, rows: int) -> bool:
+    """Try whether links that press, and those at a bound of their friction, are the right ones; whether they are."""
+    for row in range(first, first + rows):
+        run.vectors[TRIED, row], run.vectors[RATIO, row] = run.vectors[X, row], 0.0
+    for row in range(first, first + rows, 2):
+        x, low, high = run.vectors[X, row + 1], run.vectors[LEAST, row + 1], run.vectors[MOST, row + 1]
+        if run.vectors[X, row] == 0.0:
+            run.vectors[SCALE, row], run.vectors[SCALE, row + 1] = 0.0, 0.0
+        elif not low < x < high:
+            grip = run.vectors[GRIP, row + 1]
+            run.vectors[RATIO, row + 1] = run.vectors[DRAG, row + 1] + (-grip if x == low else grip)
+            run.vectors[SCALE, row + 1] = 0.0
+    solve_sets(run, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[SCALE, row], run.vectors[RIGHT, row] = run.vectors[OWN_SCALE, row], run.vectors[GIVEN, row]
+    if outside(run, first, rows) <= RESTLESS:
+        return True
+    for row in range(first, first + rows):
+        run.vectors[X, row] = run.vectors[TRIED, row]
+        if (row - first) % 2 == 1:
+            bound_row(run, row)
+            run.vectors[X, row] = min(max(run.vectors[LEAST, row], run.vectors[X, row]), run.vectors[MOST, row])
+    return False
+
+
+@shared
+def solve_closed(run: Run) -> float:
+    """Find forces of closed links after which none that holds accelerates; those that slide drag as they press."""
+    first, rows = closed_from(run), rows_of_closed(run)
+    if run.tallies[ROWS] == 1:
+        return solve_equations(run, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[GIVEN, row], run.vectors[RATIO, row] = run.vectors[RIGHT, row], run.vectors[DRAG, row]
+    for row in range(first, first + rows, 2):
+        run.vectors[OWN_SCALE, row] = run.vectors[SCALE, row]
+    return solve_sets(run, first, rows)
+
+
+@shared
+def solve_sets(run: Run, first: int, rows: int) -> float:
+    """Find forces of links that press, and of rows that hold, where others drag as their links press.
+
+    The forces of those that drag are solved for by generalised conjugate residuals (Eisenstat, Elman, Schultz, SIAM J.
+    Numer. Anal. 20, 1983, 345): with each direction, equations of all that hold are solved. Rows that drag have their
+    own scale afterwards.
+    """
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] = 0.0
+    left, share, best = press_along(run, LOAD, 1.0, first, rows), amiss(run, first, rows), inf
+    while share > ENOUGH and share < best / 2.0 and left <= ALLOWED:
+        best = share
+        improve(run, ENOUGH * largest(run, X, first, rows), first, rows)
+        left = press_along(run, LOAD, 1.0, first, rows)
+        share = amiss(run, first, rows)
+    for row in range(first + 1, first + rows, 2):
+        if run.vectors[RATIO, row] != 0.0:
+            scale = run.vectors[OWN_SCALE, row]
+            run.vectors[SCALE, row] = scale
+            run.vectors[X, row] = (
+                run.vectors[RATIO, row] * run.vectors[LOAD, row - 1] * run.vectors[SCALE, row - 1] / scale
+            )
+    return max(left, share)
+
+
+@shared
+def press_along(run: Run, pressing: int, given: float, first: int, rows: int) -> float:
+    """Solve for forces where links press with those of a vector as they drag, and a share of what is given."""
+    for row in range(first, first + rows):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[row, i]] = 0.0
+    for row in range(first + 1, first + rows, 2):
+        if run.vectors[RATIO, row] != 0.0:
+            drag = run.vectors[RATIO, row] * run.vectors[pressing, row - 1] * run.vectors[SCALE, row - 1]
+            for i in range(run.reads.shape[1]):
+                run.swing[run.reads[row, i]] += run.replies[row, i] * drag
+    for row in range(first, first + rows):
+        total, scale = 0.0, run.vectors[SCALE, row]
+        for i in range(run.reads.shape[1]):
+            total += run.normals[row, i] * run.swing[run.reads[row, i]]
+        run.vectors[RIGHT, row] = given * run.vectors[GIVEN, row] - total * scale if scale > 0.0 else 0.0
+    return solve_equations(run, first, rows)
+
+
+@shared
+def amiss(run: Run, first: int, rows: int) -> float:
+    """By how much links that drag press otherwise than was supposed, over the largest force; each is in `AMISS`."""
+    most = 0.0
+    for row in range(first, first + rows, 2):
+        drags = run.vectors[RATIO, row + 1] != 0.0
+        run.vectors[AMISS, row] = run.vectors[X, row] - run.vectors[LOAD, row] if drags else 0.0
+        run.vectors[AMISS, row + 1] = 0.0
+        most = abs(run.vectors[AMISS, row]) if not abs(run.vectors[AMISS, row]) <= most else most
+    return most / largest(run, X, first, rows) if most > 0.0 else 0.0
+
+
+@shared
+def improve(run: Run, enough: float, first: int, rows: int) -> None:
+    """Change what links that drag press with until forces agree, or all directions are used up."""
+    for k in range(run.paths.shape[0] // 2):
+        if largest(run, AMISS, first, rows) <= enough / 4.0:
+            return
+        for row in range(first, first + rows):
+            run.vectors[TRIED_WAY, row] = run.vectors[AMISS, row]
+        press_along(run, TRIED_WAY, 0.0, first, rows)
+        for row in range(first, first + rows):
+            own = run.vectors[TRIED_WAY, row]
+            drags = (row - first) % 2 == 0 and run.vectors[RATIO, row + 1] != 0.0
+            run.paths[2 * k, row] = own
+            run.paths[2 * k + 1, row] = own - run.vectors[X, row] if drags else 0.0
+        for j in range(k):
+            across, along = 0.0, 0.0
+            for row in range(first, first + rows):
+                across += run.paths[2 * k + 1, row] * run.paths[2 * j + 1, row]
+                along += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
+            for row in range(first, first + rows):
+                run.paths[2 * k, row] -= across / along * run.paths[2 * j, row]
+                run.paths[2 * k + 1, row] -= across / along * run.paths[2 * j + 1, row]
+        if not follow_path(run, k, first, rows):
+            return
+
+
+@shared
+def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
+    """Go along the newest direction as far as what is amiss falls; whether it leads anywhere."""
+    across, along = 0.0, 0.0
+    for row in range(first, first + rows):
+        across += run.vectors[AMISS, row] * run.paths[2 * k + 1, row]
+        along += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
+    if not along > 0.0:
+        return False
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] += across / along * run.paths[2 * k, row]
+        run.vectors[AMISS, row] -= across / along * run.paths[2 * k + 1, row]
+    return True
+
+
+@shared
+def margin(run: Run, a: int, what: int) -> float:
+    """What of a closed link falls to zero where it lifts, its grip breaks, or its slip stops."""
+    row = row_of(run, a)
+    if what == LIFTS:
+        return float(run.loads[a])
+    if what == BREAKS:
+        return float(run.vectors[GRIP, row + 1] * run.loads[a] - abs(run.pulls[a]))
+    return slip_on(run, a)
+
+
+@shared
+def slip_on(run: Run, a: int) -> float:
+    """The slip of a link that slides, in the direction in which it began to."""
+    from_row = run.vectors[RATES, row_of(run, a) + 1]
+    return float(from_row if run.grips[a] == SLIDES_ON else -from_row)
+
+
+@shared
+def share_forces(run: Run) -> None:
+    """Where closed links hold more than needs holding, share forces so that none pulls nor drags beyond its bound.
+
+    The motion stays as it is, which these forces have in common with those of `solve_closed`.
+    """
+    first, rows, within = closed_from(run), rows_of_closed(run), True
+    size = largest(run, X, first, rows)
+    for a in range(run.closed[0]):
+        row = row_of(run, a)
+        within = within and run.vectors[X, row] >= -LIFTING * size
+        if run.grips[a] == STICKS:
+            within = within and margin(run, a, BREAKS) >= -LIFTING * size * run.vectors[SCALE, row + 1]
+    if within:
+        return
+    for row in range(first, first + rows):
+        run.vectors[RIGHT, row] = run.vectors[GIVEN, row]
+        run.vectors[FIRST_X, row] = run.vectors[X, row]
+    if solve_links(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
+        for a in range(run.closed[0]):
+            row = row_of(run, a)
+            run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
+            run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1]
+        return
+    for row in range(first, first + rows):
+        run.vectors[X, row] = run.vectors[FIRST_X, row]
+
+
+@shared
+def all_held(run: Run, first: int, rows: int) -> bool:
+    """Whether no closed link accelerates along what it holds."""
+    held, size = True, max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
+    for row in range(first, first + rows):
+        if run.vectors[DRAG, row] == 0.0:
+            held = held and abs(run.vectors[RESIDUE, row]) <= HELD * size
+    return held
