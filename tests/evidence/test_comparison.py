@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -320,7 +321,10 @@ def test_what_two_falls_differ_in_is_said() -> None:
     worst = int(np.abs(times.values).argmax())
     assert worst == 1  # the way down
     (line,) = [one for one in said if "difference_event_time_level" in one]
-    assert f"= {float(times[1]):.6g} s occurrence 2, scaled" in line
+    told = re.search(r"= (\S+) ± (\S+) s occurrence 2, scaled", line)
+    assert told is not None
+    assert 0.0 < float(told[2]) < 1e-9
+    assert float(told[1]) == pytest.approx(float(times[1]), abs=float(told[2]))
     place = table.difference_y
     (line,) = [one for one in said if one.startswith("largest   difference_y ")]
     k = int(np.abs(place.values).argmax())

@@ -18,7 +18,8 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
 from xdynamics.evidence.memory import LIMIT, Memory, most_megabytes
-from xdynamics.evidence.stages import Task, computed
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import computed
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")

@@ -115,7 +115,7 @@ def test_bounds_are_written_with_what_they_read() -> None:
     regimes = {"near": {"forces": ["spring"]}, "far": {"forces": ["spring"]}}
     events = {"e": {"function": "2*(x - a)*w"}, "go": {"function": "x", "action": "switch", "to": "far"}}
     layout = layout_of(model(regimes=regimes, events=events))
-    lines, ends = bounds(layout, "width", "t", "t1")
+    lines, ends = bounds(layout, "width", "t", "t1", 0)
     assert ends == [(f"under{i}", f"over{i}") for i in range(len(layout.watched))]
     computed = {line.target: line for line in lines if isinstance(line, Compute) and line.kind == INTERVAL}
     loads = {line.target: line.place for line in lines if isinstance(line, Load)}

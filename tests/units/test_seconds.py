@@ -18,8 +18,8 @@ OTHER_LETTERS = {
     "archive": 1,
     "cli": 1,
     "documenting": 1,
-    "figures": 2,
-    "kernels": 2,
+    "figures": 3,
+    "kernels": 3,
     "methods": 2,
     "model": 5,
 }

@@ -22,7 +22,8 @@ from xdynamics.budgeting.physical import copies
 from xdynamics.budgeting.random_draws import drawn_until, wanted_of
 from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, ROUNDING, RUN
 from xdynamics.budgeting.term import Declared, Term
-from xdynamics.evidence.stages import Gathered, Stage, Task, blank_run, lazy, results_of
+from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
+from xdynamics.evidence.stages import Stage, blank_run, lazy
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for

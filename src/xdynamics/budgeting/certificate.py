@@ -20,7 +20,8 @@ from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.refining.verdict_words import in_words
-from xdynamics.evidence.stages import Stage, Task, computed, lazy
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered

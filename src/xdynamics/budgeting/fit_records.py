@@ -18,7 +18,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.record.columns import columns_of
 from xdynamics.record.element_attributes import of_wholes
-from xdynamics.sweeping.axes import numbers_of
+from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.units import Unit, parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]

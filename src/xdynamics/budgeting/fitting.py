@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -149,13 +149,7 @@ def fit(
     problem = Fitting(records, numbers, scales)
     if problem.told:
         problem = replace(problem, loss=loss_named(loss))
-    results, test = list[Search](), None
-    for entry in searches(problem, start / scales, low / scales, high / scales, starts, seed):
-        results.append(entry)
-        if entry.converged and len(results) == 1:
-            _covariance(problem, entry.slopes)  # raises for indeterminate parameters before searching on
-        if entry.converged and (test := problem.tested(entry)).adequate:
-            break
+    results = _until_adequate(problem, searches(problem, start / scales, low / scales, high / scales, starts, seed))
     best = min(results, key=lambda entry: entry.square)
     if not np.isfinite(best.square):
         raise InputError(results[0].stopped)
@@ -169,6 +163,18 @@ def fit(
         reason = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
         warn(f"the fit of '{name}' to {_named(problem)} is not adequate: {reason}", AccuracyWarning)
     return evidence
+
+
+def _until_adequate(problem: Fitting, tried: Iterable[Search]) -> list[Search]:
+    """Return the searches up to the first one whose residuals are no more than noise."""
+    results: list[Search] = []
+    for entry in tried:
+        results.append(entry)
+        if entry.converged and len(results) == 1:
+            _covariance(problem, entry.slopes)  # raises for indeterminate parameters before searching on
+        if entry.converged and problem.tested(entry).adequate:
+            break
+    return results
 
 
 def _check_choices(starts: Any, seed: Any, loss: str, intervals: str, coverage: Any) -> None:

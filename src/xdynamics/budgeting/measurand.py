@@ -12,7 +12,7 @@ from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, ex
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.observables import comparable, observables_of, observe
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import inputs_of
+from xdynamics.evidence.stage_tasks import inputs_of
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for

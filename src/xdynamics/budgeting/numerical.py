@@ -20,7 +20,7 @@ from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
 from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Task, march_task
+from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import LEAST_RTOL

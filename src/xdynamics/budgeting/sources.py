@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.term import TERMS, Term
-from xdynamics.evidence.stages import Gathered, Task
+from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.faults import InputError
 from xdynamics.units import Unit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -101,11 +101,7 @@ def sweep(
 
     model = changed_model(model_file, changes)
     grid = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
-    if not grid and not ranges:
-        raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
-    repeated = [text.partition("=")[0] for text in changes if text.partition("=")[0] in grid]
-    if repeated:
-        raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} say two things; give one")
+    _check_varied(grid, ranges, changes)
     if ranges or draws is not None:
         grid["draw"] = _drawn(ranges, draws, design, seed)
     words = [word.strip() for text in kept for word in text.split(",") if word.strip()] or ["end"]
@@ -128,6 +124,15 @@ def sweep(
     say([*summary(result), f"sweep     {output}"])
     hand_over(result, archive=output)
     sys.exit(DONE if {*map(str, result["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
+
+
+def _check_varied(grid: Mapping[str, Any], ranges: tuple[str, ...], changes: tuple[str, ...]) -> None:
+    """Refuse a sweep in which nothing varies, or of which one thing is said twice."""
+    if not grid and not ranges:
+        raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
+    repeated = [text.partition("=")[0] for text in changes if text.partition("=")[0] in grid]
+    if repeated:
+        raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} say two things; give one")
 
 
 def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:

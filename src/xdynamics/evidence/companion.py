@@ -16,7 +16,8 @@ from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Stage, Task, lazy, march_task, subject_of
+from xdynamics.evidence.stage_tasks import Task, march_task
+from xdynamics.evidence.stages import Stage, lazy, subject_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS

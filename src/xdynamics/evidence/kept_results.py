@@ -22,7 +22,7 @@ from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import made_folder, store_of, taking_name
 from xdynamics.evidence.cluster import environment
 from xdynamics.evidence.memory import REMEMBERED
-from xdynamics.evidence.stages import Task
+from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.cached_properties import cached_property
 

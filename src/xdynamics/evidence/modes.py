@@ -12,7 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy
+from xdynamics.evidence.stage_tasks import Task, inputs_of
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, text_of
@@ -40,7 +40,7 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     ----------
     equations : LagrangesMethod or KanesMethod
         Of `sympy.physics.mechanics`, its equations formed.
-    given : mapping
+    sections : mapping
         Further sections of a model file: `coordinates` with the unit of each, `parameters`, `initial`, and any other.
 
     Raises
@@ -50,7 +50,6 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
         contains something the language of expressions does not have, or a coordinate lacks a unit.
     """
     try:
-        import sympy
         from sympy.physics.mechanics import KanesMethod, LagrangesMethod, dynamicsymbols
     except ImportError:
         raise InputError("Model.from_sympy needs sympy: pip install 'xdynamics[sympy]'") from None
@@ -62,23 +61,7 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     time = dynamicsymbols._t  # noqa: SLF001 - sympy's own name for the time of dynamic symbols
     coordinates = list(equations.q)
     speeds = [coordinate.diff(time) for coordinate in coordinates]
-    if isinstance(equations, KanesMethod):
-        derivatives = equations.kindiffdict()
-        if [sympy.simplify(derivatives[speed] - own) for speed, own in zip(speeds, equations.u, strict=True)] != [
-            0
-        ] * len(speeds):
-            raise InputError(
-                "the generalised speeds of KanesMethod are no time derivatives of its coordinates; choose u = q'"
-            )
-        renamed = dict(zip(equations.u, speeds, strict=True))
-        mass, forcing = equations.mass_matrix.xreplace(renamed), equations.forcing.xreplace(renamed)
-    else:
-        if equations.coneqs:
-            raise InputError("LagrangesMethod has constraints; choose coordinates without")
-        try:
-            mass, forcing = equations.mass_matrix, equations.forcing
-        except ValueError:
-            raise InputError("LagrangesMethod has no equations yet; call form_lagranges_equations() first") from None
+    mass, forcing = (_by_kane if isinstance(equations, KanesMethod) else _by_lagrange)(equations, speeds)
     names = {coordinate: str(coordinate.func) for coordinate in coordinates}
     names |= {speed: velocity(names[coordinate]) for coordinate, speed in zip(coordinates, speeds, strict=True)} | {
         time: "t"
@@ -99,6 +82,29 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
     }
     own["forces"] = {TERM: forces} | dict(sections.get("forces", {}))
     return {"name": "from sympy"} | dict(sections) | own
+
+
+def _by_kane(equations: Any, speeds: Sequence[Any]) -> tuple[Any, Any]:
+    """Return mass matrix and forcing in derivatives of the coordinates."""
+    from sympy import simplify
+
+    derivatives = equations.kindiffdict()
+    if any(simplify(derivatives[speed] - own) != 0 for speed, own in zip(speeds, equations.u, strict=True)):
+        raise InputError(
+            "the generalised speeds of KanesMethod are no time derivatives of its coordinates; choose u = q'"
+        )
+    renamed = dict(zip(equations.u, speeds, strict=True))
+    return equations.mass_matrix.xreplace(renamed), equations.forcing.xreplace(renamed)
+
+
+def _by_lagrange(equations: Any, _: Sequence[Any]) -> tuple[Any, Any]:
+    """Return mass matrix and forcing, which are in derivatives of the coordinates."""
+    if equations.coneqs:
+        raise InputError("LagrangesMethod has constraints; choose coordinates without")
+    try:
+        return equations.mass_matrix, equations.forcing
+    except ValueError:
+        raise InputError("LagrangesMethod has no equations yet; call form_lagranges_equations() first") from None
 
 
 class Trees:

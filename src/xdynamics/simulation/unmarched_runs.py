@@ -13,7 +13,8 @@ from xdynamics import record
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.runs import marched_by
-from xdynamics.evidence.stages import Stage, Task, lazy
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
+from xdynamics.evidence.stage_tasks import Gathered, Task
+from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.stages import Gathered, Stage, Task, computed, lazy
+from xdynamics.evidence.stage_tasks import Gathered, Task
+from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.collection import DIGEST, check_sweep

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.sweeping.axes import Axis, AxisColumn, numbers_of
+from xdynamics.sweeping.axes import Axis, AxisColumn
+from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.sweeping.grid import SweepGrid
 
 ALIKE = 1e-12  # relative difference of values that were converted between units

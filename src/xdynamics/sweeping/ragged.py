@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.stages import Stage, Task, lazy
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import march_many
 from xdynamics.record.columns import columns_of

@@ -27,7 +27,8 @@ from xdynamics.evidence.comparing.differences import (
 from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
-from xdynamics.evidence.stages import Stage, Task, foreseen, is_lazy, lazy, subject_of, task_of
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import Stage, foreseen, is_lazy, lazy, subject_of, task_of
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.record.flag_words import time_unit

@@ -27,7 +27,8 @@ from xdynamics.evidence.diagnosing.phases import (
 )
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
-from xdynamics.evidence.stages import Stage, Task, counted_number, lazy, results_of, subject_of, task_of
+from xdynamics.evidence.stage_tasks import Task, results_of
+from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
 from xdynamics.record.kinds import check_every_column, check_every_row

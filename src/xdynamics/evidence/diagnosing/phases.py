@@ -17,7 +17,7 @@ from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
 from xdynamics.evidence.diagnosing.turns import TURNS
 from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.stages import Task, march_task
+from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record import check_kind

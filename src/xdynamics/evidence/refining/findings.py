@@ -17,7 +17,8 @@ from xdynamics.evidence.refining.family import ROLE, Watched, family
 from xdynamics.evidence.refining.readings import Common, Outline, Readings
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import Subjects, crossing_level
-from xdynamics.evidence.stages import AT_ONCE, Stage, Task, inputs_of, lazy
+from xdynamics.evidence.stage_tasks import AT_ONCE, Task, inputs_of
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, AT_TIME, LEVEL
 

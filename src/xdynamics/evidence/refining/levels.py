@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.refining.convergence import HIGHEST
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Task, march_task
+from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES

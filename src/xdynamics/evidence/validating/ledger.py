@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.runs import march
-from xdynamics.evidence.stages import Stage, Task, inputs_of, lazy, march_task, remembered, results_of
+from xdynamics.evidence.stage_tasks import Task, inputs_of, march_task, remembered, results_of
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_dataset

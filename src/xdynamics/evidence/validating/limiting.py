@@ -16,7 +16,8 @@ from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import observables_of, observe
-from xdynamics.evidence.stages import Stage, Task, blank_run, lazy, march_task, results_of
+from xdynamics.evidence.stage_tasks import Task, march_task, results_of
+from xdynamics.evidence.stages import Stage, blank_run, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for

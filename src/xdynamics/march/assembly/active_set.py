@@ -26,7 +26,11 @@ from xdynamics.march.assembly.closed_links import (
 )
 from xdynamics.march.assembly.friction import BREAKS, RESTLESS, solve_links
 from xdynamics.march.assembly.holding import project, stop
-from xdynamics.march.assembly.impact import (
+from xdynamics.march.assembly.impact import acceleration_along, pose_slip, rate_of, slip_of
+from xdynamics.march.assembly.links import ASSEMBLY, LINK
+from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
+from xdynamics.march.assembly.normal_forces import ALLOWED, largest
+from xdynamics.march.assembly.touching import (
     ACTS,
     AFTER,
     BIAS,
@@ -52,14 +56,7 @@ from xdynamics.march.assembly.impact import (
     SLIP_SLACK,
     STATIC,
     TAKEN,
-    acceleration_along,
-    pose_slip,
-    rate_of,
-    slip_of,
 )
-from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
-from xdynamics.march.assembly.normal_forces import ALLOWED, largest
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 

@@ -41,7 +41,7 @@ from xdynamics.march.assembly.broad_phase import (
 )
 from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
 from xdynamics.march.assembly.holding import hold, release_moved
-from xdynamics.march.assembly.impact import collide, list_touching, weigh_impulses
+from xdynamics.march.assembly.impact import collide, weigh_impulses
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import (
     NOISE,
@@ -53,6 +53,7 @@ from xdynamics.march.assembly.narrow_phase import (
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.assembly.touching import list_touching
 from xdynamics.march.calls import called
 from xdynamics.march.control import grow
 from xdynamics.march.events.arming import rearm
@@ -241,9 +242,15 @@ def land(run: Run) -> None:
         move_apart(run)
         end(run, CONTACT_INCONSISTENT)
         return
-    now.on_grid = 0
+    depart(run, reached)
+
+
+@shared
+def depart(run: Run, reached: bool) -> None:
+    """Go on from the state after impacts, as a march begins, or from the node if the step reached one."""
+    run.now[0].on_grid = 0
     if reached:
-        trial.landing = run.tallies[LANDING]
+        run.trial[0].landing = run.tallies[LANDING]
         land_apart(run)
     move_apart(run)
     run.kept[0].since = STARTED

@@ -5,7 +5,9 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import LEFT, RESIDUAL, ROWS, SLOTS, TOGETHER
 from xdynamics.march.assembly.closed_links import GAPS, STICKS, row_of
-from xdynamics.march.assembly.impact import (
+from xdynamics.march.assembly.links import ASSEMBLY, END, LINK
+from xdynamics.march.assembly.narrow_phase import forces_at
+from xdynamics.march.assembly.touching import (
     ACTS,
     CANDIDATE,
     GAP,
@@ -23,8 +25,6 @@ from xdynamics.march.assembly.impact import (
     TOTAL,
     TOTAL_PULL,
 )
-from xdynamics.march.assembly.links import ASSEMBLY, END, LINK
-from xdynamics.march.assembly.narrow_phase import forces_at
 from xdynamics.march.run import Run
 from xdynamics.schema import IMPACT, REST, STICK, TAKEOFF
 from xdynamics.schema import SLIP as SLIP_KIND

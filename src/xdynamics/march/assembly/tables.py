@@ -15,7 +15,8 @@ from xdynamics.kernels.compiling import keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
-from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
+from xdynamics.march.assembly.impact import MOST_LEMKE
+from xdynamics.march.assembly.touching import NUMBERS
 from xdynamics.march.handle import PLAINLY
 from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
 from xdynamics.march.run import ASSEMBLY, Run
@@ -79,40 +80,23 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     every, layout = assemblies(model), law.layout
     if not every:
         return _NOTHING | {"tallies": np.zeros(16, np.int64), "spans": np.zeros(16)}, []
-    if not law.scheme.method.stepper.locates:
-        raise InputError(
-            f"method '{law.scheme.method.name}' does not locate impacts, as contacts of more links than are written out"
-            " need; choose another method"
-        )
-    if settings.apart:
-        raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
-    if any(detector.drive or detector.at_zero for detector in layout.switches):
-        raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
+    _check(law, settings)
     # links are looked for between states, whatever polynomial a step leaves
     bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
     patterns = [_posed(own, bare, pose) for assembly in every for own in assembly.pattern]
-    parts = [_AssemblyTables(assembly, law, settings) for assembly in every]
-    rows, leafs, members = np.zeros(len(every), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()
-    first_order, first_hull, first_link = 0, 0, 0
-    for row, part in zip(rows, parts, strict=True):
-        row.first_leaf, row.first_order, row.first_hull = len(leafs), first_order, first_hull
-        row.first_link = first_link
-        for name, value in part.numbers.items():
-            setattr(row, name, value)
-        leafs += part.leafs(sum(len(places) for places in members))
-        members += part.members
-        first_order, first_hull = first_order + row.elements, first_hull + row.groups * row.leaves
-        first_link += row.links
+    rows, leafs, members = _arranged([_AssemblyTables(assembly, law, settings) for assembly in every])
     n, most, widest = layout.coordinates.size, together(model), max(row.coordinates for row in rows)
     slots, width = slots_of(model, layout.coordinates)
-    tallies = np.zeros(16, np.int64)
-    rows_each = 2 if any(assembly.contact.slip is not None for assembly in every) else 1
+    rows_each, tallies = (
+        2 if any(assembly.contact.slip is not None for assembly in every) else 1,
+        np.zeros(16, np.int64),
+    )
     tallies[SLOTS], tallies[ROWS] = width, rows_each
     room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))
     arrays: dict[str, NDArray[Any]] = {
         "assemblies": rows,
-        "leafs": np.array(leafs, np.int64).reshape(-1, 5),
-        "members": np.concatenate([*members, np.zeros(0, np.int64)]),
+        "leafs": leafs,
+        "members": members,
         "slots": slots,
         "handed": np.array(_handed(every, model, settings), np.int64).reshape(-1, 3),
         "patterns": np.array(_addresses(patterns), np.int64),
@@ -120,11 +104,10 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "spans": np.zeros(16),
         "boxes": np.zeros((2, n)),
         "renewed": np.zeros(n, np.int64),
-        "hulls": np.zeros((2, first_hull)),
-        "grouped": np.zeros(first_order, np.int64),
+        "hulls": np.zeros((2, sum(row.groups * row.leaves for row in rows))),
+        "grouped": np.zeros(sum(row.elements for row in rows), np.int64),
         "candidates": np.zeros((room, 4), np.int64),
-        "close": np.zeros(room, np.int64),
-        "meets": np.zeros(room, np.int64),
+        **{name: np.zeros(room, np.int64) for name in ("close", "meets")},
         "touching": np.zeros((most, NUMBERS)),
         "normals": np.zeros((2 * rows_each * most, widest)),
         "replies": np.zeros((2 * rows_each * most, widest)),
@@ -132,9 +115,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "closed": np.zeros(1 + most, np.int64),
         "greatest": np.zeros(1 + len(every)),
         "held": np.zeros((most, 4), np.int64),
-        "loads": np.zeros(most),
-        "pulls": np.zeros(most),
-        "remains": np.zeros(most),
+        **{name: np.zeros(most) for name in ("loads", "pulls", "remains")},
         "grips": np.zeros(most if rows_each == 2 else 0, np.int64),
         "lifted": np.zeros(most, np.int64),
         "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
@@ -145,6 +126,35 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "solution": np.zeros(MOST_LEMKE),
     }
     return arrays, patterns
+
+
+def _check(law: Law, settings: Settings) -> None:
+    """Refuse what contacts of many links do not go with."""
+    if not law.scheme.method.stepper.locates:
+        raise InputError(
+            f"method '{law.scheme.method.name}' does not locate impacts, as contacts of more links than are written out"
+            " need; choose another method"
+        )
+    if settings.apart:
+        raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
+    if any(detector.drive or detector.at_zero for detector in law.layout.switches):
+        raise InputError("contacts of many links and switches hidden in forces do not go together; smooth the switches")
+
+
+def _arranged(parts: Sequence[_AssemblyTables]) -> tuple[NDArray[Any], Whole, Whole]:
+    """Return the row of each assembly, with where its numbers begin, the leafs and the members of all."""
+    rows, leafs, members = np.zeros(len(parts), ASSEMBLY), list[tuple[int, ...]](), list[Whole]()
+    first_order, first_hull, first_link = 0, 0, 0
+    for row, part in zip(rows, parts, strict=True):
+        row.first_leaf, row.first_order, row.first_hull = len(leafs), first_order, first_hull
+        row.first_link = first_link
+        for name, value in part.numbers.items():
+            setattr(row, name, value)
+        leafs += part.leafs(sum(len(places) for places in members))
+        members += part.members
+        first_order, first_hull = first_order + row.elements, first_hull + row.groups * row.leaves
+        first_link += row.links
+    return rows, np.array(leafs, np.int64).reshape(-1, 5), np.concatenate([*members, np.zeros(0, np.int64)])
 
 
 class _AssemblyTables:

@@ -1,0 +1,192 @@
+"""Tasks of stages: calls in dask's graph, each named by a digest of everything that its result depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics import record
+from xdynamics.evidence.memory import REMEMBERED
+from xdynamics.evidence.runs import march
+from xdynamics.march import March
+from xdynamics.march.configuration import unthinned_settings_for
+from xdynamics.model import Model
+from xdynamics.record.provenance import force_digest
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+AT_ONCE = 1e18  # steps, more than any march has: of what is begun before all that waits
+
+
+@dataclass(frozen=True)
+class Task:
+    """One call in the graph of a stage.
+
+    Attributes
+    ----------
+    name : str
+        With a digest of everything that the result depends on.
+    call : callable
+        Called with the results of the tasks that it needs.
+    needs : tuple of Task
+    lasting : bool
+        Whether the result may be remembered: not if it is in a file, which may be replaced.
+    steps : float
+        About how many steps it takes: of several that could begin, a cluster begins the longest first.
+    """
+
+    name: str
+    call: Callable[..., Any]
+    needs: tuple[Task | Gathered, ...] = ()
+    lasting: bool = True
+    steps: float = 0.0
+
+    @classmethod
+    def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task | Gathered, ...], *inputs: Any) -> Task:
+        """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
+        words = repr((kind, [task.name for task in needs], inputs))
+        return cls(f"{kind}-{sha256(words.encode()).hexdigest()[:32]}", call, needs)
+
+    @property
+    def layers(self) -> dict[str, Any]:
+        """The task and all that it needs, as layers of dask's graph, one for each."""
+        return {name: layer for task in self._all().values() for name, layer in task.layer.items()}
+
+    @property
+    def dependencies(self) -> dict[str, set[str]]:
+        """By the name of each layer, the names of those that it needs."""
+        return {name: {needed.name for needed in task.needs} for name, task in self._all().items()}
+
+    @property
+    def layer(self) -> dict[str, Any]:
+        """The task alone."""
+        from dask.highlevelgraph import MaterializedLayer
+
+        call = partial(_result, self.name, self.call) if self.lasting else self.call
+        tasks = {self.name: (call, *(task.name for task in self.needs))}
+        return {self.name: MaterializedLayer(tasks, annotations={"priority": self.steps} if self.steps else None)}
+
+    def _all(self) -> dict[str, Task | Gathered]:
+        """Return the task and all that it needs by name, each once, however many need it."""
+        found: dict[str, Task | Gathered] = {}
+        waiting: list[Task | Gathered] = [self]
+        while waiting:
+            task = waiting.pop()
+            if task.name not in found:
+                found[task.name] = task
+                waiting += task.needs
+        return found
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """The values of a lazy variable, for a task that needs all of them: of a sweep, whose blocks are tasks too."""
+
+    variable: xr.DataArray
+
+    @property
+    def name(self) -> str:
+        """A name that follows from the array's."""
+        return f"gathered-{self.variable.data.name}"
+
+    @property
+    def needs(self) -> tuple[Task, ...]:
+        """It needs no other task."""
+        return ()
+
+    @property
+    def layer(self) -> dict[str, Any]:
+        """The tasks of the array, and one that puts its blocks together, as a layer of dask's graph."""
+        from dask.highlevelgraph import MaterializedLayer
+
+        data = self.variable.data
+        finish, extra = data.__dask_postcompute__()
+        whole = {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
+        return {self.name: MaterializedLayer(dict(data.__dask_graph__()) | whole)}
+
+
+def _gathered(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:
+    return np.array(finish(blocks, *extra))
+
+
+def results_of(*tasks: Task) -> list[Any]:
+    """Return the results of tasks, computed one after the other here; what no other task needs is forgotten at once."""
+    order: dict[str, Task] = {}
+
+    def visit(task: Task) -> None:
+        if task.name not in order:
+            for needed in task.needs:
+                assert isinstance(needed, Task)  # noqa: S101 - gathered values are for graphs
+                visit(needed)
+            order[task.name] = task
+
+    for task in tasks:
+        visit(task)
+    last = {needed.name: name for name, task in order.items() for needed in task.needs}
+    wanted, results = {task.name for task in tasks}, dict[str, Any]()
+    for name, task in order.items():
+        results[name] = task.call(*(results[needed.name] for needed in task.needs))
+        for needed in task.needs:
+            if last[needed.name] == name and needed.name not in wanted:
+                results.pop(needed.name, None)
+    return [results[task.name] for task in tasks]
+
+
+def march_task(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> Task:
+    """Return the task that marches a model as `evidence.runs.march` does, named by the digest of all inputs of the run.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong.
+    """
+    prepared = March(model, unthinned_settings_for(model, **asked))
+    words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
+    name = "-".join(["march", *words, *([str(path)] if path is not None else [])])
+    call = partial(march, path=path, memory=memory, **asked)
+    return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_steps(prepared))
+
+
+def _model_task(model: Model, prepared: March) -> Task:
+    """Return the task that is a model: a cluster is sent it once, with its tables, however many marches there are."""
+    words = ["model", model.digest, *([force_digest(prepared)] if model.python_functions else [])]
+    return Task("-".join(words), partial(_given, model), lasting=False)
+
+
+def _given(model: Model) -> Model:
+    return model
+
+
+def _steps(prepared: March) -> float:
+    """Return about how many steps a march takes, or a number that grows with it where its tolerances decide."""
+    settings, step = prepared.settings, prepared.settings.step
+    if isinstance(step, tuple):
+        return float(len(step))
+    if settings.tolerances is None:
+        return abs(settings.until - prepared.model.initial["t"].si) / step if step else 1.0
+    return float(settings.tolerances.rtol ** (-1.0 / max(settings.method.order, 1)))
+
+
+def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
+    return REMEMBERED.result(name, partial(call, *needs))
+
+
+def remembered(task: Task) -> Any:
+    """Return the result of a task in this process."""
+
+    def make() -> Any:
+        return results_of(task)[0]
+
+    return REMEMBERED.result(task.name, make)
+
+
+def inputs_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return settings as words, in one order, for the name of a task."""
+    return sorted((name, repr(value)) for name, value in settings.items())

@@ -1,0 +1,166 @@
+"""Links that touch as an impact begins, and what impulses along each of them do."""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import (
+    BOUNCED,
+    CLOSE,
+    COUNT,
+    CROWDED,
+    DEPTH,
+    FASTEST,
+    OVERLAP,
+    ROWS,
+    RUBBED,
+    TOGETHER,
+    blame,
+)
+from xdynamics.march.assembly.closed_links import FRICTIONLESS, closed_index
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
+from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
+from xdynamics.march.run import Run
+
+CANDIDATE, GAP, RATE, BOUNCE, SLACK, TARGET_RATE, IMPULSE, TOTAL, LOST, ACTS, BEFORE, OWN, EARLY, BIAS, ROUGH = range(
+    15
+)
+# how far a gap may be from zero; whether the link was closed before, whether it then lifts; its force, the acceleration
+# of its gap, whether its bounces are skipped, how
+# long these would have lasted, and the energy that this takes
+REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
+# of a link with friction: whether it has any, its coefficients while it slides and before, its slip, how much of it is
+# by time alone and how that changes, what rounding leaves of it, what it answers to a unit of its own impulse, this
+# impulse and all at the time, its force and acceleration, and what it did before and does after
+RUBS, KINETIC, STATIC, SLIP, SLIP_EARLY, SLIP_BIAS, SLIP_SLACK, SLIP_OWN = range(23, 31)
+PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
+NUMBERS = 37  # of a link that touches
+OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
+
+
+@shared
+def list_touching(run: Run, t: float) -> bool:
+    """List the links that touch in the order of their numbers, with what impulses along each do."""
+    run.tallies[TOGETHER], listed = 0, True
+    for m in range(run.tallies[CLOSE]):
+        listed = listed and admit(run, run.close[m], t, False)
+    if run.closed[0] > 0:
+        for k in range(run.tallies[COUNT]):
+            if closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
+                listed = listed and admit(run, k, t, True)
+    return listed
+
+
+@shared
+def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
+    """List a candidate if it is closed, or its gap is as good as zero; False where the list cannot be made."""
+    c, link, count = run.candidates[k, ASSEMBLY], run.candidates[k, LINK], run.tallies[TOGETHER]
+    assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c + 1])
+    touch(run, run.z, t, k)
+    gap, steep, size = pattern.links[0].gap, 0.0, abs(pattern.links[0].gap)
+    for i in range(assembly.coordinates):
+        steep += abs(pattern.directions[0, i])
+        size += abs(pattern.directions[0, i] * pattern.z[i])
+    reach = NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
+    if gap > reach and not is_closed:
+        return True
+    if count >= run.touching.shape[0]:
+        blame(run, CROWDED, c, link)
+        return False
+    if not gap >= -OVERLAPPING * reach:
+        blame(run, OVERLAP, c, link)
+        run.spans[DEPTH] = gap
+        return False
+    if assembly.rubs == 1 and not 0.0 <= pattern.links[1].coefficient <= pattern.links[1].most:
+        blame(run, RUBBED, c, link)
+        run.spans[DEPTH] = pattern.links[1].coefficient
+        return False
+    if not 0.0 <= pattern.links[0].coefficient <= 1.0:
+        blame(run, BOUNCED, c, link)
+        run.spans[DEPTH] = pattern.links[0].coefficient
+        return False
+    place = count
+    while place > 0 and follows(run, place - 1, c, link):
+        move(run, place - 1, place)
+        place -= 1
+    note_link(run, place, k, gap, NOISE * steep * run.spans[FASTEST])
+    run.touching[place, ROUGH], run.touching[place, REACH] = NOISE * size, reach
+    held = closed_index(run, c, link)
+    run.touching[place, HELD] = 1.0 if held >= 0 else 0.0
+    run.touching[place, LIFTS] = 1.0 if held >= 0 and run.lifted[held] == 1 and run.loads[held] <= 0.0 else 0.0
+    if run.tallies[ROWS] == 2:
+        run.touching[place, GRIPPED] = run.grips[held] if held >= 0 else FRICTIONLESS
+    run.tallies[TOGETHER] = count + 1
+    return True
+
+
+@shared
+def follows(run: Run, a: int, c: int, link: int) -> bool:
+    """Whether a link that is listed comes after another one."""
+    k = int(run.touching[a, CANDIDATE])
+    own = run.candidates[k, ASSEMBLY]
+    return bool(own > c or (own == c and run.candidates[k, LINK] > link))
+
+
+@shared
+def move(run: Run, source: int, target: int) -> None:
+    """Move a link that is listed to another place."""
+    for j in range(run.touching.shape[1]):
+        run.touching[target, j] = run.touching[source, j]
+    rows = run.tallies[ROWS]
+    for row in range(rows):
+        old, new = rows * source + row, rows * target + row
+        for i in range(run.normals.shape[1]):
+            run.normals[new, i], run.replies[new, i] = run.normals[old, i], run.replies[old, i]
+            run.reads[new, i] = run.reads[old, i]
+
+
+@shared
+def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
+    """Note a link that touches, from its pattern."""
+    c = run.candidates[k, ASSEMBLY]
+    assembly, pattern, own = run.assemblies[c], pattern_at(run.patterns[2 * c + 1]), 0.0
+    row = int(run.tallies[ROWS]) * a
+    for i in range(run.normals.shape[1]):
+        run.normals[row, i], run.replies[row, i], run.reads[row, i] = 0.0, 0.0, 0
+    for i in range(assembly.coordinates):
+        run.normals[row, i], run.replies[row, i] = pattern.directions[0, i], pattern.responses[0, i]
+        link, first, second = run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
+        run.reads[row, i] = member(run, assembly.first_leaf + i, link, first, second)
+        own += pattern.directions[0, i] * pattern.responses[0, i]
+    numbers = run.touching
+    numbers[a, CANDIDATE], numbers[a, GAP], numbers[a, SLACK], numbers[a, OWN] = k, gap, slack, own
+    numbers[a, BOUNCE], numbers[a, TOTAL], numbers[a, LOST] = pattern.links[0].coefficient, 0.0, 0.0
+    numbers[a, BIAS] = pattern.links[0].free
+    moved = pattern.links[0].rate  # by time alone
+    for i in range(assembly.coordinates):
+        moved -= pattern.directions[0, i] * pattern.z[assembly.leaves + i]
+    numbers[a, EARLY] = moved
+    numbers[a, RATE] = pattern.links[0].rate
+    if run.tallies[ROWS] == 2:
+        note_slip(run, a, k)
+
+
+@shared
+def note_slip(run: Run, a: int, k: int) -> None:
+    """Note the slip of a link that touches, from its pattern."""
+    assembly, row, numbers = run.assemblies[run.candidates[k, ASSEMBLY]], 2 * a + 1, run.touching
+    for j in range(RUBS, NUMBERS):
+        numbers[a, j] = 0.0
+    for i in range(run.normals.shape[1]):
+        run.normals[row, i], run.replies[row, i], run.reads[row, i] = 0.0, 0.0, run.reads[row - 1, i]
+    if assembly.rubs == 0:
+        return
+    pattern, own, steep = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY] + 1]), 0.0, 0.0
+    moved = pattern.links[1].rate
+    for i in range(assembly.coordinates):
+        run.normals[row, i], run.replies[row, i] = pattern.directions[1, i], pattern.responses[1, i]
+        own += pattern.directions[1, i] * pattern.responses[1, i]
+        steep += abs(pattern.directions[1, i])
+        moved -= pattern.directions[1, i] * pattern.z[assembly.leaves + i]
+    numbers[a, RUBS], numbers[a, KINETIC], numbers[a, STATIC] = 1.0, pattern.links[1].coefficient, pattern.links[1].most
+    numbers[a, SLIP], numbers[a, SLIP_EARLY], numbers[a, SLIP_BIAS] = (
+        pattern.links[1].rate,
+        moved,
+        pattern.links[1].free,
+    )
+    numbers[a, SLIP_SLACK], numbers[a, SLIP_OWN] = NOISE * steep * run.spans[FASTEST], own

@@ -1,0 +1,103 @@
+"""The values along an axis as people write them: a range, a list, a row of texts or numbers, an array with units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.faults import InputError
+from xdynamics.units import Quantity, Range, Unit, is_range, parse_quantity, parse_unit
+
+Values = NDArray[Any]
+
+MOST_VALUES = 10_000_000  # along one axis
+
+
+def numbers_of(entries: Any, declared: Unit) -> tuple[Values, Unit]:
+    """Read values: a text with a range or a list, a row of texts or numbers, an array with units.
+
+    Raises
+    ------
+    InputError
+        If there are no values, or one is not a finite number with a unit of the declared dimension.
+    """
+    if is_range(entries):
+        values, stated_unit = _range(entries)
+        unit = declared if stated_unit == parse_unit("1") else stated_unit
+        return _plain(values, unit, declared), unit
+    if isinstance(entries, str):
+        quantities = _of_text(entries)
+    elif isinstance(entries, Quantity | int | float):
+        quantities = [_quantity(entries, declared)]
+    else:
+        attrs = getattr(entries, "attrs", {})
+        unit = parse_unit(str(attrs["units"])) if "units" in attrs else declared
+        try:
+            row = getattr(entries, "values", entries)
+            row = row if isinstance(row, np.ndarray) and row.dtype.kind in "fiu" and row.ndim == 1 else list(row)
+        except TypeError:
+            raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.text}']") from None
+        if isinstance(row, np.ndarray):
+            return _plain(row, unit, declared), unit
+        quantities = [_quantity(quantity, unit) for quantity in row]
+    if not quantities:
+        raise InputError("has no values")
+    quantities = _with_unit(quantities, declared)
+    for quantity in quantities:
+        _check_unit(quantity.value, quantity.unit, declared)
+    unit = quantities[0].unit
+    return np.array([quantity.into(unit).value for quantity in quantities]), unit
+
+
+def _plain(values: Values, unit: Unit, declared: Unit) -> Values:
+    """Check an array of numbers in one unit."""
+    if not values.size:
+        raise InputError("has no values")
+    bad = values[~np.isfinite(values)]
+    if bad.size:
+        raise InputError(f"has {float(bad[0])!r}, needs finite numbers")
+    _check_unit(float(values[0]), unit, declared)
+    return values.astype(float)
+
+
+def _check_unit(value: float, unit: Unit, declared: Unit) -> None:
+    if unit.dimension != declared.dimension:
+        raise InputError(f"has {value!r} {unit.text}, needs the unit '{declared.text}'")
+
+
+def _with_unit(quantities: list[Quantity], unit: Unit) -> list[Quantity]:
+    """Give a unit to the quantities that have none."""
+    bare = parse_unit("1")
+    return [Quantity(quantity.value, unit) if quantity.unit == bare else quantity for quantity in quantities]
+
+
+def _quantity(value: Any, declared: Unit) -> Quantity:
+    if isinstance(value, Quantity):
+        return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool):
+        raise InputError(f"has {value!r}, needs numbers")
+    if isinstance(value, int | float):
+        if not np.isfinite(value):
+            raise InputError(f"has {value!r}, needs finite numbers")
+        return Quantity(float(value), declared)
+    return parse_quantity(value)
+
+
+def _of_text(text: str) -> list[Quantity]:
+    """Read ``1, 2, 5 kg`` or ``1 kg``."""
+    if ":" in text:
+        raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
+    quantities = [parse_quantity(part) for part in text.split(",")]
+    return _with_unit(quantities, quantities[-1].unit)
+
+
+def _range(text: str) -> tuple[Values, Unit]:
+    """Read ``0:2e-3:41 kg m-1``: start:stop:count, both ends included."""
+    parsed = Range.parse(text)
+    if not (1 < parsed.count <= MOST_VALUES or (parsed.count == 1 and parsed.start == parsed.stop)):
+        raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}")
+    return np.linspace(parsed.start, parsed.stop, parsed.count), parsed.unit
