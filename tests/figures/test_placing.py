@@ -15,6 +15,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.figures.placing import EVENT, dense, settle
+from xdynamics.figures.sheet import write
 
 SHORT = {"rocket_c6": {}, "moving_table": {"until": "1 s"}, "ball_in_box": {}, "block_on_incline": {}}
 
@@ -43,6 +44,19 @@ def test_a_figure_has_four_panels_and_all_if_asked(tmp_path: Path, figures: dict
     assert (tmp_path / "run.png").stat().st_size > 10_000
     with pytest.raises(xd.InputError, match="panels is 'most'; there are few, all"):
         xd.plot(run, panels="most")
+
+
+def test_a_figure_is_written_as_it_was_laid_out(
+    tmp_path: Path, figures: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that writing makes no other layout, for which names were not placed, and leaves the figure its own."""
+    figure = figures["rocket_c6"]
+    engine = figure.get_layout_engine()
+    with monkeypatch.context() as patched:
+        patched.setattr(engine, "execute", lambda _: pytest.fail("laid out anew"))
+        write(figure, tmp_path / "a.png")
+    assert figure.get_layout_engine() is engine
+    assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
 def test_legends_lie_on_no_line(figures: dict[str, Any]) -> None:
