@@ -99,10 +99,8 @@ def cycles(
     InputError
         If there is no such coordinate.
     """
-    rows = Chunks.of(run, functions)
-    check_coordinate(rows.run, name)
-    turns = _turned(rows, name)
-    maxima, rule = int(np.count_nonzero(turns.rows > 0)), "given"
+    rows, turns, maxima = _turns_of(run, name, functions)
+    rule = "given"
     if level is None:
         level, rule = _chosen(rows, name, turns, maxima)
     risen = _risen(rows, name, [level])[0]
@@ -118,10 +116,18 @@ def chosen_level(run: xr.Dataset, name: str, functions: Mapping[str, Callable[..
     InputError
         If there is no such coordinate.
     """
+    rows, turns, maxima = _turns_of(run, name, functions)
+    return _chosen(rows, name, turns, maxima)[0]
+
+
+def _turns_of(
+    run: xr.Dataset | Chunks, name: str, functions: Mapping[str, Callable[..., float]] | None
+) -> tuple[Chunks, Turns, int]:
+    """Return the rows of a run, the turning points of a coordinate, and how many of these are maxima."""
     rows = Chunks.of(run, functions)
     check_coordinate(rows.run, name)
     turns = _turned(rows, name)
-    return _chosen(rows, name, turns, int(np.count_nonzero(turns.rows > 0)))[0]
+    return rows, turns, int(np.count_nonzero(turns.rows > 0))
 
 
 def check_coordinate(record: xr.Dataset, name: str) -> None:
