@@ -96,7 +96,13 @@ class FolderStore:
 
     @contextmanager
     def locked(self, folder: Path) -> Iterator[None]:
-        """Lock a folder by the system's own locks, which end with their process."""
+        """Lock a folder by the system's own locks, which end with their process.
+
+        Raises
+        ------
+        LockedError
+            If another process has the folder locked.
+        """
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
         try:
             if not take(handle, needed=False):

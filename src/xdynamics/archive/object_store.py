@@ -53,7 +53,13 @@ class ObjectStore:
         self._cleared: dict[ObjectName, float] = {}
 
     def check_source(self, place: ObjectName) -> None:
-        """Check that there is an object."""
+        """Check that there is an object.
+
+        Raises
+        ------
+        InputError
+            If there is no object of that name.
+        """
         kind = self.kind(place)
         if kind == "":
             raise InputError(f"'{place}' does not exist")
@@ -61,7 +67,15 @@ class ObjectStore:
             raise InputError(f"'{place}' is {kind}; name a file in it")
 
     def check_target(self, place: ObjectName, model: Model | None = None) -> None:  # noqa: ARG002 - models are of folders
-        """Check that the name is free or an object's, and by an upload that is not finished that it may be written."""
+        """Check that the name is free or an object's, and by an upload that is not finished that it may be written.
+
+        Raises
+        ------
+        InputError
+            If the name is a folder's.
+        ArchiveError
+            If the store refuses to write there.
+        """
         if self.kind(place) == FOLDER:
             raise InputError(f"'{place}' is a directory; name a file in it, like '{place / 'run.nc'}'")
         with _telling(place, "cannot be written"):
@@ -99,7 +113,15 @@ class ObjectStore:
         return [place for place in places if not (place.name.startswith(".") and place.name.endswith(LOCK))]
 
     def content(self, place: ObjectName, most: int) -> bytes:
-        """Read a small object."""
+        """Read a small object.
+
+        Raises
+        ------
+        InputError
+            If it has more bytes than `most`.
+        ArchiveError
+            If it cannot be read.
+        """
         with _telling(place, "cannot be read"):
             answer = call(place, "get_object", Key=place.key)
             if answer["ContentLength"] > most:
@@ -179,7 +201,13 @@ class ObjectStore:
         return ObjectBatch(places, self.stamp)
 
     def check_empty(self, place: ObjectName) -> None:
-        """Check that nothing is in a folder, but what a dead process left half-built."""
+        """Check that nothing is in a folder, but what a dead process left half-built.
+
+        Raises
+        ------
+        InputError
+            If something is in it.
+        """
         names = self.names(place)
         if names and names[0].name != BUILDING:
             raise InputError(f"'{place}' holds '{names[0].name}' already; name a folder that is empty, or not there")
@@ -201,13 +229,25 @@ class ObjectStore:
             self.remove(mark)
 
     def made_folder(self, place: ObjectName) -> ObjectName:
-        """Return a folder, which is there when something is in it."""
+        """Return a folder, which is there when something is in it.
+
+        Raises
+        ------
+        InputError
+            If the name is a file's.
+        """
         if self.kind(place) is None:
             raise InputError(f"'{place}' is a file; name a folder")
         return place
 
     def new_folder(self, place: ObjectName) -> None:
-        """Check that nothing is in a folder."""
+        """Check that nothing is in a folder.
+
+        Raises
+        ------
+        FileExistsError
+            If something is in it.
+        """
         if self.kind(place) != "":
             raise FileExistsError(f"'{place}' is there already")
 

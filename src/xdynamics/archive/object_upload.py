@@ -91,7 +91,15 @@ class Upload:
                 self._parts.append({"PartNumber": number, "ETag": answer["ETag"]})
 
     def complete(self) -> None:
-        """Give the object its name, if there still is what was there before."""
+        """Give the object its name, if there still is what was there before.
+
+        Raises
+        ------
+        TakenError
+            If another process wrote or removed the object meanwhile.
+        ArchiveError
+            If the store refuses to write.
+        """
         if self.before != stamp_of(head_of(self.place)):  # some stores know the conditions of a whole object only
             raise RefusedError("PreconditionFailed", "")
         done = {"Key": self.place.key, "UploadId": self._id, "MultipartUpload": {"Parts": self._parts}}
@@ -105,7 +113,15 @@ class Upload:
 
     @contextmanager
     def understood(self) -> Iterator[None]:
-        """Put what the store refuses into words, unless the object is there and only the answer was lost."""
+        """Put what the store refuses into words, unless the object is there and only the answer was lost.
+
+        Raises
+        ------
+        TakenError
+            If another process wrote or removed the object meanwhile.
+        ArchiveError
+            If the store refuses to write.
+        """
         try:
             yield
         except RefusedError as error:

@@ -186,7 +186,13 @@ def levels_task(measurand: Measurand, number: Task, levels: Levels) -> Task:
 
 
 def levels_of(measurand: Measurand) -> Levels:
-    """Return levels: the run's own step or tolerance, and finer ones."""
+    """Return levels: the run's own step or tolerance, and finer ones.
+
+    Raises
+    ------
+    InputError
+        If the steps are given one by one, or the tolerance is too small for three smaller ones.
+    """
     model, settings = measurand.model, settings_for(measurand.model, **measurand.settings)
     others = {name: value for name, value in measurand.settings.items() if name not in ("step", "rtol")}
     if not settings.adaptive:

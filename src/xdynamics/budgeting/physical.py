@@ -156,6 +156,11 @@ def differences(
 
     Starting from a shift of one standard uncertainty, wider and narrower ones are tried as long as neighbours agree
     better: the widest suffer from curvature, the narrowest from rounding.
+
+    Raises
+    ------
+    InputError
+        If the quantity vanishes within the uncertainty of an input, as an event that no longer happens.
     """
     uncertain = {name: measurand.model.uncertain[name] for name in names}
     sizes = np.array([_shifts(entry) for entry in uncertain.values()])

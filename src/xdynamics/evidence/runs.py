@@ -72,6 +72,11 @@ def marched_by(
     """March a model with settings that may leave rows or columns out of the record; see `march`.
 
     A file that holds the finished run already, and is intact, is opened in place of a march.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the march was interrupted.
     """
     load_dask_whole()
     prepared = March(model, settings)

@@ -32,7 +32,13 @@ class Field(Line):
     flatten = ravel = Line.copy
 
     def reshape(self, *shape: Any) -> Any:
-        """Return some rows of equal length one after the other; other shapes have two axes."""
+        """Return some rows of equal length one after the other; other shapes have two axes.
+
+        Raises
+        ------
+        IrregularError
+            If the array would have more than two axes.
+        """
         wanted = shape[0] if len(shape) == 1 and isinstance(shape[0], tuple | list) else shape
         if len(wanted) == 1:
             return self.copy()

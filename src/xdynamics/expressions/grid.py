@@ -43,7 +43,13 @@ class Grid:
         self.constants: dict[str, Floats] = {}
 
     def constant(self, values: Any, offset: int) -> Node:
-        """Return numbers that begin at an element as a parameter, or as one number if they are equal."""
+        """Return numbers that begin at an element as a parameter, or as one number if they are equal.
+
+        Raises
+        ------
+        IrregularError
+            If a number is not finite.
+        """
         numbers = np.asarray(values, float)
         if not np.isfinite(numbers).all():
             raise IrregularError("the function makes a row with numbers that are not finite")

@@ -16,7 +16,13 @@ from xdynamics.expressions.tree import Along
 
 
 def joined(parts: Iterable[Any], axis: int = 0) -> Any:
-    """Return rows and numbers one after the other."""
+    """Return rows and numbers one after the other.
+
+    Raises
+    ------
+    IrregularError
+        If there are more elements than in the whole, or along another axis.
+    """
     values = [*parts]
     known = lines_in(values)[0]
     sizes = [value.size if isinstance(value, Line) else int(np.size(value)) for value in values]
@@ -34,7 +40,13 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
 
 
 def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
-    """Return parts of equal length."""
+    """Return parts of equal length.
+
+    Raises
+    ------
+    IrregularError
+        If the parts would not be equally long.
+    """
     if axis not in (0, -1) or not isinstance(count, int) or row.size % count:
         raise IrregularError("the function splits a row into parts of different lengths")
     n = row.size // count
@@ -42,7 +54,13 @@ def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
 
 
 def rolled(row: Any, places: Any, axis: Any = None) -> Line:
-    """Return the elements some places before, the last ones first."""
+    """Return the elements some places before, the last ones first.
+
+    Raises
+    ------
+    IrregularError
+        If it is no row.
+    """
     if not isinstance(row, Line) or axis not in (None, 0, -1) or not isinstance(places, int):
         raise IrregularError("the function rolls an array")
     k = places % row.size

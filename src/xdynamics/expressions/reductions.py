@@ -17,7 +17,13 @@ LARGEST_DENSE = 200  # rows of a matrix with more
 
 
 def reduced(function: str, row: Line, axis: Any = None, **options: Any) -> Traced:
-    """Return the sum, the largest or the smallest element of a row."""
+    """Return the sum, the largest or the smallest element of a row.
+
+    Raises
+    ------
+    IrregularError
+        If it is asked for along another axis, or with options.
+    """
     if axis not in (None, 0, -1) or options:
         raise IrregularError(f"the function takes the {function} of a row with {options or axis}")
     grid, inside = row.grid, row.value
@@ -33,7 +39,13 @@ def reduced(function: str, row: Line, axis: Any = None, **options: Any) -> Trace
 
 
 def product(left: Any, right: Any) -> Any:
-    """Return the product of two rows, or of a matrix of numbers and a row: by its diagonals if these are few."""
+    """Return the product of two rows, or of a matrix of numbers and a row: by its diagonals if these are few.
+
+    Raises
+    ------
+    IrregularError
+        If the other factor is no square matrix of numbers.
+    """
     if not isinstance(right, Line) and isinstance(left, Line) and np.ndim(right) == 2:
         left, right = np.asarray(right).T, left
     if isinstance(left, Line) or np.ndim(left) == 1:

@@ -68,7 +68,13 @@ class Assignments:
         self._unnamed: set[Operand] = set()
 
     def value(self, tree: Node) -> Operand:
-        """Write the instructions that a tree needs; return its operand."""
+        """Write the instructions that a tree needs; return its operand.
+
+        Raises
+        ------
+        TypeError
+            If the tree has dimensions.
+        """
         match tree:
             case Number():
                 return tree.value

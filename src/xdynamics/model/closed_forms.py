@@ -39,7 +39,7 @@ def exact_from(bound: str) -> int:
 
 
 def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
-    """Check names and dimensions of closed forms, which may read time, parameters and unit names."""
+    """Note what is wrong with names and dimensions of closed forms, which may read time, parameters and unit names."""
     moving = {
         *statement.coordinates,
         *statement.states,

@@ -45,7 +45,13 @@ def check(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_written(statement: Statement) -> dict[str, Dimension]:
-    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check`."""
+    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check`.
+
+    Raises
+    ------
+    ModelError
+        With every fault.
+    """
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
     _check_times(statement, ledger)
     check_names(statement, ledger)

@@ -34,7 +34,13 @@ def parameter_table(entry: Any, *_: Any) -> Any:
 
 
 def parameter(value: Any, unit: str | None = None, description: str = "", **spread: Any) -> Parameter:
-    """Make a parameter, or a value at the start, from a quantity or from a number beside a unit."""
+    """Make a parameter, or a value at the start, from a quantity or from a number beside a unit.
+
+    Raises
+    ------
+    InputError
+        If the value has a unit already.
+    """
     quantity = parse_quantity(value)
     if unit is not None and quantity.unit.text != "1":
         raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
@@ -65,7 +71,13 @@ def written_observable(part: Observable) -> str | None:
 
 
 def force_table(entry: Any, section: Section, *_: Any) -> Any:
-    """Return the entry of a force term, which has a potential or components."""
+    """Return the entry of a force term, which has a potential or components.
+
+    Raises
+    ------
+    InputError
+        If it has neither, or both.
+    """
     if not isinstance(entry, Mapping) or not entry:
         raise InputError(f"{entry!r} needs a potential or a component per coordinate")
     components = [key for key in entry if key not in section.known]
@@ -77,7 +89,13 @@ def force_table(entry: Any, section: Section, *_: Any) -> Any:
 
 
 def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
-    """Return a drive's entry with the text of its table: written there, in a file, or made in Python."""
+    """Return a drive's entry with the text of its table: written there, in a file, or made in Python.
+
+    Raises
+    ------
+    InputError
+        If it has neither a table nor its text, or the name is no file's.
+    """
     if not isinstance(entry, Mapping) or not ({*entry} & {"table", "csv"} or {*entry} <= {*section.known}):
         entry = {"table": entry}  # a table from Python in place of an entry
     keys(entry, section.known, ())
@@ -116,7 +134,13 @@ def drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **others: 
 
 
 def event(**values: Any) -> Event:
-    """Make an event whose keys go with its action."""
+    """Make an event whose keys go with its action.
+
+    Raises
+    ------
+    InputError
+        If the action lacks a key that it needs, or has one that it does not take.
+    """
     action = values.get("action", "record")
     for key, needed in _OF_ACTIONS.items():
         if action == needed and key not in values:
@@ -131,7 +155,13 @@ def event(**values: Any) -> Event:
 
 
 def contact(**values: Any) -> Contact:
-    """Make a contact; one with friction needs a slip and a coefficient, which also holds while it sticks unless `static` is given."""
+    """Make a contact; one with friction needs a slip and a coefficient, which also holds while it sticks unless `static` is given.
+
+    Raises
+    ------
+    InputError
+        If a key of friction is missing, or stands without friction.
+    """
     if values.get("tangential") == COULOMB:
         if missing := [key for key in _OF_COULOMB[:2] if key not in values]:
             raise InputError(f"tangential '{COULOMB}' needs {' and '.join(missing)}")
@@ -154,7 +184,13 @@ def named(entry: Any, _: Section, name: str, *__: Any) -> Any:
 
 
 def closed_form(times: tuple[float, ...] = (), event: str = "", occurrence: int = 1, **others: Any) -> Validation:
-    """Make a closed form, compared at times or at an occurrence of an event."""
+    """Make a closed form, compared at times or at an occurrence of an event.
+
+    Raises
+    ------
+    InputError
+        If both are given.
+    """
     if event and times:
         raise InputError("event and times are both given; a value is compared at one or the other")
     return Validation(times=times, event=event, occurrence=occurrence if event else 0, **others)

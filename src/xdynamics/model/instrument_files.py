@@ -28,7 +28,13 @@ _START, STEP = (re.compile(rf"{name}\s*=\s*([-+0-9.eE]+)\s*s?", re.IGNORECASE) f
 
 
 def rasp(lines: list[str], _: str) -> Cells | None:
-    """Read the thrust of a motor as RASP has it; None of another file."""
+    """Read the thrust of a motor as RASP has it; None of another file.
+
+    Raises
+    ------
+    InputError
+        If the file holds several motors.
+    """
     entries = [line for line in lines if not line.lstrip().startswith(";")]
     words = entries[0].split() if entries else []
     if len(words) < 7 or any(number_of(words[k]) is None for k in (1, 2, 4, 5)) or "," in entries[0]:

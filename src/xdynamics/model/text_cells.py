@@ -36,7 +36,13 @@ class Cells:
 
 
 def cells_of(line: str) -> list[str]:
-    """Split a line by the separator that it has; by spaces where it has none."""
+    """Split a line by the separator that it has; by spaces where it has none.
+
+    Raises
+    ------
+    InputError
+        If a cell is longer than the limit.
+    """
     separator = next((separator for separator in SEPARATORS if separator in line), "")
     try:
         cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()

@@ -125,13 +125,25 @@ class Blocks(Sequence[str]):
         return repr(self._names)
 
     def index(self, name: str, *bounds: int) -> int:
-        """Return the place of a number by its name; a `ValueError` if there is none."""
+        """Return the place of a number by its name; a `ValueError` if there is none.
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
         if (place := self._find(name)) is None:
             raise ValueError(f"'{name}' is not among {self._names[slice(*bounds)]}")
         return place
 
     def place(self, name: str) -> int:
-        """Return the place of a number, or of a block's first number, in the array."""
+        """Return the place of a number, or of a block's first number, in the array.
+
+        Raises
+        ------
+        KeyError
+            If there is none of that name.
+        """
         if (place := self.find(name)) is None:
             raise KeyError(name)
         return place

@@ -154,7 +154,13 @@ def _dims(node: Node, shapes: Shapes) -> set[str]:
 
 
 def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[str]:
-    """Return the dimensions of a function along dimensions from those of its values, which are checked."""
+    """Return the dimensions of a function along dimensions from those of its values, which are checked.
+
+    Raises
+    ------
+    InputError
+        If the values lack such a dimension, or a cross product's has not three elements.
+    """
     for dim in node.dims:
         try:
             shapes.extent(dim)
@@ -207,7 +213,13 @@ def end_of(node: Along, shapes: Shapes) -> str:
 
 
 def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
-    """Return the place of an element that is written in brackets."""
+    """Return the place of an element that is written in brackets.
+
+    Raises
+    ------
+    InputError
+        If there is not one entry for each dimension, or an entry is no element of it.
+    """
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
         own = f"the dimensions {', '.join(dims)}" if dims else "no dimensions"

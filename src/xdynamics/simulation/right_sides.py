@@ -45,7 +45,13 @@ def called(fun: RightSide) -> str:
 
 
 def listed(events: Any) -> list[RightSide]:
-    """Return events as functions."""
+    """Return events as functions.
+
+    Raises
+    ------
+    InputError
+        If one is no function.
+    """
     row = [] if events is None else [events] if callable(events) else list(events)
     for i, event in enumerate(row):
         if not callable(event):
@@ -94,7 +100,13 @@ def check_span(t_span: Any) -> None:
 
 
 def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
-    """Return initial values with their units, and the units."""
+    """Return initial values with their units, and the units.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer units than numbers, or a number is not real or in another dimension.
+    """
     row = [y0] if isinstance(y0, str | int | float) else list(y0)
     declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
     if declared is not None and len(declared) != len(row):

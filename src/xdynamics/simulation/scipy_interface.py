@@ -162,7 +162,13 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
 def named_sections(
     functions: list[RightSide], names: Sequence[str] | None, starts: list[str], own: list[str], t_span: Any, args: Any
 ) -> dict[str, Any]:
-    """Return the sections of a model in which every number has a name."""
+    """Return the sections of a model in which every number has a name.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer names than numbers.
+    """
     words = [f"y{i}" for i in range(len(starts))] if names is None else [*names]
     if len(words) != len(starts):
         raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")

@@ -20,7 +20,13 @@ Progress = Callable[[float, float, int], None]
 
 @contextmanager
 def alone_in(work: Place) -> Iterator[None]:
-    """Lock a folder against other processes while this one marches into it."""
+    """Lock a folder against other processes while this one marches into it.
+
+    Raises
+    ------
+    InputError
+        If another process has it locked.
+    """
     with ExitStack() as stack:
         try:
             stack.enter_context(store_of(work).locked(work))

@@ -95,7 +95,13 @@ def folder_of(sweep: xr.Dataset) -> Place | None:
 
 
 def opened(file: Place, digest: str) -> xr.Dataset:
-    """Open a member's archive, and check that it holds the run named in the catalogue."""
+    """Open a member's archive, and check that it holds the run named in the catalogue.
+
+    Raises
+    ------
+    ArchiveError
+        If it holds another run, or is damaged.
+    """
     run = archive.open_run(file)
     if run.attrs[ROOT_DIGEST] != digest:
         run.close()

@@ -235,7 +235,13 @@ def _forget(notes: Place) -> None:
 
 
 def opened(folder: Place) -> xr.Dataset:
-    """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests."""
+    """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests.
+
+    Raises
+    ------
+    ArchiveError
+        If the folder holds no sweep.
+    """
     import xarray as xr
 
     zarr_package()

@@ -74,7 +74,13 @@ def _registry() -> Any:
 
 @lru_cache(maxsize=512)
 def named(name: str) -> tuple[str, Dimension, Fraction]:
-    """Look one unit name up: its spelling, dimension and exact SI factor."""
+    """Look one unit name up: its spelling, dimension and exact SI factor.
+
+    Raises
+    ------
+    InputError
+        If there is no unit of that name.
+    """
     spelling = _SPELLED.get(name, name)
     if spelling in COHERENT:
         return spelling, COHERENT[spelling], Fraction(1)

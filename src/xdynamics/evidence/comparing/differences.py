@@ -79,7 +79,13 @@ def wanted(first: xr.Dataset, at: Floats) -> tuple[tuple[str], Floats, dict[str,
 
 
 def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
-    """Return every accepted time of either run that both reach."""
+    """Return every accepted time of either run that both reach.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the times of a run decrease.
+    """
     grids, unit = [np.asarray(run["time"]) for run in (first, other)], unit_suffix(time_unit(first))
     for which, grid in zip(("first", "second"), grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
@@ -105,7 +111,13 @@ def common_times(first: xr.Dataset, other: xr.Dataset) -> Floats:
 
 
 def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
-    """Name the variables of the state, and those that follow from it, that both runs have."""
+    """Name the variables of the state, and those that follow from it, that both runs have.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one has other dimensions in the other run.
+    """
     roles = ("coordinate", "velocity", "state", "energy", "observable")
     names = [
         str(name)

@@ -23,7 +23,13 @@ Floats = NDArray[np.float64]
 
 
 def residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
-    """Yield the residuals of a run against closed forms at its accepted states."""
+    """Yield the residuals of a run against closed forms at its accepted states.
+
+    Raises
+    ------
+    InputError
+        If closed forms are not given by name, or one cannot be evaluated.
+    """
     if not isinstance(exact, Mapping):
         raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
     run = rows.run

@@ -36,7 +36,13 @@ PARTS = 64  # of a cycle, from which its area is computed
 
 
 def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
-    """Count the cycles of one coordinate."""
+    """Count the cycles of one coordinate.
+
+    Raises
+    ------
+    InputError
+        If the level has another dimension than the coordinate.
+    """
     run = rows.run
     names = with_roles(run, ("coordinate",))
     if of is None and not names:
@@ -66,6 +72,11 @@ def reference_times(
     """Return the times of the reference's crossings, and describe the reference.
 
     Without one it is a run that is nearly exact; the companion, if that does not reach the end.
+
+    Raises
+    ------
+    InputError
+        If the reference is no positive period.
     """
     n, unit = len(counted.times), time_unit(rows.run)
     if isinstance(reference, str | float | int):
