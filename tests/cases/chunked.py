@@ -1,4 +1,4 @@
-"""Runs in chunks whose reading is counted."""
+"""Runs and sweeps in chunks whose reading is counted, or fails."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Stored:
     def __getitem__(self, key: Any) -> np.ndarray:
         values = self._values[key]
         if values.size:
-            self._reads[self._name, key[0].start] += 1
+            self._reads[self._name, getattr(key[0], "start", key[0])] += 1
         return values
 
 
@@ -36,6 +36,33 @@ def chunked(run: xr.Dataset, sizes: Sequence[int]) -> tuple[xr.Dataset, Counter[
             array = da.from_array(Stored(str(name), variable.values, reads), chunks=chunks, name=f"{name}-{id(reads)}")
             lazy[name] = xr.Variable(variable.dims, array, variable.attrs)
     return lazy, reads
+
+
+class UnreadError(Exception):
+    """An array was read that no one may read."""
+
+
+class Unread(Stored):
+    """An array that cannot be read."""
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        if self._values[key].size:
+            raise UnreadError(f"'{self._name}' is read")
+        return self._values[key]
+
+
+def unread(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a run or a sweep with dask arrays that cannot be computed, where values are along a dimension."""
+    import dask.array as da
+
+    reads: Counter[tuple[str, int]] = Counter()
+    return dataset.assign(
+        {
+            name: (variable.dims, da.from_array(Unread(str(name), variable.values, reads)), variable.attrs)
+            for name, variable in dataset.variables.items()
+            if variable.dims and name not in dataset.indexes
+        }
+    )
 
 
 def ragged(count: int, parts: int, case: int) -> list[int]:

@@ -12,7 +12,7 @@ import xarray as xr
 from xdynamics.evidence.memory import REMEMBERED
 from xdynamics.march import March
 
-KNOWN_LATER = {"runs", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}
+KNOWN_LATER = {"runs", "companion_digest", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}
 CIRCUMSTANCES = {"date_created", "history"}
 
 

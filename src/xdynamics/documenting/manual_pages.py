@@ -70,9 +70,9 @@ Stages take runs and models, and return Datasets with units and the digests of t
 Uncertainties stand in the model: vt = { value = "30 m s-1", uncertainty = 1 }, or half_width = 1 with distribution = "normal",
 "rectangular", "triangular", "arcsine" or "t", starts alike; [correlations] m = { c = 0.3 }; a table's columns u(pull) [N],
 u_common(pull) [N]; [discrepancy] y = "1 mm". Words: `xdynamics help words`.
-With compute=False a stage is described at once, dask arrays behind, and nothing is marched; the first number computed marches
-each level once, dask.compute of several studies what they share once (events need occurrences=10). 256 MB of results are
-remembered in a process, or XDYNAMICS_REMEMBERED_LIMIT.
+With compute=False a stage, sample too, is described at once, dask arrays behind, and nothing is marched; the first number
+computed marches each level once, dask.compute of several studies what they share once (events need occurrences=10). 256 MB of
+results are remembered in a process, or XDYNAMICS_REMEMBERED_LIMIT.
 """
 GRIDS_PAGE = """\
 A sweep is a lazy Dataset on its axes' own dimensions, computed by dask's threads or on a cluster (`xdynamics help cluster`):

@@ -15,9 +15,10 @@ from xdynamics import archive, schema
 from xdynamics.dynamics.shortened_steps import Inside, model_of, sampled, wanted_times
 from xdynamics.evidence.event_matching import matched, met
 from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, lazy, subject_of
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.methods import METHODS
@@ -72,6 +73,14 @@ class Tighter:
         """
         with _no_tighter():
             return march_task(self.model, **self.settings)
+
+    def beside(self, run: xr.Dataset, marched: xr.Dataset, functions: Functions | None) -> Companion:
+        """Return the marched run as the companion of the record."""
+        return Companion(run, marched, self.factor, self.said, functions)
+
+    def blank_beside(self, states: xr.Dataset) -> xr.Dataset:
+        """Describe the global errors of sampled states that are described themselves."""
+        return _added(states, {name: states[name].values for name in _with_errors(states)}, self.factor, self.said)
 
 
 @dataclass(frozen=True)
@@ -176,11 +185,9 @@ def companion(
     if compute:
         return _beside(run, companion_of(run, functions), at)
     tighter = tighter_of(run, functions)
-    marched = tighter.task
-    call = partial(_in_task, run, tighter, functions, at)
-    task = Task.of("companion", call, (marched,), subject_of(run), None if at is None else at.tolist())
-    states = Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at))
-    states = _added(states, {name: states[name].values for name in _with_errors(states)}, tighter.factor, tighter.said)
+    words = None if at is None else at.tolist()
+    task = task_of_runs("companion", partial(_in_task, tighter, functions, at), (run,), words, needs=(tighter.task,))
+    states = tighter.blank_beside(Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at)))
     errors = np.full(run.sizes.get(EVENTS, 0), np.nan)
     template = _dataset(
         run,
@@ -193,10 +200,10 @@ def companion(
 
 
 def _in_task(
-    run: xr.Dataset, tighter: Tighter, functions: Functions | None, at: Floats | None, marched: xr.Dataset
+    tighter: Tighter, functions: Functions | None, at: Floats | None, run: xr.Dataset, marched: xr.Dataset
 ) -> xr.Dataset:
     """Compare a record with its tighter run, in a task."""
-    return _beside(run, Companion(run, marched, tighter.factor, tighter.said, functions), at)
+    return _beside(in_memory(run), tighter.beside(run, marched, functions), at)
 
 
 def _beside(run: xr.Dataset, companion: Companion, at: Floats | None) -> xr.Dataset:

@@ -11,20 +11,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics import record, schema
+from xdynamics import schema
+from xdynamics.evidence.operating_point import operating_point, place_in, replacements
+from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.stage_tasks import Task, inputs_of
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.stages import Stage, is_lazy, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.model.linearisation import Linearisation, initial_state, linearise
+from xdynamics.model.linearisation import Linearisation, linearise
 from xdynamics.model.motion import variables
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
-from xdynamics.record.kinds import log_description
-from xdynamics.schema import STEPS, Variable
+from xdynamics.schema import Variable
 from xdynamics.stability import decay_limit, oscillator_limit, stable_step_of
-from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
+from xdynamics.units import NONE, NUMBERS, Unit, spell, unit_suffix
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +54,8 @@ def modes(
         Values that replace some of the state's: ``{"theta": "0 rad"}``; a bare number has the unit of the model's
         initial value.
     compute : bool
-        Whether to linearise at once; if False, the Dataset has dask arrays. Of a record its one row is read.
+        Whether to linearise at once; if False, the Dataset has dask arrays. Of a record its one row is read then; one that
+        `simulate` described and that is still to be marched is marched first.
 
     Returns
     -------
@@ -82,15 +84,32 @@ def modes(
     >>> modes(model).frequency.values.round(12).tolist()
     [2.0, 3.0]
     """
-    model, state = _subject(subject, row)
-    if at:
-        replaced = model.replace(initial=at)
-        state |= {name: replaced.initial[name].si for name in at}
+    if not compute and isinstance(subject, xr.Dataset) and is_lazy(subject):
+        return _of_lazy_run(subject, row, at)
+    model, state = operating_point(subject, row)
+    state |= replacements(model, at)
     if compute:
         return _computed(model, state)
     task = Task.of("modes", partial(_computed, model, state), (), model.digest, inputs_of(state))
     template = _dataset(model, state, Spectrum.blank(model))
     return lazy(Stage(template, task, [variable.name for variable, _ in _state(model, state)]))
+
+
+def _of_lazy_run(run: xr.Dataset, row: int | None, at: Mapping[str, Any] | None) -> xr.Dataset:
+    """Describe the modes about a row that is read, or marched, later."""
+    model, _ = place_in(run, row)
+    known = replacements(model, at)
+    state = dict.fromkeys(("t", *variables(model)), np.nan) | known
+    template = _dataset(model, state, Spectrum.blank(model))
+    template.attrs["summary"] = f"Linearisation about row {row or 0} of {run.attrs['title']}"
+    task = task_of_runs("modes", partial(_in_task, row, at), (run,), row, inputs_of(known))
+    return lazy(Stage(template, task))
+
+
+def _in_task(row: int | None, at: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:
+    """Linearise about a row of a run, in a task."""
+    model, state = operating_point(run, row)
+    return _computed(model, state | replacements(model, at))
 
 
 def _computed(model: Model, state: Mapping[str, float]) -> xr.Dataset:
@@ -165,38 +184,6 @@ def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr
         {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}, attrs=attributes
     )
     return labelled(fold(found, model.shapes))
-
-
-def _subject(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:
-    """Return the requested model and state."""
-    if isinstance(subject, Model):
-        if row is not None:
-            raise InputError(f"row is {row!r}, but a model has no rows; give a run record, or the state with at=…")
-        return subject, initial_state(subject)
-    if not isinstance(subject, xr.Dataset):
-        raise InputError(f"modes needs a Model or a run record, got {str(subject)[:60]!r}")
-    record.check(subject)
-    record.check_kind(subject)
-    rows = subject.sizes[STEPS]
-    at = 0 if row is None else row
-    if not isinstance(at, int | np.integer) or not -rows <= at < rows:
-        raise InputError(
-            f"row {at!r} is none of the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
-        )
-    model = Model.from_text(str(subject["model_toml"].values))
-    return model, {name: _recorded(subject, name, int(at)) for name in ("t", *variables(model))}
-
-
-def _recorded(run: xr.Dataset, name: str, row: int) -> float:
-    """Return one number of a record in SI units."""
-    name = "time" if name == "t" else name
-    if name not in run.variables:
-        raise InputError(
-            f"run record has no variable '{name}', which its model needs;"
-            f" {log_description(run.attrs) or 'give the whole record'}"
-        )
-    variable = run.variables[name]
-    return parse_unit(str(variable.attrs["units"])).to_si(float(variable[row].values))
 
 
 def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:

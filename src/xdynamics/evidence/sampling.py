@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import sampled, wanted_times
-from xdynamics.evidence.companion import companion_of
+from xdynamics.dynamics.shortened_steps import Inside, sampled, wanted_times
+from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
+from xdynamics.evidence.run_tasks import in_memory, task_of_runs
+from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit
+from xdynamics.schema import AT, AT_TIME
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+Functions = Mapping[str, Callable[..., float]]
 SIDES = ("before", "after")
 
 
@@ -29,16 +34,17 @@ def sample(
     *,
     side: str = "after",
     rule: str = REINTEGRATE,
-    functions: Mapping[str, Callable[..., float]] | None = None,
+    functions: Functions | None = None,
     companion: bool = False,
+    compute: bool | None = None,
 ) -> xr.Dataset:
     """Evaluate a run at any times within it: as if the step there had been shortened to end at the time.
 
     Parameters
     ----------
     run : xarray.Dataset
-        A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched by
-        bisection over its chunks, and of the states those chunks are read that hold a wanted step.
+        A run record, in memory or opened from an archive. On dask arrays the result is lazy: `time` is searched at once,
+        by bisection over its chunks, and of the states those chunks are read later that hold a wanted step.
     times : array_like of float, shape (n,), s; or texts like ``"1.5 s"``, ``"0:20:201 s"``
         In any order; a single time gives one row. A range is start:stop:count, both ends included. At an accepted time
         the accepted state is returned unchanged.
@@ -53,6 +59,10 @@ def sample(
     companion : bool
         Whether to add `global_error_…`, the error of each value accumulated since the start, by one more run at a
         tighter setting; see `companion`.
+    compute : bool, optional
+        Whether to evaluate at once. If False, the Dataset has dask arrays, and one task reads the run, in chunks those
+        that hold a wanted step; one that `simulate` described and that is still to be marched is marched first. By
+        default as the run is: lazy of dask arrays, and else at once.
 
     Returns
     -------
@@ -87,6 +97,39 @@ def sample(
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
     if side not in SIDES:
         raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
+    if not isinstance(compute, bool | None):
+        raise InputError(f"compute is {compute!r}, needs true or false")
     wanted = wanted_times(times, time_unit(run))
+    if compute is False:
+        return _described(run, wanted, side, rule, functions, companion=companion)
     states = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
-    return companion_of(run, functions).beside(states) if companion else states
+    states = companion_of(run, functions).beside(states) if companion else states
+    return states if compute is None else in_memory(states)
+
+
+def _described(
+    run: xr.Dataset, wanted: Floats, side: str, rule: str, functions: Functions | None, *, companion: bool
+) -> xr.Dataset:
+    """Describe states at times; one task evaluates them, after those that march the run and its companion."""
+    tighter = tighter_of(run, functions) if companion else None
+    states = Inside.of(run, functions, rule).blank(len(wanted))
+    states = states.assign_coords({AT_TIME: (AT, wanted, states[AT_TIME].attrs)})
+    states = states if tighter is None else tighter.blank_beside(states)
+    call = partial(_in_task, wanted, side == "after", rule, functions, tighter)
+    needs = () if tighter is None else (tighter.task,)
+    task = task_of_runs("sample", call, (run,), wanted.tolist(), side, rule, companion, needs=needs)
+    return lazy(Stage(states, task, (AT_TIME,)))
+
+
+def _in_task(
+    wanted: Floats,
+    after: bool,  # noqa: FBT001 - bound by position in a task
+    rule: str,
+    functions: Functions | None,
+    tighter: Tighter | None,
+    run: xr.Dataset,
+    *marched: xr.Dataset,
+) -> xr.Dataset:
+    """Evaluate states in a task; of a run in chunks only those are read that are needed."""
+    states = in_memory(sampled(run, wanted, after=after, rule=rule, functions=functions))
+    return states if tighter is None else tighter.beside(run, marched[0], functions).beside(states)

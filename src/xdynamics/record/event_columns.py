@@ -40,6 +40,7 @@ from xdynamics.units import Dimension, Unit, spell
 Array = NDArray[Any]
 
 MOST_FLAGS = 127  # that a byte can number
+NO_DETECTOR = "none"  # the only word of a model without events
 TIME_LEAVES = "none, what the time tolerance leaves"
 
 
@@ -83,7 +84,7 @@ def _detector(about: About) -> Column:
     names = labels(about.layout.watched)
     number, dtype = {name: i for i, name in enumerate(names)}, "i1" if len(names) <= MOST_FLAGS else "i4"
     owners = np.array([number[watched.name] for watched in about.layout.watched] or [0], dtype)
-    extra = schema.flags(dict(enumerate(names)) or {0: "none"}, dtype) | _detectors(about)
+    extra = schema.flags(dict(enumerate(names)) or {0: NO_DETECTOR}, dtype) | _detectors(about)
     detector = Variable("event_detector", (EVENTS,), dtype, "1", "event function that passed zero", "flag", extra)
     return Column(detector, lambda block: owners[block.log.events["detector"][: block.events]])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -27,10 +27,11 @@ from xdynamics.evidence.comparing.differences import (
 from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.observables import comparable
-from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, foreseen, is_lazy, lazy, subject_of, task_of
+from xdynamics.evidence.run_tasks import in_memory, task_of_runs
+from xdynamics.evidence.stages import Stage, foreseen, lazy, task_of
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
+from xdynamics.record.event_columns import NO_DETECTOR
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 
@@ -76,7 +77,8 @@ def described(
     variables |= {name: ((), value, about("1", text, "outcome")) for name, (text, value) in LATER.items()}
     attributes = models_apart(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     template = exhibit("comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first))
-    task = _task(partial(_compared, at, functions), runs, [None if at is None else at.tolist()])
+    words = None if at is None else at.tolist()
+    task = task_of_runs("comparison", partial(_compared, at, functions), runs, words)
     return lazy(Stage(template, task, ("name", *(() if times is None else (AT_TIME,)))))
 
 
@@ -93,33 +95,17 @@ def described_residuals(
     data = measured_for(run, source, functions, gaps, reading)
     blank = np.zeros(data.times.size), np.zeros(data.times.size)
     template = residuals_of(run, model_of(run, functions).shapes, dict.fromkeys(data.values, blank), data, ())
-    task = _task(partial(_with_data, functions, data), (run,), data.words)
+    task = task_of_runs("comparison", partial(_with_data, functions, data), (run,), *data.words)
     known = [AT_TIME, *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values)]
     return lazy(Stage(template, task, [name for name in known if name in template.variables]))
 
 
-def _task(call: Callable[..., Any], runs: tuple[xr.Dataset, ...], words: list[Any]) -> Task:
-    """Return the task of a comparison: it is given those runs that are to be marched, and has the others."""
-    marching = [task_of(run) for run in runs]
-    given = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
-    needs = tuple(task for task in marching if task is not None)
-    return Task.of("comparison", partial(_with_runs, call, given), needs, *map(subject_of, runs), *words)
-
-
-def _with_runs(call: Callable[..., Any], given: list[xr.Dataset | None], *marched: xr.Dataset) -> xr.Dataset:
-    """Call with all runs, those in chunks read once and whole."""
-    remaining: Iterator[xr.Dataset] = iter(marched)
-    runs = [next(remaining) if run is None else run.compute() if is_lazy(run) else run for run in given]
-    result: xr.Dataset = call(*runs)
-    return result
-
-
 def _compared(at: Floats | None, functions: Functions | None, first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    return compared(first, second, at, functions)
+    return compared(in_memory(first), in_memory(second), at, functions)
 
 
 def _with_data(functions: Functions | None, data: Any, run: xr.Dataset) -> xr.Dataset:
-    return residuals_with(run, data, functions)
+    return residuals_with(in_memory(run), data, functions)
 
 
 def _stated(sizes: Any, needed: set[str]) -> dict[str, int]:
@@ -171,4 +157,5 @@ def _events(
 def _detectors(record: xr.Dataset) -> list[str]:
     """Name the detectors of a run's events."""
     detector = record.variables.get("event_detector")
-    return [] if detector is None else str(detector.attrs["flag_meanings"]).split()
+    words = [] if detector is None else str(detector.attrs["flag_meanings"]).split()
+    return [] if words == [NO_DETECTOR] else words

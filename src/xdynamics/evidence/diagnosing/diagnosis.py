@@ -27,7 +27,8 @@ from xdynamics.evidence.diagnosing.phases import (
 )
 from xdynamics.evidence.diagnosing.turns import turns
 from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
-from xdynamics.evidence.stage_tasks import Task, results_of
+from xdynamics.evidence.run_tasks import task_of_runs
+from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
@@ -135,8 +136,7 @@ def diagnose(
     [3.14, 3.14, 3.14, 3.14, 3.14]
     """
     check_kind(run)
-    marching = task_of(run)
-    if marching is None:
+    if task_of(run) is None:
         check(run, whole=False, values=False)
     check_every_row(run.attrs, "a diagnosis")
     check_every_column(run.attrs, "a diagnosis")
@@ -147,13 +147,12 @@ def diagnose(
         of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences")
     )
     tighter = tighter_of(run, functions) if companion else None
-    needs = [marching] if marching is not None else []
-    needs += [tighter.task] if tighter is not None else []
+    needs = [tighter.task] if tighter is not None else []
     by_exact = reference is None and tighter is not None and bool(with_roles(run, ("coordinate",)))
     exact_run = exact_march(run, functions) if by_exact else None
     needs += [exact_run] if exact_run is not None else []
-    call = partial(_diagnosed, request, run if marching is None else None, tighter)
-    task = Task.of("diagnosis", call, tuple(needs), subject_of(run), *request.words)
+    call = partial(_diagnosed, request, tighter)
+    task = task_of_runs("diagnosis", call, (run,), *request.words, needs=tuple(needs))
     if compute:
         found: xr.Dataset = results_of(task)[0]
         return found
@@ -163,7 +162,7 @@ def diagnose(
             " occurrences=10"
         )
     rows = Unread(run, model_of(run, functions), request.occurrences or 0)
-    beside = None if tighter is None else Companion(run, run, tighter.factor, tighter.said, functions)
+    beside = None if tighter is None else tighter.beside(run, run, functions)
     return lazy(Stage(_dataset(request, rows, beside, None, ()), task))
 
 
@@ -187,20 +186,12 @@ class DiagnosisRequest:
         return [self.of, self.level, named, self.exact, self.lyapunov, self.occurrences]
 
 
-def _diagnosed(
-    request: DiagnosisRequest, run: xr.Dataset | None, tighter: Tighter | None, *marched: xr.Dataset
-) -> xr.Dataset:
-    """Diagnose a run, the first that was marched where it is not given, beside a tighter and a nearly exact one."""
-    runs = [*([] if run is None else [run]), *marched]
-    subject, others = runs[0], iter(runs[1:])
-    functions = request.functions
-    beside = None if tighter is None else Companion(subject, next(others), tighter.factor, tighter.said, functions)
-    digests = [
-        archive.digest_of_run(item.run if isinstance(item, Companion) else item)
-        for item in (subject, beside)
-        if item is not None
-    ]
-    rows = Chunks(subject, model_of(subject, functions))
+def _diagnosed(request: DiagnosisRequest, tighter: Tighter | None, run: xr.Dataset, *marched: xr.Dataset) -> xr.Dataset:
+    """Diagnose a run beside a tighter and a nearly exact one, where they are marched."""
+    others, functions = iter(marched), request.functions
+    beside = None if tighter is None else tighter.beside(run, next(others), functions)
+    digests = [archive.digest_of_run(entry) for entry in (run, *([] if beside is None else [beside.run]))]
+    rows = Chunks(run, model_of(run, functions))
     return _dataset(request, rows, beside, next(others, None), digests)
 
 
