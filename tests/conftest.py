@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -12,6 +13,9 @@ from hypothesis import settings
 SOURCES = Path(__file__).parents[1] / "src"
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# hundreds of processes are started, each of which would read the sources of xarray and all others anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
 
