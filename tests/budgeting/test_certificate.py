@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +193,11 @@ def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path:
     done = call(*asked, "--draws", "5000", "-o", tmp_path / "D.nc")
     assert "result    time of ground = 3.711 ± 0.040 s" in done.output
     assert "passed    ledger" in done.output
+    (line,) = [each for each in done.output.splitlines() if "numerical part" in each and "bound" in each]
+    found = re.fullmatch(
+        r"passed +numerical part: numerical bound (\S+) s, physical standard uncertainty 0\.02 s", line
+    )
+    assert len(found[1].partition("e")[0].replace(".", "")) <= 2
     same = call("recheck", tmp_path / "D.nc")
     assert (same.exit_code, same.output.startswith("the same  ")) == (0, True)
     assert call("show", tmp_path / "D.nc").output.startswith("certificate of Ball")
@@ -216,6 +222,16 @@ def test_one_digit_changed_is_named(certificate: xr.Dataset, name: str, said: st
     forged[name] = (certificate[name].dims, values, certificate[name].attrs)
     with pytest.raises(xd.ArchiveError, match=said):
         xd.recheck(forged)
+
+
+def test_a_small_uncertainty_of_old_is_written_otherwise(certificate: xr.Dataset) -> None:
+    """Assert that a result whose uncertainty stands with all its zeros is the same, and one with another digit is not."""
+    old, new = certificate.copy(), certificate.copy()
+    new.attrs["result"] = "3.71119880 ± 5.3e-7 s (k = 2)"
+    old.attrs["result"] = "3.71119880 ± 0.00000053 s (k = 2)"
+    assert _apart(old, new) == []
+    old.attrs["result"] = "3.71119880 ± 0.00000054 s (k = 2)"
+    assert len(_apart(old, new)) == 1
 
 
 def test_other_forgeries_are_named(certificate: xr.Dataset, tmp_path: Path) -> None:

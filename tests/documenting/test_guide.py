@@ -138,5 +138,10 @@ def test_what_show_prints_can_be_written() -> None:
     assert xd.Model.from_text(model.to_toml()) == model
     other = model.replace(parameters={"m": "60 ± 2 g"})
     assert (other.parameters["m"].quantity.value, other.parameters["m"].uncertainty) == (60.0, 2.0)
-    with pytest.raises(xd.ModelError, match="does not start with a finite number"):
-        model.replace(parameters={"m": "60 ± about 2 g"})
+    for text, size in {"50.0(5) g": 0.5, "50(2)g": 2.0, "(5 ± 0.4)e1 g": 4.0, "50 g ± 300 mg": 0.3}.items():
+        other = model.replace(parameters={"m": text})
+        assert other.parameters["m"].quantity.value == pytest.approx(50.0, rel=1e-15)
+        assert other.parameters["m"].uncertainty == pytest.approx(size, rel=1e-15)
+    for text in ("60 ± about 2 g", "60(two) g", "(60 ± two) g"):
+        with pytest.raises(xd.InputError, match="cannot be read|does not start with a finite number"):
+            model.replace(parameters={"m": text})

@@ -94,7 +94,7 @@ def test_maps_have_contours_and_their_optimum() -> None:
     grid = xd.sweep(throw, axes_of, keep=["end"], method="rk4", step="10 ms", until="5 s")
     title, axes = next((title, axes) for title, axes in panels(xd.plot(grid)).items() if title.startswith("end_x"))
     assert "greatest ▲" in title
-    assert "at angle 45, v 11" in title
+    assert "m at angle 45 degree, v 11.0 m s⁻¹" in title
     assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
 
 

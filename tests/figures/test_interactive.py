@@ -64,6 +64,24 @@ def test_scales_words_maps_and_lines_in_space_are_kept() -> None:
     assert space.z[-1] == 3.0
 
 
+def test_a_map_keeps_its_colours_scale_and_its_contours() -> None:
+    """Assert the scale beside the map as a panel of its own, with its label and the map's colours, and lines of equal value."""
+    drawn = Picture(figsize=(6, 4))
+    axes = drawn.add_subplot()
+    x, y = np.linspace(0.0, 2.0, 7), np.linspace(0.0, 1.0, 6)
+    mesh = axes.pcolormesh(x, y, np.add.outer(y, x), shading="nearest")
+    bar = drawn.colorbar(mesh, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)))
+    bar.set_label("sum (m)")
+    axes.contour(x, y, np.add.outer(y, x), levels=[1.0])
+    figure = drawn.interactive().figure
+    (cells, level), (scale, *_) = (traces_of(drawn.interactive(), axis) for axis in ("x", "x2"))
+    assert (level.mode, np.nanmax(np.abs(level.x + level.y - 1.0)) < 1e-12) == ("lines", True)
+    assert (scale.type, figure.layout.yaxis2.title.text, figure.layout.yaxis2.side) == ("heatmap", "sum (m)", "right")
+    assert figure.layout.xaxis2.domain[0] > figure.layout.xaxis.domain[1]
+    assert (scale.zmin, scale.zmax, scale.colorscale) == (cells.zmin, cells.zmax, cells.colorscale)
+    assert [scale.z.min(), scale.z.max()] == pytest.approx([0.0, 3.0], abs=0.02)
+
+
 def test_a_page_asks_nothing_of_a_network(ball: Any, tmp_path: Path) -> None:
     """Assert one file with plotly.js in it, no source elsewhere, hostile titles as text, and a part of it for a notebook."""
     hostile = xd.plot(ball.assign_attrs(title="<script>alert(1)</script> $x$"), tmp_path / "ball.html")

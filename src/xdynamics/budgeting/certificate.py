@@ -17,6 +17,7 @@ from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
+from xdynamics.budgeting.rounding import same_number, short
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
 from xdynamics.evidence.refining.verdict_words import in_words
@@ -29,12 +30,15 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVIDENCE, flags
+from xdynamics.units import unit_suffix
+from xdynamics.units.digits import OF_DOUBT
 
 if TYPE_CHECKING:
     import xarray as xr
 
 CERTIFICATE = "certificate"
 GATE, CASE = "gate", "case"
+Write = Callable[[float], str]
 PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 DRAWS = 10_000
 SMALL = 0.1  # largest ratio of the numerical bound to the physical uncertainty
@@ -164,11 +168,10 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
     """Return name, verdict and reason of every gate."""
     words, verdicts = [CASES[case] for case in ledger["verdict"].values.tolist()], budget["level_verdict"]
     convergence = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
-    bounds = dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
+    bounds, difference = _bounds(budget), _last_difference(budget)
     physical, numerical = float(budget["physical_rss"]), float(budget["numerical_bound"])
     linear = LINEAR[int(budget["linear_verdict"])]
     outcome = str(budget["run_outcome"].values)
-    difference = float(abs(budget["level_value"][0] - budget["level_value"][1]))
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
@@ -176,7 +179,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
         (
             "interpolation",
             bounds["interpolation"] <= max(difference, bounds["truncation"]),
-            f"{bounds['interpolation']:.3g} beside a difference of {difference:.3g} of two levels",
+            _interpolation(bounds["interpolation"], difference, "{:.3g}".format),
         ),
         (
             "ledger",
@@ -192,11 +195,48 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
             (
                 "numerical_part",
                 numerical <= SMALL * physical,
-                f"numerical bound {numerical:.3g}, physical standard uncertainty {physical:.3g}",
+                _numerical_part(numerical, physical, "{:.3g}".format),
             )
         )
     gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decisions]
     return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
+
+
+def _bounds(budget: xr.Dataset) -> dict[str, float]:
+    return dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
+
+
+def _last_difference(budget: xr.Dataset) -> float:
+    return float(abs(budget["level_value"][0] - budget["level_value"][1]))
+
+
+def _interpolation(bound: float, difference: float, write: Write) -> str:
+    return f"{write(bound)} beside a difference of {write(difference)} of two levels"
+
+
+def _numerical_part(bound: float, physical: float, write: Write) -> str:
+    return f"numerical bound {write(bound)}, physical standard uncertainty {write(physical)}"
+
+
+def reasons(certificate: xr.Dataset) -> list[str]:
+    """Return what was looked at for each gate, its numbers rounded, with their unit; those kept have neither."""
+    kept: dict[str, str] = dict(
+        zip(certificate["gate_name"].values.tolist(), certificate["gate_reason"].values.tolist(), strict=True)
+    )
+    if "value" not in certificate:  # only gates
+        return [*kept.values()]
+    unit = unit_suffix(str(certificate["value"].attrs["units"]))
+
+    def write(number: float) -> str:
+        return f"{short(number, OF_DOUBT)}{unit}"
+
+    rounded = {
+        "interpolation": _interpolation(_bounds(certificate)["interpolation"], _last_difference(certificate), write),
+        "numerical_part": _numerical_part(
+            float(certificate["numerical_bound"]), float(certificate["physical_rss"]), write
+        ),
+    }
+    return [rounded.get(name, reason) for name, reason in kept.items()]
 
 
 def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
@@ -283,13 +323,17 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
             if old.dtype.kind == "f"
             else old.astype(str) != new.astype(str)
         )
+        if name == "result":
+            differs = np.array([not same_number(str(old[0]), str(new[0]))])
         if differs.any():
             k = tuple(np.argwhere(differs)[0].tolist())
             faults.append(f"'{name}'{list(k) if old.size > 1 else ''} is {old[k]}, and comes out as {new[k]}")
     faults += [
         f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {remade.attrs[key]!r}"
         for key in SAME
-        if key in remade.attrs and str(original.attrs.get(key)) != str(remade.attrs[key])
+        if key in remade.attrs
+        and str(original.attrs.get(key)) != str(remade.attrs[key])
+        and not (key == "result" and same_number(str(original.attrs.get(key)), str(remade.attrs[key])))
     ]
     return faults
 
@@ -299,7 +343,7 @@ def lines_of(certificate: xr.Dataset) -> list[str]:
     verdicts = [GATES[index] for index in certificate["gate_verdict"].values.tolist()]
     lines = [f"result    {certificate.attrs['of']} = {stated(certificate, 'result')}"]
     lines += place_of(certificate)
-    rows = zip(certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True)
+    rows = zip(certificate["gate_name"].values, verdicts, reasons(certificate), strict=True)
     lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
     if "level_verdict" in certificate:
         lines.append(f"levels    {in_words(words_of(certificate['level_verdict'])[0])}")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from math import isfinite
 
-from xdynamics.units.digits import with_uncertainty
+from xdynamics.units.digits import scientific, with_uncertainty
 
 EXPANDED = 2.0  # coverage factor
+_NUMBER = re.compile(r"\d+(\.\d+)?(e-?\d+)?")
+_SCALED = re.compile(r"\(([-\d.]+) ± ([\d.]+)\)e(-?\d+)")
 
 
 def rounded(value: float, standard: float, numerical: float, units: str, origin: str = "k = 2") -> str:
@@ -31,14 +34,38 @@ def rounded(value: float, standard: float, numerical: float, units: str, origin:
     """
     unit = "" if units == "1" else f" {units}"
     expanded = EXPANDED * standard
-    remark = f"{origin}, numerical part {_short(numerical)}{unit}"
+    remark = f"{origin}, numerical part {short(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({remark})"
     return f"{with_uncertainty(value, expanded)}{unit} ({remark})"
 
 
-def _short(value: float) -> str:
+def short(value: float, digits: int = 1) -> str:
+    """Write the size of an uncertainty or of a bound.
+
+    Examples
+    --------
+    >>> short(3.1e-9), short(0.0061), short(12345.0, 2), short(0.00614, 2)
+    ('3e-9', '0.006', '1.2e4', '0.0061')
+    """
     if value == 0.0 or not isfinite(value):
         return f"{value:g}"
-    digits, power = f"{value:.0e}".split("e")
-    return f"{digits}e{int(power)}" if not -3 <= int(power) <= 3 else f"{float(f'{value:.0e}'):g}"
+    written = scientific(value, digits - 1)
+    return written if not -3 <= int(written.partition("e")[2]) <= 3 else f"{float(written):g}"
+
+
+def same_number(first: str, second: str) -> bool:
+    """Whether two results say the same, though earlier versions wrote a small uncertainty with zeros.
+
+    Examples
+    --------
+    >>> same_number("3.71119880 ± 0.00000053 s (k = 2)", "3.71119880 ± 5.3e-7 s (k = 2)")
+    True
+    >>> same_number("(9.87654321 ± 0.00000064)e12 m", "9.87654321e12 ± 6.4e5 m"), same_number("3.71 s", "3.72 s")
+    (True, False)
+    """
+    said = [
+        _NUMBER.sub(lambda number: repr(float(number[0])), _SCALED.sub(r"\1e\3 ± \2e\3", text))
+        for text in (first, second)
+    ]
+    return said[0] == said[1]

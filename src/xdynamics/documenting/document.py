@@ -10,7 +10,7 @@ from xdynamics import archive
 from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.stores import check_target, store_of, taking_name
 from xdynamics.budgeting.budget_summary import doubt_of, with_doubt
-from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED
+from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED, reasons
 from xdynamics.documenting import blocks
 from xdynamics.documenting.blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
@@ -100,9 +100,7 @@ def _result(certificate: xr.Dataset) -> PageSection:
     verdicts = [GATES[code] for code in certificate["gate_verdict"].values.tolist()]
     rows = [
         [str(name).replace("_", " "), verdict.replace("_", " "), str(why)]
-        for name, verdict, why in zip(
-            certificate["gate_name"].values, verdicts, certificate["gate_reason"].values, strict=True
-        )
+        for name, verdict, why in zip(certificate["gate_name"].values, verdicts, reasons(certificate), strict=True)
     ]
     failed, unchecked = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)
     statement = f"It fails {failed} of {len(verdicts)} gates." if failed else "It passes every gate."

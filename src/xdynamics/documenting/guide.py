@@ -306,7 +306,7 @@ def _units() -> Iterator[str]:
     yield f"  units     {', '.join(SPELLING.values())}"
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
     yield "  values    also in month (365.25/12 d), °C and °F, which are kept in d and K; year is the Julian one, of 365.25 d"
-    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty after a sign: 50 ± 0.5 g"
+    yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
 
 
 def _record() -> Iterator[str]:

@@ -61,7 +61,7 @@ def summary(run: xr.Dataset) -> list[str]:
         energy, units = run["total_energy"].values, run["total_energy"].attrs["units"]
         band, change = energy.max() - energy.min(), energy[-1] - energy[0]
         lines.append(
-            f"energy    {energy[0]:.9g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
+            f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
             f" {change:.3g} {units}"
         )
     return [escaped(line) for line in (*lines, *_pace(attributes), *_events(run))]

@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics import schema
 from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
-from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said
+from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said, diagnosed
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, timed, words
@@ -54,8 +54,7 @@ def foot_of(diagnosis: xr.Dataset) -> str:
     """Describe the cycles, the reference of their phases, and how the energy behaved."""
     energy = ""
     if "energy_band" in diagnosis:
-        units = diagnosis["energy_band"].attrs["units"]
-        energy = f"; energy band {float(diagnosis['energy_band']):.3g} {units}, drift {float(diagnosis['energy_drift']):.3g} {units}"
+        energy = f"; energy band {diagnosed(diagnosis, 'energy_band')}, drift {diagnosed(diagnosis, 'energy_drift')}"
     remarks = []
     if cycles_counted(diagnosis):
         remarks.append(f"cycles of {cycles_said(diagnosis)}; phases beside {stated(diagnosis, 'reference')}")
@@ -82,10 +81,7 @@ def _exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
     axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{unit_suffix}"))
     axes.margins(y=0.15)
     axes.locator_params(axis="x", integer=True)
-    growth = (
-        "growth over the run's own time"
-        f" {float(diagnosis[FINITE_TIME_GROWTH]):.3g}{'' if units == '1' else f' {units}'}"
-    )
+    growth = f"growth over the run's own time {diagnosed(diagnosis, FINITE_TIME_GROWTH)}"
     axes.set_title(words(f"Lyapunov exponents; {growth}"), loc="left", fontsize=10)
 
 
@@ -93,7 +89,11 @@ def _along_cycles(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
     variable, units = diagnosis[name], diagnosis[name].attrs["units"]
     first = float(variable[0])
     steady = float(np.nanmax(np.abs(variable.values - first))) < STEADY * abs(first)
-    values, shown = (variable.values - first, f"{name} - {first:.9g} {units}") if steady else (variable.values, name)
+    values, shown = (
+        (variable.values - first, f"{name} less its start, {diagnosed(diagnosis, name, 0)}")
+        if steady
+        else (variable.values, name)
+    )
     axes.plot(diagnosis["cycle_time"].values, values, ".-", color=COLOURS[0], linewidth=1.0, markersize=4)
     axes.set(xlabel=timed(diagnosis["cycle_time"], "time at the end of the cycle"), ylabel=words(f"{name} ({units})"))
     axes.set_title(words(shown), loc="left", fontsize=10, pad=14)

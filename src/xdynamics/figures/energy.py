@@ -12,6 +12,7 @@ from xdynamics.figures.curves import drawn, energy_changes
 from xdynamics.figures.lines import DASHES, over_the_run, straight
 from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
 from xdynamics.schema import ENERGIES
+from xdynamics.units.digits import known_part, short_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +58,8 @@ def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
         axes.legend(fontsize=8, frameon=False)
     axes.set(ylabel=words(f"{'E - E(0)' if less else 'E'} ({units})"))
     note = straight(run, "total_energy", exact=True)
-    start = f" less its start, {float(energy[0]):.6g} {units}" if less else ""
+    known = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
+    start = f" less its start, {short_number(float(energy[0]), known)} {units}" if less else ""
     axes.set_title(words(f"total energy{start}{note}"), loc="left", fontsize=10)
     over_the_run(run, axes)
 

@@ -95,7 +95,9 @@ def interactive(drawn: Figure) -> Interactive:
         font_size=9,
         opacity=0.7,
     )
-    for number, axes in enumerate([axes for axes in drawn.axes if axes.get_visible()], start=1):
+    shown: list[Any] = [axes for axes in drawn.axes if axes.get_visible()]
+    scales = [inset for axes in shown for inset in axes.child_axes]  # of colours, beside their maps
+    for number, axes in enumerate([*shown, *scales], start=1):
         (_solid if hasattr(axes, "zaxis") else _flat)(page, axes, "" if number == 1 else str(number))
     return Interactive(page)
 
@@ -126,7 +128,15 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
         page.update_layout({f"{letter}axis{n}": settings})
     lines = title.replace("\n", "<br>")
     page.add_annotation(
-        text=lines, xref="paper", yref="paper", x=box.x0, y=box.y1, xanchor="left", yanchor="bottom", showarrow=False
+        text=lines,
+        xref="paper",
+        yref="paper",
+        x=box.x0,
+        y=box.y1,
+        xanchor="left",
+        yanchor="bottom",
+        align="left",
+        showarrow=False,
     )
     legend, place = axes.get_legend(), f"legend{n}"
     if legend is not None:
@@ -149,14 +159,15 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
 
 def _traces(axes: Axes) -> Iterator[dict[str, Any]]:
     """Yield what is drawn in a panel as plotly takes it, what lies lowest first."""
-    for artist in sorted([*axes.collections, *axes.patches, *axes.lines], key=lambda each: each.get_zorder()):
+    artists: list[Any] = [*axes.collections, *axes.patches, *axes.lines]
+    for artist in sorted(artists, key=lambda each: each.get_zorder()):
         if not artist.get_visible():
             continue
         if artist in axes.lines:
             yield from _line(axes, artist)
         elif hasattr(artist, "get_coordinates"):
             yield _map(artist)
-        elif len(getattr(artist, "get_offsets", list)()) and not hasattr(artist, "get_segments"):
+        elif hasattr(artist, "get_sizes") and len(artist.get_offsets()):
             yield _points(artist)
         else:
             yield from _shapes(axes, artist)

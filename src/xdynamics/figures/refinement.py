@@ -15,7 +15,7 @@ from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import UNESTIMATED, with_uncertainty
+from xdynamics.units.digits import short_number, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def _known(study: xr.Dataset, name: str) -> str:
     """Write the finest level's value at the first place with the digits that are known."""
     value = float(study[name].values.reshape(study.sizes[LEVEL], -1)[-1, 0])
     doubt = float(study[f"uncertainty_{name}"].values.ravel()[0]) if f"uncertainty_{name}" in study else np.nan
-    return with_uncertainty(value, doubt) if doubt > 0.0 else f"{value:.{UNESTIMATED}g}"
+    return with_uncertainty(value, doubt) if doubt > 0.0 else short_number(value)
 
 
 PAGE = Page(("refinement",), panels_of, foot_of, most_panels=6)

@@ -12,13 +12,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, at_time, timed, words
+from xdynamics.figures.marks import COLOURS, at_time, timed, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.collection import AXIS, axes_said, settings_said
 from xdynamics.sweeping.ensemble_analysis import numbers
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
+from xdynamics.sweeping.sweep_summary import known_number
+from xdynamics.units import unit_suffix
+from xdynamics.units.digits import known_to, short_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,20 +116,24 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
     if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
         axes.set_aspect("equal", anchor="W")
-    marked = [f"{word} {mark} {value:.4g} at {x} {at[0]:.4g}, {y} {at[1]:.4g}" for word, mark, value, at in best]
+    marked = [
+        f"{word} {mark} {known_number(sweep, name, value)}{_unit(sweep, name)} at {x} {known_to(*at[0])}{_unit(sweep, x)},"
+        f" {y} {known_to(*at[1])}{_unit(sweep, y)}"
+        for word, mark, value, at in best
+    ]
     axes.set_title("\n".join(map(words, (f"{name}{_other_axes(sweep, shown)}", *marked))), loc="left", fontsize=10)
     axes.grid(visible=False)
 
 
 def _relief(
     axes: Axes, across: Values, up: Values, values: Values
-) -> list[tuple[str, str, float, tuple[float, float]]]:
+) -> list[tuple[str, str, float, tuple[tuple[float, float], ...]]]:
     """Draw lines of equal value on a smooth map, and mark the greatest and the least value that are inside of it.
 
     Returns
     -------
     list of tuple
-        Of each mark its word, its sign, the value, and where it is.
+        Of each mark its word, its sign, the value, and where it is, with the half of a spacing that the grid leaves open.
     """
     if values.dtype.kind != "f" or min(values.shape) < FEWEST_SIDE or not np.isfinite(values).all():
         return []
@@ -143,8 +150,10 @@ def _relief(
     ):
         row, column = np.unravel_index(int(place), values.shape)
         if 0 < row < values.shape[0] - 1 and 0 < column < values.shape[1] - 1:
-            at = float(across[column]), float(up[row])
-            axes.plot(*at, marker, color="white", markeredgecolor="black", markersize=7)
+            axes.plot(across[column], up[row], marker, color="white", markeredgecolor="black", markersize=7)
+            at = tuple(
+                (float(axis[k]), float(np.ptp(axis[k - 1 : k + 2])) / 4.0) for axis, k in ((across, column), (up, row))
+            )
             found.append((word, mark, float(values[row, column]), at))
     return found
 
@@ -313,13 +322,17 @@ def _labelled(sweep: xr.Dataset, name: str) -> str:
     return words(name if units == "1" else f"{name} ({units})")
 
 
+def _unit(sweep: xr.Dataset, name: str) -> str:
+    return unit_suffix(typeset(str(sweep[name].attrs["units"])))
+
+
 def _other_axes(part: xr.Dataset, shown: list[str]) -> str:
     """Name the values of the other axes for a part of a sweep."""
     settings: list[str] = []
     for name, coordinate in part.coords.items():
         if AXIS in coordinate.attrs and not coordinate.dims and str(name) not in shown:
             value, units = coordinate.values, str(coordinate.attrs["units"])
-            text = f"{float(value):.6g}" if coordinate.dtype.kind in "fi" else str(value)
+            text = short_number(float(value)) if coordinate.dtype.kind in "fi" else str(value)
             settings.append(
                 text if coordinate.dtype.kind not in "fi" else f"{name} = {text}{'' if units == '1' else f' {units}'}"
             )

@@ -23,6 +23,8 @@ HALF_WIDTHS = {RECTANGULAR: sqrt(3.0), TRIANGULAR: sqrt(6.0), ARCSINE: sqrt(2.0)
 SIZES = ("uncertainty", "half_width")
 
 _BETWEEN = re.compile(r"±|\+/-|\+-")
+_LAST_DIGITS = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\((\d+)\)([^()]*)")
+_SCALED = re.compile(r"\s*\(\s*([^()\s]+)\s*(?:±|\+/-|\+-)\s*([^()\s]+)\s*\)([^()]*)")
 NOTHING = 1e-12  # a remaining variance that counts as zero
 
 Floats = NDArray[np.float64]
@@ -85,7 +87,7 @@ class Discrepancy:
 
 
 def parted(text: Any) -> tuple[str, str] | None:
-    """Split ``50 ± 0.5 g`` into the value and its standard uncertainty, as `show` prints them.
+    """Split a quantity with its standard uncertainty into both: as `show` prints them, or its last digits in brackets (JCGM 100:2008, 7.2.2).
 
     Raises
     ------
@@ -94,14 +96,27 @@ def parted(text: Any) -> tuple[str, str] | None:
 
     Examples
     --------
-    >>> parted("50 ± 0.5 g")
-    ('50 g', '0.5 g')
+    >>> parted("50 ± 0.5 g"), parted("50 g ± 500 mg"), parted("(1.23 ± 0.15)e-6 kg")
+    (('50 g', '0.5 g'), ('50 g', '500 mg'), ('1.23e-6 kg', '0.15e-6 kg'))
+    >>> parted("6.67430(15)e-11 m3 kg-1 s-2")
+    ('6.67430e-11 m3 kg-1 s-2', '0.00015e-11 m3 kg-1 s-2')
     """
-    if not isinstance(text, str) or (match := _BETWEEN.search(text)) is None:
+    if not isinstance(text, str):
+        return None
+    if match := _LAST_DIGITS.fullmatch(text):
+        number, digits, rest = match.groups()
+        places = len(number.partition(".")[2])
+        digits = digits.zfill(places + 1)
+        cut = len(digits) - places
+        return number + rest, f"{digits[:cut]}.{digits[cut:]}".rstrip(".") + rest
+    if match := _SCALED.fullmatch(text):
+        value, size, rest = match.groups()
+        return value + rest, size + rest
+    if (match := _BETWEEN.search(text)) is None:
         return None
     value, size = text[: match.start()].strip(), text[match.end() :].strip()
     parse_quantity(size)
-    return f"{value} {unit_text(size) or 1}", size
+    return value if unit_text(value) else f"{value} {unit_text(size) or 1}", size
 
 
 def spread_of(entry: Mapping[str, Any], value: Quantity) -> Spread | None:

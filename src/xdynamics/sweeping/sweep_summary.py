@@ -13,7 +13,7 @@ from xdynamics.record.flag_words import words_of
 from xdynamics.schema import PASSED
 from xdynamics.sweeping.collection import AXIS, KEEP, axes_said, settings_said
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
-from xdynamics.units.digits import UNESTIMATED, digits, known_part
+from xdynamics.units.digits import known_part, short_number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,13 +82,13 @@ def _kept(sweep: xr.Dataset) -> Iterator[str]:
             yield f"{name} is not there in any member"
             continue
         missing = "" if finite.size == values.size else f", not there in {values.size - finite.size} of {values.size}"
-        least, most = _known(sweep, name, float(finite.min())), _known(sweep, name, float(finite.max()))
+        least, most = known_number(sweep, name, float(finite.min())), known_number(sweep, name, float(finite.max()))
         yield f"{name} {f'from {least} to {most}' if least != most else f'is {least}'}{unit}{missing}"
     if len(names) > MOST:
         yield f"… and {len(names) - MOST} more variables"
 
 
-def _known(sweep: xr.Dataset, name: str, value: float) -> str:
+def known_number(sweep: xr.Dataset, name: str, value: float) -> str:
     """Write a member's number with six digits, fewer where tolerances and uncertain parameters leave fewer."""
     parameters = [
         (float(variable), float(variable.attrs.get("uncertainty", 0.0)))
@@ -98,7 +98,7 @@ def _known(sweep: xr.Dataset, name: str, value: float) -> str:
     doubt = known_part(float(sweep.attrs["solver_rtol"]) if "solver_rtol" in sweep.attrs else None, parameters)
     if sweep[name].dtype.kind in "iu":
         return f"{value:.9g}"
-    return f"{value:.{min(UNESTIMATED, digits(value, relative=doubt))}g}"
+    return short_number(value, doubt)
 
 
 SUMMARIES = {"sweep": lines_of}

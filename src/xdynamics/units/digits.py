@@ -10,6 +10,7 @@ UNKNOWN = 1e-9  # part of a number that its error is taken for, where nothing es
 UNESTIMATED = 6  # digits of a number whose uncertainty nobody estimated
 OF_DOUBT = 2  # digits of an uncertainty
 LEAST, GREATEST = -4, 8  # powers of ten that are written without one
+SMALLER = 3  # powers of ten from a number down to an uncertainty that zeros would hide
 REACHED = 0.1  # of the relative uncertainty of an input: what is taken to reach a number that follows from it
 
 
@@ -49,6 +50,8 @@ def known_part(tolerance: float | None, inputs: Iterable[tuple[float, float]]) -
 def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) -> str:
     """Write a number and its uncertainty, both to the same decimal place (JCGM 100:2008, 7.2.6).
 
+    Brackets, as in 3.71119880(53), are for standard uncertainties alone (7.2.2), so that a small one is written with its power of ten.
+
     Parameters
     ----------
     value, uncertainty : float
@@ -57,8 +60,8 @@ def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) ->
 
     Examples
     --------
-    >>> with_uncertainty(0.000294891463964, 7e-5), with_uncertainty(3.7111988, 5.3e-7, 1)
-    ('0.000295 ± 0.000070', '3.7111988 ± 0.0000005')
+    >>> with_uncertainty(0.000294891463964, 7e-5), with_uncertainty(3.7111988, 5.3e-7)
+    ('0.000295 ± 0.000070', '3.71119880 ± 5.3e-7')
     >>> with_uncertainty(-1234.5, 420.0), with_uncertainty(1.234e-6, 1.51e-7), with_uncertainty(-1e-15, 9.2e-12)
     ('-1230 ± 420', '(1.23 ± 0.15)e-6', '(0.0 ± 9.2)e-12')
     >>> with_uncertainty(2.0, 0.0), with_uncertainty(0.5, inf), with_uncertainty(-inf, 0.1)
@@ -70,12 +73,29 @@ def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) ->
         return f"{value:.{UNESTIMATED}g} ± {uncertainty:.{shown}g}"
     size = float(f"{uncertainty:.{shown - 1}e}")
     places, power = shown - 1 - floor(log10(size)), floor(log10(max(abs(value), size)))
+    below = floor(log10(size))
     if places + power >= MOST:  # digits that no double has
-        return f"{value:.{MOST}g} ± {uncertainty:.{shown}g}"
+        return f"{value:.{MOST}g} ± {scientific(size, shown - 1)}"
     if LEAST <= power <= GREATEST:
-        return f"{_fixed(value, places)} ± {_fixed(size, places)}"
+        small = below < LEAST and power - below >= SMALLER
+        return f"{_fixed(value, places)} ± {scientific(size, shown - 1) if small else _fixed(size, places)}"
+    if below - power < LEAST:
+        return f"{scientific(value, places + power)} ± {scientific(size, shown - 1)}"
     scaled = (_fixed(number / 10.0**power, places + power) for number in (value, size))
     return f"({' ± '.join(scaled)})e{power}"
+
+
+def short_number(value: float, relative: float = 0.0) -> str:
+    """Write a number that no uncertainty was estimated of: six digits at most, fewer where a relative uncertainty leaves fewer.
+
+    Examples
+    --------
+    >>> short_number(13.70902678), short_number(13.70902678, 1e-3)
+    ('13.709', '13.71')
+    >>> short_number(13.70902678, 1e-2), short_number(0.0)
+    ('13.7', '0')
+    """
+    return f"{value:.{min(UNESTIMATED, digits(value, relative=relative))}g}"
 
 
 def known_to(value: float, uncertainty: float) -> str:
@@ -84,14 +104,26 @@ def known_to(value: float, uncertainty: float) -> str:
     Examples
     --------
     >>> known_to(0.879488222, 0.0031), known_to(-1234.5, 20.0), known_to(1.5, 0.0), known_to(1.0843e-6, 2e-9)
-    ('0.879', '-1230', '1.5', '1.084e-06')
+    ('0.879', '-1230', '1.5', '1.084e-6')
     """
     if not (isfinite(value) and isfinite(uncertainty) and uncertainty > 0.0):
         return f"{value:.{UNESTIMATED}g}"
     places = -floor(log10(uncertainty))
     if value and floor(log10(abs(value))) < LEAST:
-        return f"{value:.{max(places + floor(log10(abs(value))), 0)}e}"
+        return scientific(value, max(places + floor(log10(abs(value))), 0))
     return _fixed(value, places)
+
+
+def scientific(value: float, places: int) -> str:
+    """Write a number with a power of ten and so many decimal places, the power without zeros before it.
+
+    Examples
+    --------
+    >>> scientific(5.34e-7, 1), scientific(-12345.0, 2)
+    ('5.3e-7', '-1.23e4')
+    """
+    number, power = f"{value:.{places}e}".split("e")
+    return f"{number}e{int(power)}"
 
 
 def _fixed(value: float, places: int) -> str:

@@ -14,7 +14,7 @@ from xdynamics.record import whole_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import UNESTIMATED, with_uncertainty
+from xdynamics.units.digits import short_number, with_uncertainty
 
 ROLE = "difference"
 TOLD = ("identical", "first_difference", "model", "parameters", "initial", "events", "settings", "cause", "parted")
@@ -74,7 +74,7 @@ def _known(table: xr.Dataset, name: str, place: Mapping[str, int]) -> str:
         if doubt in table
     ]
     doubt = float(np.hypot.reduce(np.nan_to_num(doubts))) if doubts else 0.0
-    return with_uncertainty(value, doubt) if doubt > 0.0 else f"{value:.{UNESTIMATED}g}"
+    return with_uncertainty(value, doubt) if doubt > 0.0 else short_number(value)
 
 
 def _element(table: xr.Dataset, place: Mapping[str, int]) -> str:

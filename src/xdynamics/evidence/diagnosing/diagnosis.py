@@ -268,25 +268,28 @@ def lines_of(found: xr.Dataset) -> Iterator[str]:
     """Describe a diagnosis, line by line."""
     for name, variable in found.data_vars.items():
         if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and name not in chaos.IN_WORDS:
-            rule, units = f"{name}_rule", "" if variable.attrs["units"] == "1" else f" {variable.attrs['units']}"
+            rule = f"{name}_rule"
             shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
             over = schema.scaled(str(name))
             shown += (
                 f", scaled {float(found[over]):.3g} by {_scale_in_words(found, str(name))}" if over in found else ""
             )
-            yield f"{name} = {float(variable):.{_digits_of(found, str(name))}g}{units}{shown}"
+            yield f"{name} = {diagnosed(found, str(name))}{shown}"
     yield from chaos.exponents_in_words(found)
     if doubt := stated(found, "cycle_doubt"):
         yield f"attention: {doubt}"
     if count := cycles_counted(found):
         yield f"cycles of {cycles_said(found)}: {count}, phases beside {stated(found, 'reference')}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
-            variable = found[name]
-            first, last = (
-                f"{float(variable[k]):.{_digits_of(found, name, k)}g}{unit_suffix(variable.attrs['units'])}"
-                for k in (0, count - 1)
-            )
+            first, last = (diagnosed(found, name, k) for k in (0, count - 1))
             yield f"{name} = {first} in the first cycle, {last} in the last"
+
+
+def diagnosed(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> str:
+    """Write a diagnosed number, or that of a cycle, with its unit and as many digits as its uncertainty justifies."""
+    variable = diagnosis[name]
+    value = float(variable if cycle is None else variable[cycle])
+    return f"{value:.{_digits_of(diagnosis, name, cycle)}g}{unit_suffix(str(variable.attrs['units']))}"
 
 
 def _digits_of(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> int:
