@@ -104,7 +104,7 @@ def interactive(drawn: Figure) -> Interactive:
 
 def _flat(page: Any, axes: Axes, n: str) -> None:
     """Add a panel of two axes."""
-    box, title = axes.get_position(), _plain(axes.get_title(loc="left"))
+    box = axes.get_position()
     for letter, axis, across in (("x", axes.xaxis, (box.x0, box.x1)), ("y", axes.yaxis, (box.y0, box.y1))):
         low, high = axis.get_view_interval()
         logarithmic = axis.get_scale() == "log"
@@ -126,18 +126,7 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
         if letter == "y" and axes.get_aspect() != "auto":
             settings |= {"scaleanchor": f"x{n}", "scaleratio": float(axes.get_aspect()), "constrain": "domain"}
         page.update_layout({f"{letter}axis{n}": settings})
-    lines = title.replace("\n", "<br>")
-    page.add_annotation(
-        text=lines,
-        xref="paper",
-        yref="paper",
-        x=box.x0,
-        y=box.y1,
-        xanchor="left",
-        yanchor="bottom",
-        align="left",
-        showarrow=False,
-    )
+    _titled(page, axes)
     legend, place = axes.get_legend(), f"legend{n}"
     if legend is not None:
         corner = legend.get_window_extent().transformed(axes.figure.transFigure.inverted())
@@ -155,6 +144,22 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
     for text in axes.texts:
         if text.get_visible() and text.get_text():
             _annotate(page, axes, text, n)
+
+
+def _titled(page: Any, axes: Axes) -> None:
+    """Add the title of a panel, above its left corner."""
+    box = axes.get_position()
+    page.add_annotation(
+        text=_plain(axes.get_title(loc="left")).replace("\n", "<br>"),
+        xref="paper",
+        yref="paper",
+        x=box.x0,
+        y=box.y1,
+        xanchor="left",
+        yanchor="bottom",
+        align="left",
+        showarrow=False,
+    )
 
 
 def _traces(axes: Axes) -> Iterator[dict[str, Any]]:
