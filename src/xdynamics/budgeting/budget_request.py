@@ -149,7 +149,7 @@ def budget_request(
         inadequate_fit is True,
     )
     names = whole.names
-    left_out = names_left_out(names, only, without)
+    left_out = names_left_out(names, model.shapes, only, without)
     return replace(whole, left_out=tuple(name for name in names if name in left_out)) if left_out else whole
 
 

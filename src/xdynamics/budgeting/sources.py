@@ -12,6 +12,8 @@ from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.term import TERMS, Term
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.faults import InputError
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.naming import written
 from xdynamics.units import Unit
 
 if TYPE_CHECKING:
@@ -87,15 +89,17 @@ def _stated(terms: Callable[[Unit], list[Term]], target: Target, run: xr.Dataset
     return terms(target.units(run))
 
 
-def names_left_out(names: Sequence[str], only: Any, without: Any) -> frozenset[str]:
+def names_left_out(names: Sequence[str], shapes: Shapes, only: Any, without: Any) -> frozenset[str]:
     """Return which terms of a budget are left out, by the names that are wanted or not wanted.
+
+    A name is that of a term, or of a quantity with dimensions, whose elements are meant.
 
     Raises
     ------
     InputError
         If a name is no term of the budget, or no term is left.
     """
-    wanted, unwanted = (_row(only, "only"), _row(without, "without"))
+    wanted, unwanted = (_row(only, shapes, "only"), _row(without, shapes, "without"))
     for keyword, given in (("only", wanted), ("without", unwanted)):
         for name in given or ():
             if name not in names:
@@ -110,10 +114,10 @@ def names_left_out(names: Sequence[str], only: Any, without: Any) -> frozenset[s
     return left_out
 
 
-def _row(names: Any, keyword: str) -> Collection[str] | None:
+def _row(names: Any, shapes: Shapes, keyword: str) -> Collection[str] | None:
     row = [names] if isinstance(names, str) else names
     if row is None:
         return None
     if not isinstance(row, Collection) or not all(isinstance(name, str) for name in row):
         raise InputError(f"{keyword} is {str(names)[:60]!r}, needs names of terms, like ['roundoff']")
-    return row
+    return [element for name in row for element in shapes.elements(written(name))]

@@ -91,7 +91,8 @@ class Law:
     @cached_property
     def programs(self) -> tuple[Program, ...]:
         """Every program, each after those that it calls."""
-        inner = (model_programs.linearised(self.layout),) if self.steps.equations else ()
+        by_elements = any(equation.state < 0 for equation in self.steps.equations)
+        inner = (model_programs.linearised(self.layout),) if by_elements else ()
         return (self.entries[0], *inner, *self.entries[1:])
 
     @cached_property

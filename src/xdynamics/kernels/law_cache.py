@@ -83,8 +83,8 @@ def _name(key: str) -> str:
 
 
 def _equations(fields: list[Any]) -> NewtonSystem:
-    evaluations, residuals, unknowns, entries = fields
-    return NewtonSystem(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)))
+    evaluations, residuals, unknowns, entries, *places = fields
+    return NewtonSystem(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)), *places)
 
 
 @lru_cache(maxsize=1)

@@ -23,16 +23,26 @@ class NewtonSystem:
         Force evaluations of one iteration.
     residuals : int
         Place of the first residual; the others follow.
-    unknowns : tuple of (int, int, int)
-        For each: its place in `w`, and in `y` the value and the slope at the start of the step, which give its size.
+    unknowns : tuple of (int, int, int, int)
+        For each vector: places of its first number in `w`, and in `y` of value and slope at the start of the step, which
+        give its size; how many numbers it has.
     entries : tuple of (int, int, int, int)
         What is subtracted from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
+    state : int
+        Place of the state at which derivatives are found group by group (`kernels.jacobian_pattern`), -1 if they are not.
+    weights : int
+        Place of the coefficients of all entries then: see `Coupling.weights`.
+    derivatives : int
+        Place of those derivatives, of the direction that they are found along, and of the time.
     """
 
     evaluations: int
     residuals: int
-    unknowns: tuple[tuple[int, int, int], ...]
-    entries: tuple[tuple[int, int, int, int], ...]
+    unknowns: tuple[tuple[int, int, int, int], ...]
+    entries: tuple[tuple[int, int, int, int], ...] = ()
+    state: int = -1
+    weights: int = -1
+    derivatives: int = -1
 
 
 class Coupling:
@@ -78,6 +88,26 @@ class Coupling:
                 if slope is not None and place is not None:
                     entries.append((row, column, place, self._slopes[number] + slope))
         return entries
+
+    def weights(self) -> int:
+        """Compute the coefficients of one vector of velocities and one of states, and return the place of the first.
+
+        Eight: of velocities and of states by themselves, of accelerations by coordinates, velocities and states, of rates.
+        """
+        (evaluation,) = self._line.evaluations
+        velocity, state = self._line.unknowns
+        terms = [derivative(self._outer[name], {name: Number(1.0)}) for name in (velocity, state)]
+        insides: list[Node | None] = [None, None]
+        for name, slope in ((velocity, evaluation.acceleration), (state, evaluation.rate)):
+            for vector, unknown in (
+                (evaluation.position, velocity),
+                (evaluation.velocity, velocity),
+                (evaluation.state, state),
+            ):
+                terms.append(derivative(self._outer[name], {slope: Number(1.0)}))
+                insides.append(derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)}))
+        first, *_ = [self._coefficient(*pair) for pair in zip(terms, insides, strict=True)]
+        return first
 
     def _direct(self, name: str, unknown: str) -> int | None:
         return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))

@@ -42,7 +42,7 @@ class Steps:
     ----------
     programs : tuple of Program
         One for an explicit method. Where equations are solved: what comes before, one iteration, what comes after, and
-        so on.
+        so on; last the derivatives along a direction, where a matrix is found group by group.
     equations : tuple of Equations
     memory : int
         Numbers of the working memory; the last ones are the coefficients of the step's polynomial, where it leaves one.
@@ -129,6 +129,8 @@ class _Stepping(Walker):
         self._local: dict[str, int] = {}
         self._bodies: list[list[Instruction]] = []
         self._equations: list[NewtonSystem] = []
+        self._changes: tuple[Program, ...] = ()
+        self._derivatives = 0  # where those of a matrix found group by group are
         self._last = ""
         self._begin()
         first = 0
@@ -160,28 +162,53 @@ class _Stepping(Walker):
 
     def solve(self, line: Solve) -> None:
         """Write one iteration of Newton's method as a separate program, and go on after it."""
-        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
         self._begin()
         self.walk(line.definitions)
-        slopes = [self._evaluation(part, "linearised") for part in line.evaluations]
+        grouped = self._in_groups(line)
+        slopes = [self._evaluation(part, "forces" if grouped else "linearised") for part in line.evaluations]
         residuals = self._memory
         for part in line.equations:
             target = f"b_{part.target}"
             self._vector(target, self._count(part.target))
             self._each(target, part.expression, taken_from=part.target)
+        places = tuple((self._views[name][1], *self._start(name, 0), self._count(name)) for name in line.unknowns)
+        system = NewtonSystem(len(line.evaluations), residuals, places)
         coupling = Coupling(self.layout, line, slopes, self.coefficient)
-        entries = [
-            entry
-            for row, target in enumerate(
-                (part.target, i) for part in line.equations for i in range(self._count(part.target))
-            )
-            for column, unknown in enumerate(unknowns)
-            for entry in coupling.entries(row, column, target, unknown)
-        ]
-        places = tuple((self._views[name][1] + i, *self._start(name, i)) for name, i in unknowns)
-        self._equations.append(NewtonSystem(len(line.evaluations), residuals, places, tuple(entries)))
+        if grouped:
+            system = self._grouped(system, line, coupling)
+        else:
+            system = replace(system, entries=self._entries(line, coupling))
+        self._equations.append(system)
         self._begin()
         self.walk(line.definitions)
+
+    def _in_groups(self, line: Solve) -> bool:
+        """Whether the matrix is one of accelerations and rates at a single state, so that it has the model's pattern."""
+        single = len(line.evaluations) == 1 and [name[0] for name in line.unknowns] == ["v", "x"]
+        return single and is_compressed(self.layout)
+
+    def _entries(self, line: Solve, coupling: Coupling) -> tuple[tuple[int, int, int, int], ...]:
+        """Return what is subtracted from the unit matrix, entry by entry."""
+        targets = [(part.target, i) for part in line.equations for i in range(self._count(part.target))]
+        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
+        return tuple(
+            entry
+            for row, target in enumerate(targets)
+            for column, unknown in enumerate(unknowns)
+            for entry in coupling.entries(row, column, target, unknown)
+        )
+
+    def _grouped(self, system: NewtonSystem, line: Solve, coupling: Coupling) -> NewtonSystem:
+        """Write the coefficients of all entries, and make room for derivatives, their direction and the time."""
+        (evaluation,), (_, state, _) = line.evaluations, self._views[f"f{self.stage}"]
+        weights, entries = coupling.weights(), pattern_of(self.layout).rows.size
+        if not self._changes:
+            self._derivatives = self._memory
+            self._changes = (changes(self.layout, self._derivatives + entries),)
+            self._memory += entries + self.layout.used.size + 1
+        time = self._derivatives + entries + self.layout.used.size
+        self._scalars.store(Place("w", time), self._scalars.value(parse(evaluation.time)))
+        return replace(system, state=state, weights=weights, derivatives=self._derivatives)
 
     # ------------------------------------------------------------------------------------------------------- ends
 
@@ -231,7 +258,7 @@ class _Stepping(Walker):
             # the result of a step follows the last equations
             sound = answered if i == len(self._bodies) - 1 else None
             programs.append(Program(label, description, tuple(body), views, local, sound))
-        return Steps(tuple(programs), tuple(self._equations), self._memory)
+        return Steps((*programs, *self._changes), tuple(self._equations), self._memory)
 
     # ---------------------------------------------------------------------------------------------------- in parts
 

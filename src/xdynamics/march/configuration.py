@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
@@ -164,12 +165,22 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
         return Tolerances(relative, {}, units, number(atol, "atol"))
-    atol = {element: value for name, value in atol.items() for element in model.shapes.elements(written(name))}
+    # an element's own tolerance counts before that of its block, whichever is written first
+    ordered = sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: "[" in entry[0])
+    atol = {element: value for name, value in ordered for element in model.shapes.elements(name)}
     for name in atol:
         if name not in ("", *units):
-            raise InputError(f"atol names {name!r}; there are {', '.join(units)}")
+            raise InputError(f"atol names {name!r}; there are {_named(model)}")
     named = {name: _absolute(units[name], name, value) for name, value in atol.items() if name}
     return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
+
+
+def _named(model: Model) -> str:
+    """Return the names that may have a tolerance; of a block with one element as an example."""
+    shaped = model.shaped
+    blocks = [*shaped.coordinates, *map(schema.velocity, shaped.coordinates), *shaped.states]
+    examples = ((block, next(iter(model.shapes.elements(block)))) for block in blocks)
+    return ", ".join(block if first == block else f"{block} and its elements, as {first}" for block, first in examples)
 
 
 def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:

@@ -51,22 +51,25 @@ def solver_of(method: Method) -> Solver:
 def _newton_arrays(law: Law) -> Arrays:
     """Return the equations of a step as flat lists, and room for one matrix."""
     rows = np.zeros(len(law.equations), EQUATIONS)
-    unknowns: list[tuple[int, int, int]] = []
+    unknowns: list[NDArray[np.int64]] = [np.zeros((0, 3), np.int64)]
     entries: list[tuple[int, int, int, int]] = []
     for row, equations in zip(rows, law.equations, strict=True):
         row.evaluations, row.residuals = equations.evaluations, equations.residuals
-        row.first_unknown, row.unknowns = len(unknowns), len(equations.unknowns)
-        row.first_entry, row.entries = len(entries), len(equations.entries)
-        unknowns += equations.unknowns
+        row.first_unknown, row.first_entry = sum(map(len, unknowns)), len(entries)
+        for *places, count in equations.unknowns:
+            unknowns.append(np.arange(count)[:, None] + np.array(places))
+        row.unknowns, row.entries = sum(map(len, unknowns)) - row.first_unknown, len(equations.entries)
         entries += equations.entries
+        row.state, row.weights, row.derivatives = equations.state, equations.weights, equations.derivatives
     largest = int(max(rows["unknowns"]))
-    return _NOTHING | {
-        "equations": rows,
-        "unknowns": np.array(unknowns, np.int64).reshape(-1, 3),
-        "entries": np.array(entries, np.int64).reshape(-1, 4),
-        "matrix": np.zeros(largest * largest),
-        "right": np.zeros(largest),
-    }
+    arrays: Arrays = {"equations": rows, "unknowns": np.concatenate(unknowns), "right": np.zeros(largest)}
+    if (rows["state"] < 0).all():
+        whole = {"entries": np.array(entries, np.int64).reshape(-1, 4), "matrix": np.zeros(largest * largest)}
+        return _NOTHING | arrays | whole
+    system, height = _system(law.layout, largest)
+    lengths = dict.fromkeys(("stage", "shifted"), law.layout.record.size) | {"matrix": largest * height}
+    scratch: Arrays = {name: np.zeros(length) for name, length in lengths.items()}
+    return _NOTHING | arrays | system | scratch | {"pivots": np.zeros(3 * largest, np.int64)}
 
 
 def _simplified_arrays(law: Law) -> Arrays:

@@ -70,8 +70,9 @@ WATCH = _record(
 # accepted nonetheless; `substeps` counts those made since its search began; `first` and `last` are its ends as shares of
 # the trial.
 PIECE = _record("start end width wide full first last", "cut rough part verdict substeps")
-# What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number.
-EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries")
+# What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
+# rest as in `newton_matrix.NewtonSystem`.
+EQUATIONS = _record("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
 # What `march.implicit.radau` keeps from step to step. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
 # after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control

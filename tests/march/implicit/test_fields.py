@@ -1,15 +1,19 @@
-"""Fields by Radau IIA: derivatives group by group, matrices kept as bands."""
+"""Fields by implicit methods: derivatives group by group, matrices kept as bands."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.shaped_laws import MODELS
 from xdynamics.kernels import jacobian_pattern, layout_of
 from xdynamics.kernels.jacobian_pattern import pattern_of
-from xdynamics.march import equation_solvers
+from xdynamics.march import March, equation_solvers
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 
 HEAT = """
@@ -64,22 +68,59 @@ def test_narrow_bands(name: str) -> None:
     assert len(pattern.groups) - 1 <= 2 * (band.lower + band.upper + 1)  # of a coordinate and its velocity
 
 
+def run_of_elements(name: str, monkeypatch: pytest.MonkeyPatch, **asked: Any) -> xr.Dataset:
+    """March a model with derivatives of single elements and matrices that are kept whole."""
+    for module in (equation_solvers, jacobian_pattern):
+        monkeypatch.setattr(module, "is_compressed", lambda _: False)
+    monkeypatch.setattr("xdynamics.kernels.step_programs.is_compressed", lambda _: False)
+    another = text_of(name).replace("[dimensions]", "[dimensions]\nanother = 2")  # a law of its own
+    return xd.simulate(Model.from_text(another), **asked)
+
+
 @pytest.mark.parametrize("jacobian", ["exact", "differences"])
 @pytest.mark.parametrize("name", ["chain", "bodies", "truss", "ring", "rod", "Brusselator"])
 def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a run is that with derivatives of single elements, but for what Newton's iterations leave."""
     asked = {**METHOD, "rtol": 1e-9, "until": 0.3, "jacobian": jacobian}
     found = xd.simulate(Model.from_text(text_of(name)), **asked)
-    for module in (equation_solvers, jacobian_pattern):
-        monkeypatch.setattr(module, "is_compressed", lambda _: False)
-    monkeypatch.setattr("xdynamics.kernels.step_programs.is_compressed", lambda _: False)
-    another = text_of(name).replace("[dimensions]", "[dimensions]\nanother = 2")  # a law of its own
-    expected = xd.simulate(Model.from_text(another), **asked)
+    expected = run_of_elements(name, monkeypatch, **asked)
     assert found.attrs["run_outcome"] == expected.attrs["run_outcome"] == "completed"
     assert found.sizes["step"] == expected.sizes["step"]
     for quantity in ("u", "r", "a", "T", "w"):
         if quantity in found:
             np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        *((name, "implicit_midpoint") for name in ("chain", "ring", "rod", "Brusselator")),
+        *((name, "implicit_velocity_verlet") for name in ("truss", "ring")),
+    ],
+)
+def test_newton_as_elements(name: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that Newton's method takes the same iterations with bands as with whole matrices, to the same digits."""
+    asked = {"method": method, "step": 0.01, "until": 0.2, "force_samples": "none"}
+    found = xd.simulate(Model.from_text(text_of(name)), **asked)
+    expected = run_of_elements(name, monkeypatch, **asked)
+    assert found.attrs["run_outcome"] == expected.attrs["run_outcome"] == "completed"
+    np.testing.assert_array_equal(found.newton_iterations, expected.newton_iterations)
+    for quantity in {"u", "r", "v_r", "theta", "a", "T", "w"} & {*found}:
+        np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("cells", [200, 2000])
+def test_heat_by_the_midpoint_rule(cells: int) -> None:
+    """Assert the discrete law: the longest mode shrinks by (1 - z)/(1 + z) a step; room and groups do not grow faster."""
+    model, step = Model.from_text(HEAT.format(cells=cells)), 0.01
+    asked = {"method": "implicit_midpoint", "step": step, "until": 0.1, "force_samples": "none", "log": "states"}
+    run = xd.simulate(model, **asked)
+    half = 2 * (cells + 1) ** 2 * np.sin(np.pi / (2 * (cells + 1))) ** 2 * step
+    mode = np.sin(np.pi * np.arange(1, cells + 1) / (cells + 1))
+    np.testing.assert_allclose(run["T"][-1], mode * ((1 - half) / (1 + half)) ** 10, rtol=0, atol=1e-10)
+    march = March(model, settings_for(model, **asked))
+    assert march.run.matrix.size == 4 * cells
+    assert march.run.groups.size == 1 + 3
 
 
 @pytest.mark.parametrize("cells", [6, 100, 1000])

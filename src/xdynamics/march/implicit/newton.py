@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from xdynamics.kernels.band import factorise_band, substitute_band
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import PROPOSE
-from xdynamics.kernels.linear import solve_linear
+from xdynamics.kernels.linear import factorise, solve_linear, substitute
 from xdynamics.kernels.newton_matrix import DIRECT
-from xdynamics.kernels.program import H
+from xdynamics.kernels.program import H, T
 from xdynamics.march.calls import called
 from xdynamics.march.force_evaluation import State
+from xdynamics.march.implicit.derivatives import find_by_groups, height_of, place_of
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25
@@ -36,12 +38,9 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
     while turns < MOST_ITERATIONS and not solved:
         turns += 1
         called(run.law[PROPOSE + 2 * k + 1], run, y, z, sample)
-        assemble(run, k)
         run.now[0].jacobians += 1
         run.now[0].factorisations += 1
-        for i in range(n):
-            right[i] = w[equation.residuals + i]
-        if not solve_linear(run.matrix, right, n):
+        if not (corrected_by_groups(run, k) if equation.state >= 0 else corrected(run, k)):
             break
         solved = True
         for i in range(n):
@@ -53,6 +52,70 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
                 solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
     run.now[0].evaluations += max(0, turns - 1) * equation.evaluations
     return turns if solved else -1
+
+
+@shared
+def corrected(run: Run, k: int) -> bool:
+    """Solve for the corrections of one iteration, with the matrix whole; False if it is singular."""
+    equation, n = run.equations[k], run.equations[k].unknowns
+    assemble(run, k)
+    for i in range(n):
+        run.right[i] = run.w[equation.residuals + i]
+    return solve_linear(run.matrix, run.right, n)
+
+
+@shared
+def corrected_by_groups(run: Run, k: int) -> bool:
+    """Solve for the corrections with derivatives found group by group, and with a band where the pattern has one."""
+    equation, n, right, order, found = run.equations[k], run.equations[k].unknowns, run.right, run.order, run.shifted
+    find_at_iterate(run, k)
+    assemble_by_groups(run, k)
+    for i in range(n):
+        right[order[i]] = run.w[equation.residuals + i]
+    if run.band.shape[0] > 0:
+        lower, upper = run.band[0], run.band[1]
+        if not factorise_band(run.matrix, run.pivots, n, lower, upper):
+            return False
+        substitute_band(run.matrix, run.pivots, right, n, lower, upper)
+    else:
+        if not factorise(run.matrix, run.pivots, n):
+            return False
+        substitute(run.matrix, run.pivots, right, n)
+    for i in range(n):
+        found[i] = right[order[i]]
+    for i in range(n):
+        right[i] = found[i]
+    return True
+
+
+@shared
+def find_at_iterate(run: Run, k: int) -> None:
+    """Find the derivatives at the state and the time of the last force evaluation."""
+    equation, start, h = run.equations[k], run.at[T], run.at[H]
+    for i in range(run.stage.shape[0]):
+        run.stage[i] = run.w[equation.state + i]
+    time = run.w[equation.derivatives + run.entries.shape[0] + run.plan[0].used]
+    along = PROPOSE + 2 * run.equations.shape[0] + 1
+    find_by_groups(run, time, h, run.stage, along, equation.derivatives)
+    run.at[T] = start
+
+
+@shared
+def assemble_by_groups(run: Run, k: int) -> None:
+    """Assemble the matrix, as `assemble` does, at the places of the pattern's entries."""
+    equation, w, n, coordinates = run.equations[k], run.w, run.equations[k].unknowns, run.plan[0].coordinates
+    weights, matrix = equation.weights, run.matrix
+    for i in range(n * height_of(run)):
+        matrix[i] = 0.0
+    for i in range(n):
+        matrix[place_of(run, i, i)] = 1.0 - w[weights + (0 if i < coordinates else 1)]
+    for i in range(run.entries.shape[0]):
+        row, column = run.entries[i, 0], run.entries[i, 1]
+        kind = 0 if column < coordinates else 1 if column < 2 * coordinates else 2
+        weight = w[weights + (2 if row < coordinates else 5) + kind]
+        if weight != 0.0:  # as there: no such term at all
+            place = place_of(run, row, column - coordinates if column >= coordinates else column)
+            matrix[place] -= weight * w[equation.derivatives + i]
 
 
 @shared

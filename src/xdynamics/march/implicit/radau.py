@@ -17,7 +17,8 @@ from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
 from xdynamics.march.force_evaluation import State, evaluate, keep_sample
-from xdynamics.march.implicit.transformed import factorise_both, linearise, slope_apart, solve_complex, solve_real
+from xdynamics.march.implicit.derivatives import linearise, slope_apart
+from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods import radau as constants
 

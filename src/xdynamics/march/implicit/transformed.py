@@ -1,4 +1,4 @@
-"""Linear systems of Radau IIA in transformed variables: gamma/h - J and (alpha + i beta)/h - J, with J and factors.
+"""Linear systems of Radau IIA in transformed variables: gamma/h - J and (alpha + i beta)/h - J.
 
 In both, the coordinates are eliminated by their rows c dq - dv = r, so that only velocities and first-order states are
 factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
@@ -6,106 +6,18 @@ factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
 
 from __future__ import annotations
 
-import math
-
-from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.band import (
     factorise_band,
     factorise_complex_band,
     substitute_band,
     substitute_complex_band,
 )
-from xdynamics.kernels.compiling import apart, shared
-from xdynamics.kernels.law import LINEARISED
+from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
-from xdynamics.kernels.program import T
-from xdynamics.march.calls import called
-from xdynamics.march.force_evaluation import State, evaluate, slope_of
+from xdynamics.march.force_evaluation import State
+from xdynamics.march.implicit.derivatives import height_of, place_of
 from xdynamics.march.run import Run
 from xdynamics.methods.radau import ALPHA, BETA, GAMMA
-
-slope_apart = apart(slope_of)
-
-
-@shared
-def linearise(run: Run, t: float, h: float, y: State) -> None:
-    """Evaluate the derivatives at a state; factors of earlier ones are discarded."""
-    if run.groups.shape[0] > 0:
-        find_by_groups(run, t, h, y)
-    elif run.plan[0].differences:
-        differentiate(run, t, h, y)
-    else:
-        run.at[T] = t
-        called(run.law[LINEARISED], run, y, run.stage, 0)
-    run.kept[0].linearised, run.kept[0].factored = 1, 0.0
-    run.now[0].jacobians += 1
-
-
-@shared
-def differentiate(run: Run, t: float, h: float, y: State) -> None:
-    """Find the derivatives by one-sided differences, each over sqrt(eps) of the size of its variable."""
-    used, shifted, place = run.plan[0].used, run.shifted, 3 * run.plan[0].used
-    for column in range(used):
-        for i in range(used):
-            shifted[i] = y[i]
-        change = shift(run, h, y, column)
-        evaluate(run, t, shifted)
-        for i in range(run.plan[0].coordinates, used):
-            run.w[place] = (slope_apart(run, shifted, i) - slope_apart(run, y, i)) / change
-            place += 1
-
-
-@shared
-def shift(run: Run, h: float, y: State, column: int) -> float:
-    """Shift a variable of the state next to y by sqrt(eps) of its size; return by how much."""
-    size = max(abs(y[column]), abs(h * slope_apart(run, y, column)))
-    if math.isfinite(run.atol[column]):
-        size = max(size, run.atol[column])
-    run.shifted[column] += math.sqrt(EPS) * size if size > 0.0 else math.sqrt(EPS)
-    return float(run.shifted[column] - y[column])  # as it was rounded
-
-
-@shared
-def find_by_groups(run: Run, t: float, h: float, y: State) -> None:
-    """Find the derivatives of all columns of a group at once: along their sum, or by a difference."""
-    used, shifted, w, differences = run.plan[0].used, run.shifted, run.w, run.plan[0].differences
-    first = 3 * used
-    direction = first + run.entries.shape[0]
-    for group in range(run.groups.shape[0] - 1):
-        begin, end = run.groups[group], run.groups[group + 1]
-        if differences:
-            for i in range(used):
-                shifted[i] = y[i]
-        for k in range(begin, end):
-            column = run.entries[k, 1]
-            if w[direction + column] == 0.0:
-                w[direction + column] = shift(run, h, y, column) if differences else 1.0
-        if differences:
-            evaluate(run, t, shifted)
-        else:
-            run.at[T] = t
-            called(run.law[LINEARISED], run, y, shifted, 0)
-        for k in range(begin, end):
-            row, column = run.entries[k, 0], run.entries[k, 1]
-            w[first + k] = shifted[used + row]
-            if differences:
-                w[first + k] = (shifted[used + row] - y[used + row]) / w[direction + column]
-        for k in range(begin, end):
-            w[direction + run.entries[k, 1]] = 0.0
-
-
-@shared
-def height_of(run: Run) -> int:
-    """Return how many numbers a column of a matrix has."""
-    return int(2 * run.band[0] + run.band[1] + 1) if run.band.shape[0] > 0 else run.order.shape[0]
-
-
-@shared
-def place_of(run: Run, row: int, column: int) -> int:
-    """Return the place of an entry in a matrix, which is a band or whole."""
-    if run.band.shape[0] > 0:
-        return int(run.order[column] * height_of(run) + run.band[0] + run.band[1] + run.order[row] - run.order[column])
-    return column * run.order.shape[0] + row
 
 
 @shared
