@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,24 @@ def pytest_collection_finish() -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Offer the whole of every class of random cases."""
     parser.addoption("--whole", action="store_true", help="all random cases of each class, not every 23rd")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of the cases of a test marked `every(n)` keep the first and each n-th after it, or all with --whole."""
+    if config.getoption("--whole"):
+        return
+    counts: Counter[str] = Counter()
+    left_out = []
+    for item in items:
+        if (marker := item.get_closest_marker("every")) is not None:
+            name = item.nodeid.partition("[")[0]
+            if counts[name] % marker.args[0]:
+                left_out.append(item)
+            counts[name] += 1
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        gone = set(left_out)
+        items[:] = [item for item in items if item not in gone]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -265,6 +265,7 @@ def flipped(content: bytearray, at: int) -> bytes:
     return bytes(content)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("damage", "message"),
     [

@@ -72,6 +72,7 @@ def expected(n: int, place: str) -> float:
     return reduce(add, [factor * 5.0 for factor in factors(n)])
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("n", LENGTHS)
 def test_a_sum_is_added_from_the_left(n: int, place: str) -> None:

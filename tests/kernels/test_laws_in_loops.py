@@ -48,6 +48,7 @@ def both(name: str, which: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Model,
     return model, loops, elements
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("which", ["forces", "derived"])
 @pytest.mark.parametrize("abreast", [0, 1, 4, 8, 16])

@@ -25,6 +25,7 @@ BELT: dict[str, Any] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", FITTING)
 def test_an_oscillator_turns_and_sticks(method: str) -> None:
     """Assert turning points that fall by 2 each, and where and when it sticks."""

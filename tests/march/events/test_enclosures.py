@@ -243,12 +243,14 @@ def misses(name: str, seed: int, count: int, points: int, exact: int) -> list[st
     return found
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_every_value_is_enclosed(name: str) -> None:
     """Assert of every operation that no value on random intervals is outside its enclosure."""
     assert misses(name, 1, 60, 300, 8) == []
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("outside", OUTSIDE)
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_every_value_of_a_drive_is_enclosed(interpolation: str, outside: str) -> None:

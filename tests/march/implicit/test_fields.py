@@ -77,6 +77,7 @@ def run_of_elements(name: str, monkeypatch: pytest.MonkeyPatch, **asked: Any) ->
     return xd.simulate(Model.from_text(another), **asked)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("jacobian", ["exact", "differences"])
 @pytest.mark.parametrize("name", ["chain", "bodies", "truss", "ring", "rod", "Brusselator"])
 def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) -> None:
