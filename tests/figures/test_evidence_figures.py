@@ -103,5 +103,5 @@ def test_section_values_over_a_parameter_are_a_bifurcation_diagram() -> None:
     model = xd.Model.from_toml(MODELS / "impact_oscillator_section.toml")
     grid = xd.sweep(model, {"w": "2.5:2.9:3 s-1"}, keep=["after_section_x"], occurrences=[2, 5], until="20 s")
     ((title, axes),) = [one for one in panels(xd.plot(grid)).items() if one[0].startswith("bifurcation")]
-    assert title == "bifurcation diagram: after_section_x"
+    assert title == "bifurcation diagram: after_section_x after the first 2"
     assert len({*np.asarray(axes.lines[0].get_xdata()).tolist()}) == 3

@@ -64,6 +64,11 @@ def _opened(name: str) -> xr.Dataset:
     metavar="FILE",
     help="Another run, or measured data as CSV, drawn over the first.",
 )
+@click.option(
+    "--transient",
+    metavar="N|TIME",
+    help="Leave out of a bifurcation diagram or a section the first N occurrences, or what is before a time.",
+)
 @click.option("--size", metavar="WxH", help="Width and height in inches, like 8x5.")
 @click.option("--dpi", type=int, default=130, help="Dots per inch of a PNG (130).")
 @click.option("--dark", is_flag=True, help="Draw on a dark background.")
@@ -73,6 +78,7 @@ def plot(
     only: str | None,
     panels: str,
     beside: tuple[str, ...],
+    transient: str | None,
     size: str | None,
     dpi: int,
     dark: bool,
@@ -83,7 +89,8 @@ def plot(
     names = None if only is None else [name.strip() for name in only.split(",")]
     output = output or _beside(archive, ".png")
     given = _opened(archive)
-    draw(given, output, only=names, panels=panels, beside=list(beside), size=_size(size), dpi=dpi, dark=dark)
+    how: dict[str, Any] = {"only": names, "panels": panels, "beside": list(beside), "transient": transient}
+    draw(given, output, **how, size=_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
 
 

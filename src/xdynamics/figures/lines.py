@@ -14,6 +14,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, drawn, has_chords, is_long, moments, unjoined
 from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
+from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
@@ -31,8 +32,6 @@ FEW_ROWS = 400  # up to which every accepted state is a dot
 LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 MOST_DOTS = 20_000  # of a section
-TRANSIENT = 5  # one in so many periods of a section is its transient
-FEWEST_PERIODS = 50  # of a section whose first ones are left out
 MOST_LINES = 6  # in one panel; more are a map
 COLUMNS = 800  # of a map
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
@@ -200,15 +199,16 @@ def wraps(run: xr.Dataset) -> tuple[str, ...]:
     return model_of(run, None).pictured.wrap if "model_toml" in run else ()
 
 
-def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
+def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, transient: Transient | None = None) -> None:
     """Draw the Poincaré section: velocities against positions, once per period, without those of the transient."""
     model = model_of(run, None)
-    times = settled(strobes(model, float(run["time"][0]), float(run["time"][-1])))
+    found = strobes(model, float(run["time"][0]), float(run["time"][-1]))
+    times = settled(run, found, transient)
     for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
         if "model_toml" not in record or not {*names} <= {*record.variables}:
             continue
         its_model, time = model_of(record, None), record["time"].values
-        its_times = settled(strobes(its_model, float(time[0]), float(time[-1])))
+        its_times = settled(record, strobes(its_model, float(time[0]), float(time[-1])), transient)
         states = sample(record, its_times, functions=its_model.functions)
         for i, name in enumerate(names):
             units = str(run[name].attrs["units"])
@@ -222,15 +222,9 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> No
         xlabel=words(f"{_joined(names)} ({run[names[0]].attrs['units']})"),
         ylabel=words(f"{_joined(speed_names)} ({run[speed_names[0]].attrs['units']})"),
     )
-    count = strobes(model, float(run["time"][0]), float(run["time"][-1])).size
-    left_out = f" after {count - times.size}" if count > times.size else ""
+    left_out = f" after {found.size - times.size}" if found.size > times.size else ""
     axes.set_title(f"Poincare section, {times.size} periods of {_period(model):.6g}{left_out}", loc="left", fontsize=10)
     _legend(axes, names, beside=bool(beside.own))
-
-
-def settled(times: Floats) -> Floats:
-    """Leave out the first fifth of the periods of a section, in which a motion settles; all of few are kept."""
-    return times[times.size // TRANSIENT :] if times.size >= FEWEST_PERIODS else times
 
 
 def strobes(model: Model, start: float, end: float) -> Floats:

@@ -23,6 +23,7 @@ from xdynamics.figures import (
 )
 from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
+from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.unfolding import unfold
@@ -48,6 +49,7 @@ def plot(
     only: str | Sequence[str] | None = None,
     beside: Any = (),
     panels: str = run.FEW,
+    transient: int | str | None = None,
     size: tuple[float, float] | None = None,
     dpi: int = DPI,
     dark: bool = False,
@@ -70,6 +72,9 @@ def plot(
         Of a run: other runs and measured data, drawn over the same variables.
     panels : {"few", "all"}
         Of a run: the four at most that one looks at first, or all, with those of steps, errors, and how events were located.
+    transient : int or str, optional
+        Of a sweep that keeps occurrences (a bifurcation diagram), or of a run's Poincaré section: what is left out, as a number of
+        occurrences or periods, or up to a time like ``"200 s"``.
     size : pair of float, inches, optional
     dpi : int
         Dots per inch, for PNG.
@@ -111,6 +116,8 @@ def plot(
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
     _check(size, dpi)
     options = {"only": wanted, "beside": others, "amount": panels, "names": names} if page is run.PAGE else {}
+    if transient is not None:
+        options |= _left_out(page, transient)
     drawn, foot = page.panels_of(given, **options), page.foot_of(given)
     if not drawn:
         raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
@@ -122,6 +129,12 @@ def plot(
         if path is not None:
             write(figure, placed(path), dpi)
     return figure
+
+
+def _left_out(page: Any, transient: int | str) -> dict[str, Any]:
+    if page not in (run.PAGE, sweep.PAGE):
+        raise InputError("transient is for figures of sweeps that keep occurrences of events, and of sections of runs")
+    return {"transient": Transient.of(transient)}
 
 
 def _first_of(record: Any, beside: list[Any]) -> tuple[Any, list[Any], list[str]]:

@@ -14,6 +14,7 @@ from xdynamics.figures import control, energy, lattice, lines, plane, space
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
+from xdynamics.figures.transients import Transient
 from xdynamics.record import check
 from xdynamics.record.kinds import is_whole, log_description, rows_apart
 from xdynamics.schema import STEPS, velocity
@@ -66,6 +67,7 @@ def panels_of(
     beside: Sequence[Any] = (),
     amount: str = ALL,
     names: Sequence[str] = (),
+    transient: Transient | None = None,
 ) -> list[Panel]:
     """Return the panels of a run: the plane, trajectory, velocity, contacts, drives, phase portrait, energy, steps.
 
@@ -84,6 +86,8 @@ def panels_of(
         Of panels; few are four at most.
     names : sequence of str
         Of the run and of each that is beside it; by default what differs.
+    transient : Transient, optional
+        What is left out of the section; by default its first fifth.
 
     Raises
     ------
@@ -93,12 +97,19 @@ def panels_of(
     if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
         raise InputError("plot needs a run record with 'time' along 'step'")
     check(run, whole=False, values=False)
+    if transient is not None and not _is_driven(run):
+        raise InputError(
+            "transient is for the section of a run, and its model names none; name the period of what drives it:"
+            ' [figure] section = "2*pi/w"'
+        )
     run = run.copy(deep=False)  # what is between its rows is kept as long as it is drawn
     wanted = None if only is None else [*only]
     if wanted is not None:
         _check_wanted(run, wanted)
     overlays = beside_of(run, beside, wanted, names)
-    keyed = [each for each in _panels(run, overlays, wanted) if wanted is None or {each[0], *each[1]} & {*wanted}]
+    keyed = [
+        each for each in _panels(run, overlays, wanted, transient) if wanted is None or {each[0], *each[1]} & {*wanted}
+    ]
     panels = [panel for _, _, panel in (_chosen(keyed) if wanted is None and amount == FEW else keyed)]
     if not panels and wanted == ["plane"]:
         raise InputError(
@@ -141,7 +152,9 @@ def foot_of(run: xr.Dataset) -> str:
     return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}{kept}"
 
 
-def _panels(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None) -> Iterator[Keyed]:
+def _panels(
+    run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None, transient: Transient | None = None
+) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
     views = plane.views(run)
     for view in views:
@@ -151,7 +164,7 @@ def _panels(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None
     for names, panel in space.fields(run):
         yield "map", names, panel
     yield from _of_motion(run, beside, wanted)
-    yield from _of_forces(run, beside, wanted)
+    yield from _of_forces(run, beside, wanted, transient)
     yield from _of_march(run, beside)
 
 
@@ -169,7 +182,9 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
         yield "profile", names, panel
 
 
-def _of_forces(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
+def _of_forces(
+    run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None, transient: Transient | None
+) -> Iterator[Keyed]:
     """Yield forces and impulses of contacts, drives, and velocities against positions."""
     coordinates = _with_role(run, "coordinate")
     pressed = [name for name in _with_role(run, "reaction") if run[name].values.any()]
@@ -185,7 +200,7 @@ def _of_forces(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
         if len(names) <= lines.MOST_LINES:
             yield "phase", [], partial(lines.phase, run, names, beside)
             if _is_driven(run):
-                yield "section", [], partial(lines.section, run, names, beside)
+                yield "section", [], partial(lines.section, run, names, beside, transient=transient)
 
 
 def _of_march(run: xr.Dataset, beside: Beside) -> Iterator[Keyed]:

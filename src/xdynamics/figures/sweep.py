@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, at_time, timed, typeset, words
 from xdynamics.figures.sheet import Page, Panel
+from xdynamics.figures.transients import Transient, without
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.sweeping.collection import AXIS, axes_said, settings_said
+from xdynamics.sweeping.collection import AXIS, NUMBER, axes_said, settings_said
 from xdynamics.sweeping.ensemble_analysis import numbers
+from xdynamics.sweeping.kept_quantities import EVENT_TIME
 from xdynamics.sweeping.members import OUTCOME, UNCONTROLLED, ended
 from xdynamics.sweeping.sweep_summary import known_number
 from xdynamics.units import unit_suffix
@@ -42,8 +44,10 @@ DASHES = ("-", "--", ":", "-.")
 LARGE = 20_000  # members from which on points are small
 
 
-def panels_of(sweep: xr.Dataset) -> list[Panel]:
+def panels_of(sweep: xr.Dataset, transient: Transient | None = None) -> list[Panel]:
     """Return the panels of a sweep: one for each recorded number, and for maps one for each value of a setting in words."""
+    if transient is not None:
+        sweep = without(sweep, transient)
     wide = _axes(sweep)
     names = _names(sweep)
     if len(wide) >= 2 and all(dim in sweep.coords for dim in wide[:2]):
@@ -232,8 +236,12 @@ def _line(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
             )
         _mark_bad(axes, part, name, x)
     axes.set(xlabel=_labelled(sweep, dim), ylabel=_labelled(sweep, name))
-    what = "bifurcation diagram: " if OCCURRENCE in sweep[name].dims and sweep[name].sizes[OCCURRENCE] > 1 else ""
-    axes.set_title(words(f"{what}{name}{omitted}"), loc="left", fontsize=10)
+    if OCCURRENCE in sweep[name].dims and not name.startswith(EVENT_TIME):
+        first = int(sweep[NUMBER][0])
+        title = f"bifurcation diagram: {name}{f' after the first {first - 1}' if first > 1 else ''}"
+    else:
+        title = name
+    axes.set_title(words(f"{title}{omitted}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
