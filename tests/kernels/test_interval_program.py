@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import xdynamics as xd
+from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.interval_program import (
     CONSTANT,
     NUMBER,
@@ -15,21 +17,25 @@ from xdynamics.kernels.interval_program import (
     TIME,
     UNKNOWN,
     UNUSED,
+    VARIABLES,
     Enclosing,
     bounds,
     can_be_watched,
     enclosing,
 )
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import INTERVAL, Compute, Load
+from xdynamics.kernels.program import INTERVAL, Compute, Load, Place
 from xdynamics.march.configuration import settings_for
+from xdynamics.model.motion import constants
+from xdynamics.model.reactions import modes
+from xdynamics.model.switches import switch_inputs
 
 TABLE = "q [m],curve [1]\n-3,1.5\n0,0.1\n3,5\n"
 
 
-def layout_of(model: xd.Model) -> Layout:
+def layout_of(model: xd.Model, method: str = "rk4") -> Layout:
     """The layout of a march with sides of switches."""
-    return settings_for(model, method="rk4", step="1 ms", until="1 s").layout(model)
+    return settings_for(model, method=method, step="1 ms", until="1 s").layout(model)
 
 
 def model(*functions: str, **more: Any) -> xd.Model:
@@ -67,14 +73,57 @@ def test_what_does_not_change_is_computed_once() -> None:
 
 
 def test_numbers_of_the_march_are_not_constant() -> None:
-    """Assert that the side of a switch, which a march changes, is read for every step, unlike a parameter."""
-    program = enclosing(layout_of(model("a*abs(x)/metre", forces={"drag": {"x": "-k*abs(x)"}})))
-    assert operations(program, -1, 0).count("constant") >= 1
-    fixed = {row[2] for row in program.rows[: program.parts[0]].tolist() if row[0] == CONSTANT}
-    moving = {row[2] for row in program.rows[program.parts[0] :].tolist() if row[0] == CONSTANT}
-    assert fixed
-    assert not fixed & moving
-    assert all(i < 4 for i in fixed), "m, k, a and the unit metre come first"
+    """Assert that sides of switches and modes of friction, which a march changes, are read for every step."""
+    belt = {"slip": "v_x - 0.1*metre/second", "kinetic": "0.2*newton"}
+    layout = layout_of(model("x - a", forces={"drag": {"x": "-k*abs(x)"}}, frictions={"belt": belt}))
+    program, names = enclosing(layout), list(constants(layout.model))
+    fixed, every = program.rows[: program.parts[0]], program.rows
+    constant, read = ({names[row[2]] for row in rows.tolist() if row[0] == CONSTANT} for rows in (fixed, every))
+    assert constant == {"m", "k", "a", "metre", "second", "newton"}
+    assert read - constant == {*switch_inputs(layout.model), *modes(layout.model)}
+
+
+def test_operations_that_rows_ask_for() -> None:
+    """Assert the operations on intervals among all rows: no loads of numbers, parameters or the time."""
+    program = enclosing(layout_of(model("2*x*w - a + t*metre/second")))
+    functions = {"multiply", "subtract", "add", "divide", "position", "state"}
+    assert program.rules == functions | {"velocity", "rate"}
+
+
+@pytest.mark.parametrize("method", ["rk4", "radau_iia"])
+def test_variables_by_the_error_that_counts(method: str) -> None:
+    """Assert that each variable is read with its own place, whose error widens it."""
+    layout = layout_of(model("x*w", "v_x", "x*w/second"), method)
+    program, record = enclosing(layout), layout.record
+    own = {"position": "x", "velocity": "v_x", "state": "w"}
+    rows = [(OPERATIONS[row[0]], row[2:]) for row in program.rows.tolist() if OPERATIONS[row[0]] in VARIABLES]
+    assert {name for name, _ in rows} > {*own}
+    for name, places in rows:
+        if name in own:
+            assert places[VARIABLES[name]] == record.place(own[name])
+    slopes = {name for name, _ in rows} - {*own}
+    assert slopes == ({"acceleration", "rate"} if method == "rk4" else {"velocity_slope", "state_slope"})
+
+
+def test_bounds_on_the_polynomial_of_a_step() -> None:
+    """Assert that every coefficient of radau's cubic is read, by power, from where the polynomial begins in w."""
+    layout = layout_of(model("x - a", "w - 3"), "radau_iia")
+    lines, ends = bounds(layout, "width", "t", "t1", 7)
+    loads = {line.target: line.place for line in lines if isinstance(line, Load)}
+    computed = {line.operation: line for line in lines if isinstance(line, Compute)}
+    for name, owners in {"state": ("w",), "position": ("x", "v_x")}.items():
+        owned = owners[: POLYNOMIALS[name]]
+        given = [loads[str(argument)] for argument in computed[on_curve(name)].arguments[: 4 * len(owned)]]
+        places = [layout.used.place(owner) for owner in owned]
+        assert given == [Place("w", 7 + power * layout.used.size + place) for place in places for power in range(4)]
+    assert computed[on_curve("position")].arguments[-6:] == ("width", 0.0, 0.0, "width", 0.0, 1.0)
+    assert [line.arguments[0] for line in lines if isinstance(line, Compute) and line.operation == "point"].count(
+        3.0
+    ) == 1
+    of = enclosing(layout).functions
+    for (under, over), place in zip(ends, of, strict=True):
+        assert Compute(under, "low", (f"_i{place}",), INTERVAL) in lines
+        assert Compute(over, "high", (f"_i{place}",), INTERVAL) in lines
 
 
 def test_gaps_have_second_derivatives() -> None:

@@ -6,7 +6,18 @@ from itertools import pairwise
 
 import pytest
 
-from xdynamics.kernels.program import Compute, Load, Place, Program, ProgramCall, Reduction, StoreTo, When, While
+from xdynamics.kernels.program import (
+    Compute,
+    EngineCall,
+    Load,
+    Place,
+    Program,
+    ProgramCall,
+    Reduction,
+    StoreTo,
+    When,
+    While,
+)
 from xdynamics.kernels.python_text import HIGHEST, python_of
 
 
@@ -45,11 +56,55 @@ def test_expressions_have_so_many_levels(levels: int, lines: int) -> None:
     assert "".join(made).count("sin(") == levels
 
 
+def test_the_deepest_expressions_can_be_compiled() -> None:
+    """Assert that Python takes calls within calls as deep as they are printed: its parser allows 200 parentheses."""
+    names = ["_a", *(f"_{k}" for k in range(1, 1000)), "_r"]
+    body = [Compute(new, "sin", (old,)) for old, new in pairwise(names)]
+    compile("\n".join(printed(*body)), "deep", "exec")
+
+
+def test_the_deeper_operand_counts() -> None:
+    """Assert that an expression is as deep as the deepest of its operands, in either place."""
+    names = ["_a", *(f"_{k}" for k in range(1, HIGHEST))]
+    deep = [Compute(new, "sin", (old,)) for old, new in pairwise(names)]
+    for of in ((names[-1], "_b"), ("_b", names[-1])):
+        assert len(printed(*deep, Compute("_s", "add", of), Compute("_r", "sin", ("_s",)))) == 2
+
+
+def test_products_divided_by_zero_need_no_parentheses() -> None:
+    """Assert that a quotient by zero, which Python's own division refuses, groups its numerator where it has to."""
+    for operation, line in (("multiply", "_z[0] = _y[0]*_y[1]/_zero"), ("add", "_z[0] = (_y[0] + _y[1])/_zero")):
+        assert printed(Compute("_p", operation, ("_a", "_b")), Compute("_r", "divide", ("_p", 0.0)))[-1] == line
+
+
+def test_the_parts_of_a_function_in_their_order() -> None:
+    """Assert that views of given arrays come first, then local arrays, views of these, tables, and the lines."""
+    program = Program(
+        "parts",
+        "All parts.",
+        (EngineCall(4),),
+        {"k2": ("own", 0, 2), "q": ("y", 3, 2)},
+        {"own": 5},
+        tables={"ends": (0, 2)},
+        sound=(1, 3),
+    )
+    assert [line.strip() for line in python_of(program).splitlines()[1:]] == [
+        '"""All parts."""',
+        "q = _y[3:5]",
+        "own = _empty(5)",
+        "k2 = own[0:2]",
+        "ends = (0, 2)",
+        "_entered(_p[4], _p[5], _at[0], _z)",
+        "_at[7] = _unsound(_z[1:4])",
+    ]
+
+
 def test_a_choice_that_is_compared_is_in_parentheses() -> None:
     """Assert that what binds less tightly than a comparison is grouped on both of its sides."""
     choice = Compute("_s", "choose", ("_t", "_a", "_b"))
-    made = printed(Compute("_t", "less", ("_a", "_b")), choice, Compute("_r", "less", ("_s", 2.0)))
-    assert made[-1] == "_z[0] = (_a if _a < _b else _b) < 2.0"
+    for of, line in ((("_s", 2.0), "(_a if _a < _b else _b) < 2.0"), ((2.0, "_s"), "2.0 < (_a if _a < _b else _b)")):
+        made = printed(Compute("_t", "less", ("_a", "_b")), choice, Compute("_r", "less", of))
+        assert made[-1] == f"_z[0] = {line}"
 
 
 @pytest.mark.parametrize(("line", "word"), [(When, "if"), (While, "while")])

@@ -29,7 +29,7 @@ from xdynamics.kernels.program import (
     While,
 )
 
-_ATOM = 9
+_SUM, _PRODUCT, _ATOM = 1, 2, 3  # how strongly an expression binds; a comparison or a choice does not: 0
 SIGNATURE = ", ".join(f"_{name}" for name in ARRAYS)
 
 HIGHEST = 100  # nesting levels of a printed expression: Python's compiler allows some thousand, and 200 parentheses
@@ -117,7 +117,6 @@ class _PythonPrinter:
             text = self.text(start)
             exact = line.kind == FLOAT or isinstance(start, str)
             self.lines.append(f"{total} = {text}" if exact else f"{total} = _{line.kind}.of('point', {text})")
-        self._texts |= {total: (total, _ATOM) for total in line.totals}
         read = (*line.terms, *([line.where] if line.where else ()))
         inner = _PythonPrinter(line.body, self._texts, read)
         joined = [
@@ -134,8 +133,7 @@ class _PythonPrinter:
             self._texts[target], self._heights[target] = text, height
             return
         self._texts[target] = (target, _ATOM)
-        if target != text[0]:
-            self.lines.append(f"{target} = {text[0]}")
+        self.lines.append(f"{target} = {text[0]}")
 
     def _computed(self, line: Compute) -> Text:
         name, arguments = line.operation, line.arguments
@@ -144,16 +142,16 @@ class _PythonPrinter:
         if name in INFIX:
             sign, strength = INFIX[name]
             if name == "divide" and arguments[1] == 0.0:
-                return f"{self._bound(arguments[0], 2)}/_zero", 2
+                return f"{self._bound(arguments[0], _PRODUCT)}/_zero", _PRODUCT
             return f"{self._bound(arguments[0], strength)}{sign}{self._bound(arguments[1], strength + 1)}", strength
         if name in COMPARISONS:
-            return f"{self._bound(arguments[0], 1)}{COMPARISONS[name]}{self._bound(arguments[1], 1)}", 0
+            return f"{self._bound(arguments[0], _SUM)}{COMPARISONS[name]}{self._bound(arguments[1], _SUM)}", 0
         if name == "newest":
             return self._expression(arguments[1])
         if name == "negative":
-            return f"-{self._bound(arguments[0], 3)}", 3
+            return f"-{self._bound(arguments[0], _ATOM)}", _ATOM
         if name == "choose":
-            condition, yes, no = self.text(arguments[0]), *(self._bound(argument, 1) for argument in arguments[1:])
+            condition, yes, no = self.text(arguments[0]), *(self._bound(argument, _SUM) for argument in arguments[1:])
             return f"{yes} if {condition} else {no}", 0
         if f"_{name}" in PYTHON_TABLES:
             extra = ", ".join(["_tables, _pieces", *(self.text(argument) for argument in arguments)])
@@ -172,9 +170,7 @@ class _PythonPrinter:
     def _expression(self, operand: Operand) -> Text:
         if isinstance(operand, str):
             return self._texts.get(operand, (operand, _ATOM))
-        if not math.isfinite(operand):
-            return f"float('{operand}')", _ATOM
-        return repr(operand), _ATOM if operand >= 0 else 3
+        return repr(operand) if math.isfinite(operand) else f"float('{operand}')", _ATOM
 
 
 def _element(place: Place) -> str:
