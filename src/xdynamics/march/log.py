@@ -244,9 +244,12 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
     samples = samples if samples_kept else 0
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
-    links = together(layout.model)
+    links = together(layout.model) if layout.model.assemblies else 0
     event_rows = (min(rows, 4_000) if events else 0) + events + 2 * links
-    closed = rows * min(links, layout.coordinates.size) + 6 * links if links else 0
+    rest = ()  # of links
+    if links:
+        closed = rows * min(links, layout.coordinates.size) + 6 * links
+        rest = _pages((OF_CLOSED, closed), np.float64), np.zeros(1, np.int64)
     return Log(
         np.zeros(1, BASE),
         _pages((layout.row.size, rows), np.float64),
@@ -256,8 +259,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
         np.empty(event_rows, EVENT_ROW),
         np.empty((len(layout.followed), event_rows)),
         np.empty((_acting(layout), event_rows)),
-        _pages((OF_CLOSED if links else 0, closed), np.float64),
-        np.zeros(min(links, 1), np.int64),
+        *rest,
     )
 
 

@@ -98,10 +98,11 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
 
 def _check_march(march: March) -> None:
     """Check that a march itself has room: its states with two blocks of its log, then what its method solves."""
-    layout, room = march.layout, ROOM * free_memory()
+    layout = march.layout
     needed = 8.0 * (3 * layout.record.size + 8 * layout.used.size + 6 * layout.row.size)
     if needed < SMALL:
         return
+    room = ROOM * free_memory()
     try:
         solved = 8.0 * march.law.memory if needed <= room else 0.0
     except MemoryError:
