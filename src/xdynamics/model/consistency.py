@@ -17,6 +17,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.arrays import unit_of
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
 from xdynamics.model.name_consistency import check_names
 from xdynamics.model.parts import ORIGIN, Event, Function
@@ -62,10 +63,9 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     ledger.raise_faults()
     _check_initial(statement, dimensions, ledger)
     if energies := statement.lagrangian:
-        joule = constant("joule").dimension
-        check_dimension(ledger, "kinetic energy", energies.kinetic, dimensions, joule)
-        if energies.potential is not None:
-            check_dimension(ledger, "potential energy", energies.potential, dimensions, joule)
+        for key, energy in (("kinetic", energies.kinetic), ("potential", energies.potential)):
+            if energy is not None:
+                check_dimension(ledger, f"{key} energy", energy, dimensions, SECTIONS["lagrangian"].dimension(key))
         ledger.raise_faults()
     if statement.mass or not statement.lagrangian:
         check_motion(statement, dimensions, ledger)

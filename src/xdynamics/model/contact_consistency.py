@@ -11,10 +11,11 @@ from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, NEWTON, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.units import NONE, Dimension, constant
+from xdynamics.units import Dimension, constant
 
 ROUNDING = 64 * 2.0**-52  # of the terms of a gap
 KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
@@ -124,7 +125,7 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
         contact.restitution,
         statement,
         {**dimensions, APPROACH: gap / statement.time_unit.dimension},
-        NONE,
+        SECTIONS["contacts"].dimension("restitution"),
     )
     size = _number(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:

@@ -54,16 +54,19 @@ class Kind:
         Returns what stands in TOML, in a model with a unit of time.
     omitted : object
         The value that is not written; `NEVER` if all are.
+    unit : str
+        Its unit, or whatever else belongs to it in the help.
     """
 
     takes: str
     read: Callable[[Any, str, Source], Any]
     write: Callable[[Any, Unit], Any] = lambda value, _: value
     omitted: Any = NEVER
+    unit: str = ""
 
     def of(self, unit: str) -> Kind:
         """Return the kind with its unit, or whatever else belongs to it, in the help."""
-        return replace(self, takes=f"{self.takes}, {unit}")
+        return replace(self, takes=f"{self.takes}, {unit}", unit=unit)
 
 
 def words(*known: str) -> Kind:

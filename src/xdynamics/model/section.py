@@ -10,7 +10,7 @@ from typing import Any
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.table_keys import keys
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.units import Unit
+from xdynamics.units import Dimension, Unit, parse_unit
 
 NEEDED = "needed"
 _OF_KIND = object()
@@ -117,6 +117,11 @@ class Section:
     def needed(self) -> tuple[str, ...]:
         """The keys that are required."""
         return tuple(key.name for key in self.keys if key.default == NEEDED and not key.is_open)
+
+    def dimension(self, key: str) -> Dimension:
+        """Return the dimension that the values of a key have, which is declared with one unit."""
+        kind = next(entry.kind for entry in self.keys if entry.name == key)
+        return parse_unit(kind.unit).dimension
 
     @cached_property
     def values(self) -> Kind | None:
