@@ -246,7 +246,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
     trials = min(rows, 20_000) + int(plain(events * int(apart)))
     links = together(layout.model) if layout.model.assemblies else 0
     event_rows = (min(rows, 4_000) if events else 0) + events + 2 * links
-    rest = ()  # of links
+    rest: tuple[NDArray[Any], ...] = ()  # of links
     if links:
         closed = rows * min(links, layout.coordinates.size) + 6 * links
         rest = _pages((OF_CLOSED, closed), np.float64), np.zeros(1, np.int64)
