@@ -107,7 +107,7 @@ def test_variables_by_the_error_that_counts(method: str) -> None:
 
 def test_bounds_on_the_polynomial_of_a_step() -> None:
     """Assert that every coefficient of radau's cubic is read, by power, from where the polynomial begins in w."""
-    layout = layout_of(model("x - a", "w - 3"), "radau_iia")
+    layout = layout_of(model("x - a", "2*w - 3"), "radau_iia")
     lines, ends = bounds(layout, "width", "t", "t1", 7)
     loads = {line.target: line.place for line in lines if isinstance(line, Load)}
     computed = {line.operation: line for line in lines if isinstance(line, Compute)}

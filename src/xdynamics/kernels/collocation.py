@@ -26,8 +26,8 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.kernels.radau_memory import RadauMemory
 from xdynamics.kernels.radau_systems import factorisation, solve_complex, solve_real
-from xdynamics.kernels.step_polynomial import curve_size
-from xdynamics.kernels.step_programs import POLYNOMIAL, polynomial
+from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
+from xdynamics.kernels.step_programs import polynomial
 from xdynamics.methods import radau
 from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
 from xdynamics.methods.radau import T as T_MATRIX

@@ -233,6 +233,17 @@ def nested(body: Iterable[Instruction]) -> Iterator[Instruction]:
             yield from nested(line.body)
 
 
+def arrays_of(line: Instruction) -> set[str]:
+    """Return the arrays that a line names: that of its place, or those that it hands to another program."""
+    match line:
+        case Load() | StoreTo():
+            return {line.place.array}
+        case ProgramCall():
+            return {line.at, line.y, line.z, line.e}
+        case _:
+            return set()
+
+
 def size(body: Iterable[Instruction]) -> int:
     """Return the number of lines when loops are written out."""
     return sum(line.count * size(line.body) if isinstance(line, Loop | Reduction) else 1 for line in body)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from xdynamics.kernels.layout import Layout
 
+POLYNOMIAL = "polynomial"  # name of the program that writes it
+
 
 def curve_degree(layout: Layout) -> int:
     """Return the degree of the polynomial that a step leaves for the search for events; 0 if it leaves none.

@@ -21,17 +21,16 @@ from xdynamics.kernels.program import (
     Program,
     ProgramCall,
     StoreTo,
+    arrays_of,
     element,
     nested,
 )
-from xdynamics.kernels.step_polynomial import curve_size
+from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import SCALARS, Evaluation, Solve, VectorStatement
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
-
-POLYNOMIAL = "polynomial"
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ class _Stepping(Walker):
         self._last = ""
         self._begin()
         first = 0
-        for name, count in zip("qvxar", self._counts("qvxar"), strict=True):
+        for name, count in zip("qvxar", map(self._count, "qvxar"), strict=True):
             self._views[name] = ("y", first, count)
             first += count
         assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
@@ -251,7 +250,7 @@ class _Stepping(Walker):
             description = (
                 about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
             )
-            used = {array for line in nested(body) for array in _arrays(line)}
+            used = {array for line in nested(body) for array in arrays_of(line)}
             views = {key: view for key, view in self._views.items() if key in used}
             used |= {array for array, _, _ in views.values()}
             local = {key: count for key, count in self._local.items() if key in used}
@@ -356,7 +355,7 @@ class _Stepping(Walker):
         self._bodies[-1].append(
             ProgramCall(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e")
         )
-        for name, count in zip((line.acceleration, line.rate), self._counts("ar"), strict=True):
+        for name, count in zip((line.acceleration, line.rate), map(self._count, "ar"), strict=True):
             self._part(name, record, first, count)
             first += count
         self._last = record
@@ -399,16 +398,3 @@ class _Stepping(Walker):
     def _count(self, name: str) -> int:
         letter = name.removeprefix("b_")[0]
         return self.layout.states.size if letter in "xr" else self.layout.coordinates.size
-
-    def _counts(self, letters: str) -> list[int]:
-        return [self._count(letter) for letter in letters]
-
-
-def _arrays(line: Instruction) -> set[str]:
-    match line:
-        case Load() | StoreTo():
-            return {line.place.array}
-        case ProgramCall():
-            return {line.at, line.y, line.z, line.e}
-        case _:
-            return set()
