@@ -15,10 +15,13 @@ from scipy.stats import t as student
 
 import xdynamics as xd
 from cases.command_line import call
+from xdynamics.budgeting.fit_problem import Asked
 from xdynamics.budgeting.intervals import quantile
 from xdynamics.budgeting.losses import Loss, loss_named
 from xdynamics.budgeting.multistart import search
 from xdynamics.documenting.summary import summary
+from xdynamics.evidence.comparing.measured import measured
+from xdynamics.units import parse_unit
 
 G = 9.81
 LINE: dict[str, Any] = {"method": "rk4", "step": "0.5 s", "until": "4 s"}
@@ -84,7 +87,7 @@ def test_the_zero_of_a_recording_is_found_too() -> None:
 
 
 def test_each_recording_has_a_zero_of_its_own() -> None:
-    """Assert the offsets of two recordings of one ball, and refusals: of data that are no events, and of a name of the model."""
+    """Assert the offsets of two recordings of one ball, and that a clock which nobody fits has to agree with the run."""
     one, two = (
         pd.DataFrame({"event_time_floor [s]": zero + clicks(0.8, 0.95, count), "u(event_time_floor) [s]": 1e-4})
         for zero, count in ((-3.25, 5), (100.5, 6))
@@ -92,10 +95,91 @@ def test_each_recording_has_a_zero_of_its_own() -> None:
     found = xd.fit(ball(), {"first": one, "second": two}, ["e"], own=["offset"], **BOUNCES)
     assert found.estimate.values == pytest.approx([0.8, -3.25, 100.5], abs=1e-7)
     assert found.parameter_record.values.tolist() == ["", "first", "second"]
-    with pytest.raises(xd.InputError, match="'offset' is that of a clock by which events were timed"):
-        xd.fit(ball(), pd.DataFrame({"time [s]": [0.1, 0.2, 0.3], "y [m]": [0.9, 0.8, 0.6]}), ["offset"], **BOUNCES)
     with pytest.raises(xd.InputError, match="is outside the run"):
         xd.fit(ball(), two, ["e"], **BOUNCES)
+
+
+def swing(k: float, zero: float, at: np.ndarray) -> np.ndarray:
+    """Positions of a spring of 2 kg, damped by 1.2 kg/s, that is let go at 1 m when the clock reads zero."""
+    decay = 0.3
+    rate = np.sqrt(k / 2.0 - decay**2)
+    since = at - zero
+    return np.exp(-decay * since) * (np.cos(rate * since) + decay / rate * np.sin(rate * since))
+
+
+@pytest.fixture(scope="module")
+def swung() -> Any:
+    """A recording of 40 positions of such a spring, whose clock reads -4.37 s at the start, and its noise."""
+    at = np.linspace(-4.2, 4.8, 40)
+    noise = 0.01
+    return at, swing(8.0, -4.37, at) + noise * np.random.default_rng(5).standard_normal(40), noise
+
+
+def spring() -> xd.Model:
+    """Such a spring, whose stiffness is not quite known."""
+    return xd.Model(
+        name="spring",
+        coordinates={"x": "m"},
+        parameters={"m": "2 kg", "k": "7.7 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}, "damping": {"x": "-1.2*kilogram/second*v_x"}},
+        initial={"x": "1 m"},
+        run={"method": "dop853", "rtol": 1e-11, "until": "12 s"},
+    )
+
+
+def test_the_zero_of_a_recording_of_positions_is_found(swung: Any) -> None:
+    """Assert stiffness, offset, uncertainties and correlation against scipy's fit of the closed form, and the fitted values."""
+    at, heard, noise = swung
+    found = xd.fit(spring(), pd.DataFrame({"time [s]": at, "x [m]": heard, "u(x) [m]": noise}), ["k", "offset"])
+    right = least_squares(lambda p: (swing(*p, at) - heard) / noise, [8.0, -4.37], xtol=1e-15, ftol=1e-15)
+    covariance = np.linalg.inv(right.jac.T @ right.jac)
+    deviations = np.sqrt(np.diag(covariance))
+    assert found.estimate.values == pytest.approx(right.x, rel=1e-7)
+    assert found.standard_uncertainty.values == pytest.approx(deviations, rel=1e-4)
+    assert float(found.correlation[0, 1]) == pytest.approx(covariance[0, 1] / deviations.prod(), abs=1e-4)
+    assert found.residual_x.values == pytest.approx(heard - swing(*right.x, at), abs=1e-8)
+    assert (found.parameter_units.values.tolist(), found.attrs["adequate"]) == (["N m-1", "s"], 1)
+    assert "offset" not in xd.Model.from_text(str(found.model_toml.values)).parameters
+
+
+def test_recordings_of_positions_have_zeros_of_their_own(swung: Any) -> None:
+    """Assert the offsets of three parts of a recording, moved by known times, and the whole one's where there is no noise."""
+    at = swung[0]
+    parts = {
+        f"part{k}": pd.DataFrame({"time [s]": at[k::3] + k, "x [m]": swing(8.0, -4.37, at[k::3])}) for k in range(3)
+    }
+    found = xd.fit(spring(), parts, ["k"], own=["offset"])
+    assert found.estimate.values == pytest.approx([8.0, -4.37, -3.37, -2.37], abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("until", "bounds", "said"),
+    [
+        (
+            "9 s",
+            {},
+            r"no offset has all that was measured inside the runs: it would be from -4\.2 to -4\.2; end runs later",
+        ),
+        ("5 s", {}, r"from -0\.2 to -4\.2; end runs later by until, or leave out what was recorded before"),
+        ("12 s", {"offset": ("1 s", "2 s")}, r"it would be from 1 to -4\.2"),
+    ],
+)
+def test_offsets_without_room_are_refused(swung: Any, until: str, bounds: Any, said: str) -> None:
+    """Assert the range and the remedy where readings would lie outside of the run."""
+    data = pd.DataFrame({"time [s]": swung[0], "x [m]": swung[1]})
+    with pytest.raises(xd.InputError, match=said):
+        xd.fit(spring(), data, ["k", "offset"], until=until, bounds=bounds)
+
+
+def test_many_offsets_are_marched_in_parts(swung: Any) -> None:
+    """Assert the rows of twenty unlike offsets, in the order in which they were given."""
+    model, at = spring(), swung[0]
+    table = measured(pd.DataFrame({"time [s]": at, "x [m]": swung[1]}), ("x",), "refuse", model.time_unit)
+    asked = Asked(model, ("k", "offset"), table, {"x": parse_unit("m")}, {})
+    zeros = -4.2 - np.random.default_rng(2).permutation(20) / 10.0
+    rows = asked.computed(np.column_stack([np.full(20, 8.0), zeros]))
+    assert rows == pytest.approx(np.array([swing(8.0, zero, at) for zero in zeros]), abs=1e-8)
 
 
 def test_the_sound_of_a_ball_gives_its_restitution() -> None:

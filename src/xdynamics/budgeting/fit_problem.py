@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from xdynamics.budgeting.multistart import Search
 from xdynamics.budgeting.residuals import Tested, tested
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.faults import InputError
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.sweeping.axes import FOR_INITIAL
@@ -25,7 +26,10 @@ Floats = NDArray[np.float64]
 SHIFT = 1e-3  # relative to a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
-OFFSET = "offset"  # of a clock: what a record's event times read where the model's time is 0
+OFFSET = "offset"  # of a clock: what a record's times read where the model's time is 0
+MOST_OFFSETS = 8  # unlike ones that are marched together, whose times all members then have
+SPACINGS = 10.0  # of a record's times, to which its offset is scaled
+MOST_TRIED = 2000  # offsets, among which the start is chosen
 SHARED = -1  # in the place of a record's number
 
 
@@ -63,6 +67,24 @@ class Asked:
     def is_offset(self, name: str) -> bool:
         """Whether a name is the offset of the record's clock, and nothing that the model has."""
         return name == OFFSET and name not in self.model.parameters and name not in self.model.initial
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        """The least and the greatest offset that leave all of a record of values inside the run; any for event times."""
+        if self.data.occurrences.size:
+            return -np.inf, np.inf
+        begin, end = self._span
+        return float(self.data.times.max()) - end, float(self.data.times.min()) - begin
+
+    @property
+    def offset_scale(self) -> float:
+        """A time in which what was measured changes a little: some spacings of the record's times."""
+        apart = np.diff(np.unique(self.data.times))
+        return SPACINGS * float(np.median(apart)) if apart.size else 1.0
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        return self.model.initial["t"].si, float(settings_for(self.model, **self.settings).until)
 
     @property
     def measured(self) -> Floats:
@@ -105,9 +127,13 @@ class Asked:
             for i, name in enumerate(self.names)
             if not self.is_offset(name)
         } or self._unchanged(len(values))
-        offset = sum(values[:, [i]] for i, name in enumerate(self.names) if self.is_offset(name))
-        numbers = self.data.occurrences
-        times, places = (np.zeros(0), numbers - 1) if numbers.size else np.unique(self.data.times, return_inverse=True)
+        numbers, offsets = self.data.occurrences, self._offsets(values)
+        shifts, which = np.unique(np.zeros(len(values)) if numbers.size else offsets, return_inverse=True)
+        if len(shifts) > MOST_OFFSETS:
+            order = np.argsort(which, kind="stable")
+            few = np.split(order, np.searchsorted(which[order], np.arange(MOST_OFFSETS, len(shifts), MOST_OFFSETS)))
+            return np.concatenate([self.computed(values[part], whole=whole) for part in few])[np.argsort(order)]
+        times, places = (np.zeros(0), (numbers - 1)[None, :]) if numbers.size else self._times(shifts)
         members = sweep(
             self.model,
             {"fitted": columns},
@@ -117,13 +143,54 @@ class Asked:
             **self.settings,
         )
         marched = unfold(members.compute())
+        later = offsets[:, None] if numbers.size else 0.0
         rows = np.concatenate(
-            [marched[name].values.reshape(len(values), -1)[:, places] + offset for name in self.quantities], axis=1
+            [
+                np.take_along_axis(marched[name].values.reshape(len(values), -1), places[which], axis=1) + later
+                for name in self.quantities
+            ],
+            axis=1,
         )
         if whole and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             raise InputError(self._missing(values[k], rows[k], marched.isel(fitted=k)))
         return rows
+
+    def _offsets(self, values: Floats) -> Floats:
+        """Return the offset of the record's clock in each row of numbers; 0 where it is not fitted."""
+        columns = [values[:, i] for i, name in enumerate(self.names) if self.is_offset(name)]
+        return columns[0] if columns else np.zeros(len(values))
+
+    def _times(self, shifts: Floats) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the times of the run that were measured, for each offset, and the place of each reading among them."""
+        times = self.data.times[None, :] - shifts[:, None]
+        if OFFSET in self.names and self.is_offset(OFFSET):
+            times = np.clip(times, *self._span)  # slopes at an end are looked for a little outside of it
+        found, places = np.unique(times, return_inverse=True)
+        return found, places.reshape(times.shape)
+
+    def likely_offset(self, values: Floats, low: float, high: float) -> float:
+        """Return the offset between bounds at which a run with given numbers differs least from what was measured."""
+        apart = self.offset_scale / SPACINGS / 2.0
+        begin, end = self._span
+        count = int(np.clip((end - begin) / apart, 2, 10 * MOST_TRIED))
+        dense = replace(
+            self,
+            data=replace(
+                self.data,
+                times=np.linspace(begin, end, count),
+                values={name: (np.zeros(count), unit) for name, unit in self.quantities.items()},
+                uncertainties={},
+            ),
+        )
+        still = np.where([*map(self.is_offset, self.names)], 0.0, values)
+        lines = np.split(dense.computed(still[None, :], whole=False)[0], len(self.quantities))
+        tried = np.linspace(low, high, int(np.clip((high - low) / apart, 2, MOST_TRIED)))
+        squares = []
+        for offset in tried:
+            rows = np.concatenate([np.interp(self.data.times - offset, dense.data.times, line) for line in lines])
+            squares.append(float(np.sum(((rows - self.measured) * self.weights) ** 2)))
+        return float(tried[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))])
 
     def _unchanged(self, members: int) -> dict[str, Any]:
         """Return what is varied where the offset alone is fitted: a parameter, which keeps its value."""

@@ -156,8 +156,6 @@ def _record(
             f"row {int(outside[0]) + 1}: t = {float(table.times[outside[0]])!r}{second} is outside the run, from"
             f" {begin!r}{second} to {end!r}{second}; give until=…"
         )
-    if asked.is_offset(OFFSET) and OFFSET in names and not table.occurrences.size:
-        ledger.note("'offset' is that of a clock by which events were timed, and the data are no event times")
     ledger.raise_faults()
     return asked
 
@@ -197,6 +195,15 @@ def bounds_of(
         for i, number in enumerate(numbers):
             if number.name == name:
                 low[i], high[i] = _ends(record_of(records, number), name, ends)
+    for i, number in enumerate(numbers):
+        for k, asked in enumerate(records):
+            if asked.is_offset(number.name) and number.record in (SHARED, k):
+                low[i], high[i] = max(low[i], asked.offsets[0]), min(high[i], asked.offsets[1])
+        if not low[i] < high[i]:
+            raise InputError(
+                f"no {labelled(records, number)} has all that was measured inside the runs: it would be from {low[i]:.6g} to"
+                f" {high[i]:.6g}; end runs later by until, or leave out what was recorded before they begin"
+            )
     return low, high
 
 
@@ -215,13 +222,18 @@ def _ends(asked: Asked, name: str, ends: Any) -> Floats:
     return values
 
 
-def with_offsets(records: Sequence[Asked], numbers: Sequence[FittedNumber], start: Floats) -> Floats:
-    """Return where a search begins: at the model's own values, and at the offset by which its events differ from the measured ones."""
+def with_offsets(
+    records: Sequence[Asked], numbers: Sequence[FittedNumber], start: Floats, low: Floats, high: Floats
+) -> Floats:
+    """Return where a search begins: at the model's own values, and at the offset by which its run differs least from what was measured."""
     begun = start.copy()
     for i, number in enumerate(numbers):
         asked = record_of(records, number)
         if asked.is_offset(number.name):
             own = np.array([[asked.declared(name).value for name in asked.names]])
+            if not asked.data.occurrences.size:
+                begun[i] = asked.likely_offset(own[0], low[i], high[i])
+                continue
             apart = asked.measured - asked.computed(own, whole=False)[0]
             begun[i] = np.median(apart[np.isfinite(apart)]) if np.isfinite(apart).any() else start[i]
     return begun
@@ -232,6 +244,10 @@ def scales_of(
 ) -> Floats:
     """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
     scales = np.abs(start)
+    for i, number in enumerate(numbers):
+        asked = record_of(records, number)
+        if asked.is_offset(number.name) and not asked.data.occurrences.size:
+            scales[i] = asked.offset_scale
     for i in np.flatnonzero(scales == 0.0).tolist():
         width = float(high[i] - low[i])
         model = record_of(records, numbers[i]).model

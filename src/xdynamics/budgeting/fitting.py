@@ -66,7 +66,7 @@ def fit(
         once; a mapping names them.
     parameters : sequence of str
         Parameters and initial values to be fitted: ``"k"``, of a quantity with dimensions all elements, or ``"k[2]"``. All
-        records share them. Of event times also ``"offset"``: what their clock reads at the model's time 0.
+        records share them. Also ``"offset"``: what the clock of the recording reads at the model's time 0.
     own : sequence of str, optional
         Parameters and initial values of which each record has a value of its own.
     gaps : {"refuse", "skip"}
@@ -144,7 +144,7 @@ def fit(
     records, numbers = records_of(model, data, parameters, own, gaps, reading, march)
     start = np.array([record_of(records, number).declared(number.name).value for number in numbers])
     low, high = bounds_of(records, numbers, bounds or {})
-    start = np.clip(with_offsets(records, numbers, start), low, high)
+    start = np.clip(with_offsets(records, numbers, start, low, high), low, high)
     scales = scales_of(records, numbers, start, low, high)
     problem = Fitting(records, numbers, scales)
     if problem.told:

@@ -12,8 +12,11 @@ bounces, of a model with [contacts.floor] restitution = "e", gives its restituti
   0.4516,0.0002
   1.1913,0.0002
   xdynamics fit ball.toml clicks.csv --parameter e --parameter y --until "5 s"
-Where the clock of a recording does not begin with the run, `offset` is what it reads at the model's time 0, and is found too:
+Where the clock of a recording does not begin with the run, `offset` is what it reads at the model's time 0, and is found too,
+for event times and for values alike. All readings have to lie inside the run: leave out those from before it (the key skip),
+and end it later than the last by until. A motion that repeats itself fits once in each period: bounds choose one.
   xdynamics fit ball.toml clicks.csv --parameter e --parameter offset --until "5 s"
+  xdynamics fit spring.toml bench.csv --parameter k --parameter offset --until "12 s"
 Several records are fitted at once, of which each may have an offset of its own (--own offset). All share `parameters`; of `own` each has a value for itself:
   xdynamics fit spring.toml monday.csv tuesday.csv --parameter k --own x
   xd.fit({"light": one, "heavy": other}, {"light": "a.csv", "heavy": "b.csv"}, ["k"])      models that differ in what is known
