@@ -166,7 +166,8 @@ def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tole
     if not isinstance(atol, Mapping):
         return Tolerances(relative, {}, units, number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
-    ordered = sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: "[" in entry[0])
+    blocks = model.shapes.dims
+    ordered = sorted(((written(name), value) for name, value in atol.items()), key=lambda entry: entry[0] not in blocks)
     atol = {element: value for name, value in ordered for element in model.shapes.elements(name)}
     for name in atol:
         if name not in ("", *units):
