@@ -130,7 +130,8 @@ def _written(model: Model, name: str, tree: Node) -> str:
     """Print an expression; where it gathers what many links give, which has no text, element by element."""
     if not any(isinstance(node, Along) and node.function == "onto" for node in every(tree)):
         return text_of(tree)
-    parts, number = _elements(model, name, tree), ZERO
+    parts = _elements(model, name, tree)
+    number: Node = ZERO
     if len(parts) > MOST_WRITTEN_OUT:
         raise InputError(
             f"'{name}' has {len(parts)} elements and forces of links; a manufactured solution of one has"
