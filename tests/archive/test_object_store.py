@@ -369,15 +369,34 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
         xd.verify(folder)
 
 
-def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
-    """Assert that cases which were kept before a store broke off are read, and the others found then."""
+STORES = {"500 InternalError": "failed 2 times", "503 SlowDown": "failed 2 times", "507 StorageFull": "is full"}
+
+
+@pytest.mark.parametrize("what", STORES)
+def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectName, what: str) -> None:
+    """Assert that cases which were kept before a store broke off, or was full, are read, and the others found then."""
     keep, methods = str(place.parent), ["velocity_verlet"]
     whole = xd.validate(methods)
-    with store.once("500 InternalError", "PUT", times=99), pytest.raises(xd.ArchiveError, match="failed 2 times"):
+    with store.once(what, "PUT", times=99), pytest.raises(xd.ArchiveError, match=STORES[what]):
         xd.validate(methods, keep=keep)
     assert xd.validate(methods, keep=keep).equals(whole)
-    with store.once("500 InternalError", "PUT", times=99):
+    with store.once(what, "PUT", times=99):
         assert xd.validate(methods, keep=keep).equals(whole)
+
+
+@pytest.mark.parametrize("what", STORES)
+@pytest.mark.parametrize("name", ["grid", "grid.zarr"])
+def test_a_sweep_into_a_full_store_goes_on(store: Way, place: ObjectName, name: str, what: str) -> None:
+    """Assert one line of a store that is full or fails while a sweep is written, and the whole sweep once there is room."""
+    if name.endswith("zarr"):
+        pytest.importorskip("zarr")
+    folder = str(place.parent / name)
+    asked: dict[str, Any] = {"axes": {"k": "1:2:3 N m-1"}, **ASKED, "path": folder, "members_per_task": 1}
+    with store.once(what, "PUT", times=99), pytest.raises(xd.InputError, match=STORES[what]) as caught:
+        xd.sweep(MODEL, **asked)
+    assert "\n" not in str(caught.value)
+    sweep = xd.sweep(MODEL, **asked)
+    assert xd.verify(folder) == sweep.attrs["content_digest"]
 
 
 def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:

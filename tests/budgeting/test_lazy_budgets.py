@@ -57,6 +57,19 @@ def test_a_level_is_shared_with_a_refinement_and_draws_are_blocks() -> None:
     assert sizes[1] - sizes[0] == sizes[2] - sizes[1] < 8
 
 
+@pytest.mark.parametrize("compute", [True, False])
+def test_what_stages_need_is_marched_once(compute: bool) -> None:
+    """Assert one march of each step for a run, a study and a budget, one after the other or in one graph."""
+    oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+    asked: dict[str, Any] = {"method": "rk4", "until": "1 s"}
+    with marches() as begun:
+        run = xd.simulate(oscillator, step=0.02, force_samples="none", compute=False, **asked)
+        study = xd.refine(oscillator, steps=[0.02, 0.01], at=["1 s"], compute=compute, **asked)
+        budget = xd.error_budget(oscillator, "x", at="1 s", step=0.02, only="truncation", compute=compute, **asked)
+        dask.compute(run, study, budget)
+    assert sorted(begun) == [f"Harmonic oscillator rk4 {step}" for step in (0.0025, 0.005, 0.01, 0.02)]
+
+
 def test_draws_that_end_by_themselves_are_refused() -> None:
     """Assert the remedy where the number of draws is known only after drawing."""
     with pytest.raises(xd.InputError, match="give draws=10000, or compute=True"):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import pickle
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from cases.stages import assert_same_bits, marches, no_march
+from cases.stages import assert_same_bits, no_march
 from xdynamics.evidence import kept_results
 from xdynamics.evidence.kept_results import Keep
 
@@ -53,13 +56,75 @@ def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> Non
         assert_same_bits(make(keep=tmp_path, compute=False), found)
 
 
-def test_a_whole_certificate_marches_its_own_run_alone(tmp_path: Path) -> None:
+WRITE = Path.write_text
+
+
+def killed_while_writing(make: Callable[..., xr.Dataset], keep: Path, number: int) -> None:
+    """Make evidence in a copy of this process, which is killed when it has written half of a result."""
+    written = list[Path]()
+
+    def broken_off(place: Path, text: str) -> int:
+        written.append(place)
+        if len(written) == number:
+            WRITE(place, text[: len(text) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        return WRITE(place, text)
+
+    if not (child := os.fork()):
+        with mock.patch.object(Path, "write_text", broken_off), dask.config.set(scheduler="synchronous"):
+            make(keep=keep)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("number", [1, 6])
+def test_a_budget_that_was_killed_goes_on(number: int, tmp_path: Path) -> None:
+    """Assert the bits of one go, and that what was whole when the process was killed is there as it was."""
+    killed_while_writing(MAKE["budget"], tmp_path, number)
+    kept = {place: place.read_bytes() for place in tmp_path.glob("*.json")}
+    assert len(kept) == number - 1
+    assert_same_bits(MAKE["budget"](keep=tmp_path), MAKE["budget"]())
+    assert {place: place.read_bytes() for place in kept} == kept
+    with no_march():
+        MAKE["budget"](keep=tmp_path)
+
+
+def test_a_budget_whose_folder_is_full_goes_on(tmp_path: Path) -> None:
+    """Assert one line with file and cause, that nothing half is under a name, and the bits once there is room."""
+    written = list[Path]()
+
+    def full(place: Path, text: str) -> int:
+        written.append(place)
+        if len(written) < 4:
+            return WRITE(place, text)
+        WRITE(place, text[:9])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    refused = pytest.raises(xd.ArchiveError, match=r"^'.*\.json' cannot be written: No space left on device; ")
+    with mock.patch.object(Path, "write_text", full), refused:
+        MAKE["budget"](keep=tmp_path)
+    assert len([*tmp_path.iterdir()]) == 3
+    assert_same_bits(MAKE["budget"](keep=tmp_path), MAKE["budget"]())
+
+
+def test_a_whole_certificate_marches_nothing(tmp_path: Path) -> None:
     """Assert it of budget and ledger together, lazily at first, then at once."""
     found = MAKE["certificate"](keep=tmp_path, compute=False).compute(scheduler="synchronous")
-    with marches() as begun:
+    with no_march():
         assert_same_bits(MAKE["certificate"](keep=tmp_path), found)
-    assert begun == ["Ball thrown upward with quadratic drag rk4 0.05"]
     assert_same_bits(MAKE["certificate"](), found)
+
+
+@pytest.mark.parametrize("quantity", ["maximum_v_y", "t"])
+def test_a_whole_budget_marches_nothing(quantity: str, tmp_path: Path) -> None:
+    """Assert it of an extreme, with its time and rule, and of the time of an event."""
+    place: dict[str, Any] = {"event": "apex"} if quantity == "t" else {}
+    asked = {"method": "rk4", "step": 0.05, "until": "3 s", "keep": tmp_path} | place
+    found = xd.error_budget(BALL, quantity, **asked)
+    with no_march():
+        again = xd.error_budget(BALL, quantity, **asked)
+    assert_same_bits(again, found)
+    assert {**again.attrs, "date_created": "", "history": ""} == {**found.attrs, "date_created": "", "history": ""}
 
 
 def test_what_is_damaged_or_of_another_version_is_made_again(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import dask
@@ -134,6 +135,19 @@ def test_a_stage_of_a_run_reads_each_chunk_once(name: str) -> None:
     assert_same_bits(found, OF_RUNS[name](run, compute=True))
     assert reads
     assert {*reads.values()} == {1}
+
+
+@pytest.mark.parametrize("name", OF_RUNS)
+def test_a_file_behind_a_stage_may_be_closed_and_replaced(name: str, tmp_path: Path) -> None:
+    """Assert the numbers of the run that was described, whatever has taken the name of its file."""
+    run, path = marched(), tmp_path / "run.nc"
+    xd.save(run, path)
+    opened = xd.open_run(path, chunks={"step": 40})
+    stage = OF_RUNS[name](opened, compute=False)
+    opened.close()
+    xd.save(tighter(), tmp_path / "other.nc")
+    (tmp_path / "other.nc").replace(path)
+    assert_same_bits(stage, OF_RUNS[name](run, compute=True))
 
 
 def test_stages_of_an_unmarched_run_march_it_once() -> None:

@@ -74,6 +74,56 @@ def test_a_scheduler_of_no_kind_leaves_nothing_behind() -> None:
     assert dask.config.get("scheduler", None) is None
 
 
+def test_a_client_that_is_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the remedies where dask's setting still names a cluster, of a stage and of a sweep into a folder."""
+    distributed = pytest.importorskip("distributed")
+    said = r"its client is closed; open another, distributed.Client\('tcp://…'\), or compute here"
+    with dask.config.set(scheduler="dask.distributed"):
+        with pytest.raises(xd.InputError, match=said):
+            computed(studied())
+        monkeypatch.setattr(distributed, "default_client", lambda: type("Client", (), {"status": "closed"}))
+        with pytest.raises(xd.InputError, match=said):
+            connected()
+    monkeypatch.undo()
+    assert connected() is None
+
+
+SCHEDULER = """
+import time, distributed
+asked = {"processes": False, "dashboard_address": None, "silence_logs": "CRITICAL", "protocol": "tcp://"}
+print(distributed.LocalCluster(n_workers=1, threads_per_worker=1, **asked).scheduler_address, flush=True)
+time.sleep(600)
+"""
+
+
+def lost(address: str, process: subprocess.Popen[str], when: str) -> None:
+    """Compute a study on a cluster whose process is killed before it or in the middle."""
+    with cluster_of(address, None) as client, dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
+        assert connected() is client
+        killer = threading.Timer(0.0 if when == "before" else 1.5, process.kill)
+        killer.start()
+        if when == "before":
+            process.wait()
+        computed(studied(until=100_000.0))
+
+
+@pytest.mark.parametrize("when", ["before", "in the middle"])
+def test_a_cluster_that_is_gone_is_told(
+    when: str, request: pytest.FixtureRequest, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Assert one line and nothing else of a cluster whose process is killed, and that stages are computed here again."""
+    if not request.config.getoption("--whole"):
+        pytest.skip("a cluster of its own, and the wait for one that is gone; --whole")
+    process = subprocess.Popen([sys.executable, "-c", SCHEDULER], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process, process.stdout as output:
+        address = output.readline().strip()
+        with pytest.raises(xd.InputError, match=f"the cluster at {address} is gone .*; start it again"):
+            lost(address, process, when)
+    assert capfd.readouterr().err == ""
+    assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
+
+
 def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_path: Path) -> None:
     """Assert a lazy sweep, and one into a folder, on a cluster of two workers."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")

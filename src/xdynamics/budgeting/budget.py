@@ -18,9 +18,10 @@ from xdynamics.budgeting.budget_request import COVERAGE, BudgetRequest, budget_r
 from xdynamics.budgeting.measurand import MEMBERS, Target
 from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
 from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
+from xdynamics.budgeting.own_run import OwnRun, own_run_task
 from xdynamics.budgeting.physical import copies
 from xdynamics.budgeting.random_draws import drawn_until, wanted_of
-from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, ROUNDING, RUN
+from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RUN
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
 from xdynamics.evidence.stages import Stage, blank_run, lazy
@@ -28,6 +29,7 @@ from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -100,7 +102,8 @@ def error_budget(
         out. Without truncation no finer run is marched, and there is nothing along `level`.
     keep : str or Path, optional
         A folder in which the number in each level, each term and each block of draws is kept as soon as it is known, or
-        ``"s3://bucket/folder"``: the same call continues a budget that was interrupted. The run itself is marched again.
+        ``"s3://bucket/folder"``: the same call continues a budget that was interrupted, and marches nothing for what is
+        there.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with a task for each level, each term and each
         block of draws; `until_uncertainty` cannot be used.
@@ -182,7 +185,7 @@ def _budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset
     """March and put together what a budget is made of, here."""
     tasks = _tasks(request, _marched_here)
     budgeted = Budgeted.of(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
-    target, unit = request.target, request.target.units(budgeted.run)
+    target, unit = request.target, parse_unit(budgeted.own.units)
     _doubt_slopes(budgeted.terms, target)
     if not (request.draws or until_uncertainty is not None):
         return budget_dataset(request, budgeted, None)
@@ -204,9 +207,10 @@ def budget_stage(request: BudgetRequest) -> Stage:
     measurand, tasks = request.measurand, _tasks(request, _gathered)
     levels = levels_of(measurand) if COMPARED in tasks else None
     run = blank_run(March(measurand.model, unthinned_settings_for(measurand.model, **measurand.settings)))
-    unit = request.target.units(run)
+    own = OwnRun.of(measurand, run)
+    unit = parse_unit(own.units)
     terms = [term for source in request.sources for term in source.blank(unit)]
-    blank = Budgeted(run, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms)
+    blank = Budgeted(own, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms)
     if request.draws:
         numbers = request.propagation(NOT_MARCHED.value, terms).numbers(request.draws, members_per_task=MEMBERS)
         tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
@@ -229,7 +233,8 @@ def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
         shared[ROUNDING] = numerical.rounding_source(measurand).task(measurand, shared)
     if COPIES in needs:
         shared[COPIES] = gathered(partial(copies, measurand, request.inputs))
-    parts: dict[Any, Any] = {name: shared[name] for name in (RUN, NUMBER, COMPARED) if name in shared}
+    parts: dict[Any, Any] = {name: shared[name] for name in (NUMBER, COMPARED) if name in shared}
+    parts[OWN] = own_run_task(measurand, run)
     return parts | {source.names: source.task(measurand, shared) for source in request.sources}
 
 
@@ -240,7 +245,7 @@ def _gathered(numbers: Callable[..., xr.DataArray]) -> Gathered:
 
 def _marched_here(numbers: Callable[..., xr.DataArray]) -> Task:
     """Return the numbers of a sweep as one task."""
-    return Task("copies", partial(_values, numbers))
+    return Task("copies", partial(_values, numbers), lasting=False)
 
 
 def _values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:

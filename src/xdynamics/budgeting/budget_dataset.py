@@ -12,17 +12,16 @@ import numpy as np
 
 from xdynamics.budgeting.budget_request import BudgetRequest
 from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, terms_as
-from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, draws_needed, judged
 from xdynamics.budgeting.numerical import Compared, Estimate
+from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.rounding import rounded
-from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN
+from xdynamics.budgeting.sources import COMPARED, NUMBER, OWN
 from xdynamics.budgeting.term import Term
 from xdynamics.elementary.arrays import applied
-from xdynamics.evidence.diagnosing.extremes import RULES
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.model import Model
-from xdynamics.schema import STEPS, flags
+from xdynamics.schema import flags
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,7 +33,7 @@ class Budgeted:
 
     Attributes
     ----------
-    run : xarray.Dataset
+    own : OwnRun
         The run that the number is of.
     number : Estimate
     compared : Compared, optional
@@ -42,7 +41,7 @@ class Budgeted:
     terms : list of Term
     """
 
-    run: xr.Dataset
+    own: OwnRun
     number: Estimate
     compared: Compared | None
     terms: list[Term]
@@ -51,18 +50,18 @@ class Budgeted:
     def of(cls, parts: Mapping[Any, Any]) -> Budgeted:
         """Return it from the results of its tasks; those of terms are under tuples of their names."""
         terms = [term for name, row in parts.items() if isinstance(name, tuple) for term in row]
-        return cls(parts[RUN], parts[NUMBER], parts.get(COMPARED), terms)
+        return cls(parts[OWN], parts[NUMBER], parts.get(COMPARED), terms)
 
 
 def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
     """Put a budget together."""
-    model, target, run, value = request.measurand.model, request.target, budgeted.run, budgeted.number.value
-    unit, compared = target.units(run), budgeted.compared
+    model, target, own, value = request.measurand.model, request.target, budgeted.own, budgeted.number.value
+    unit, compared = parse_unit(own.units), budgeted.compared
     variables = terms_as(model, target, unit, value, budgeted.terms)
-    variables |= {} if compared is None else levels_as(compared, run, unit)
+    variables |= {} if compared is None else levels_as(compared, own, unit)
     variables["run_outcome"] = (
         (),
-        np.array(str(run.attrs["run_outcome"])),
+        np.array(own.outcome),
         about("1", "outcome of the run", "outcome"),
     )
     later: dict[str, Any] = {}
@@ -83,12 +82,13 @@ def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Draw
     coverage_text += _choice(request, budgeted.terms)
     bound = float(variables["numerical_bound"][1])
     later |= {"result": rounded(value, total, bound, unit.text, coverage_text)}
-    later |= _where(target, run, model)
+    if own.extreme_rule is not None:
+        later |= {"extreme_rule": own.extreme_rule, "extreme_time": own.extreme_time}
     variables |= later_as(later, unit.text, target.second)
     attributes = {name: value for name, value in later.items() if value == value}
     title = f"error budget of {model.name}: {target.description}"
     digests = (budgeted.number.digest,) if compared is None else compared.digests
-    return exhibit("budget", title, digests, variables, _attributes(request, run) | attributes, shapes=model.shapes)
+    return exhibit("budget", title, digests, variables, _attributes(request, own) | attributes, shapes=model.shapes)
 
 
 def _choice(request: BudgetRequest, terms: list[Term]) -> str:
@@ -100,7 +100,7 @@ def _choice(request: BudgetRequest, terms: list[Term]) -> str:
     return f", {' and '.join(names)} alone" if few else f", without {' and '.join(names)}"
 
 
-def _attributes(request: BudgetRequest, run: xr.Dataset) -> dict[str, Any]:
+def _attributes(request: BudgetRequest, own: OwnRun) -> dict[str, Any]:
     """Return what a budget was asked for."""
     target = request.target
     return (
@@ -116,7 +116,7 @@ def _attributes(request: BudgetRequest, run: xr.Dataset) -> dict[str, Any]:
             "asked": json.dumps(request.measurand.settings, sort_keys=True),
             "model_digest": request.measurand.model.digest,
             "time_units": target.second,
-            "solver_method": str(run.attrs["solver_method"]),
+            "solver_method": own.method,
         }
         | ({"at": target.at} if target.at is not None else {})
         | ({"left_out": ", ".join(request.left_out)} if request.left_out else {})
@@ -132,11 +132,3 @@ def _judged(
     if verdict == NOT_CHECKED:
         needed = draws_needed(distance, monte_carlo, request.draws, request.coverage, request.digits)
     return verdict, {"linear_apart": distance, "draws_needed": needed}
-
-
-def _where(target: Target, run: Any, model: Model) -> dict[str, Any]:
-    """Return time and rule of an extreme in the run; nothing for other numbers."""
-    if target.extreme is not None and not run.sizes[STEPS]:
-        return {"extreme_rule": "", "extreme_time": nan}
-    top = target.extreme_in(run, model)
-    return {} if top is None else {"extreme_rule": RULES[top.rule], "extreme_time": top.time}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from xdynamics.budgeting import physical
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import Drawn
 from xdynamics.budgeting.numerical import Compared
+from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.refining.convergence import VERDICTS, observed_orders
@@ -19,9 +20,6 @@ from xdynamics.evidence.refining.levels import STEPS
 from xdynamics.model import Model
 from xdynamics.schema import BOUNDS, LEVEL, flags
 from xdynamics.units import BASE, Unit, quotient
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 TERM = "term"
 ROLE = "budget"
@@ -152,12 +150,11 @@ def _doubt_of(terms: list[Term], variance: float) -> float:
     return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
 
 
-def levels_as(compared: Compared, run: xr.Dataset, unit: Unit) -> dict[str, Any]:
+def levels_as(compared: Compared, own: OwnRun, unit: Unit) -> dict[str, Any]:
     """Return the run's own level and the finer ones, and their verdict, as variables."""
     levels, text = compared.levels, unit.text
     orders = observed_orders(compared.values, levels.values)
-    # a run's steps may be pure numbers like its time
-    level_units = str(run["step_size"].attrs["units"]) if levels.varied == STEPS else levels.varied.units
+    level_units = own.step_units if levels.varied == STEPS else levels.varied.units
     return {
         levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.long_name, ROLE)),
         "level_value": (

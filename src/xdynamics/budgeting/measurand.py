@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -231,6 +231,11 @@ class Measurand:
     def inputs(self) -> tuple[Any, ...]:
         """Everything that the number depends on, for the names of tasks."""
         return self.model.digest, self.target, inputs_of(self.settings), xdynamics_version()
+
+    @property
+    def unkept(self) -> Measurand:
+        """The measurand without the folder of its results, for tasks whose results do not depend on it."""
+        return replace(self, keep=None)
 
     @property
     def sharp(self) -> float:

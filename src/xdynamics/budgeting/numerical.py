@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -175,7 +175,7 @@ def run_task(measurand: Measurand) -> Task:
 
 def number_task(measurand: Measurand, run: Task) -> Task:
     """Return the task that takes the number out of a run."""
-    task = Task.of("number", partial(Estimate.of, replace(measurand, keep=None)), (run,), *measurand.inputs)
+    task = Task.of("number", partial(Estimate.of, measurand.unkept), (run,), *measurand.inputs)
     return task if measurand.keep is None else measurand.keep.task(task, ESTIMATES)
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RUN, NUMBER, COMPARED, ROUNDING, COPIES = "run", "number", "levels", "rounding", "copies"  # what sources share
+OWN = "own run"  # what a budget says of the run
 
 
 @dataclass(frozen=True)

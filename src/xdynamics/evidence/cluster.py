@@ -24,17 +24,29 @@ Tell = Callable[[float, float, int], None]
 
 
 def connected() -> Any:
-    """Return the client of the cluster on which dask computes; None if it computes in this process."""
+    """Return the client of the cluster on which dask computes; None if it computes in this process.
+
+    Raises
+    ------
+    InputError
+        If dask is to compute on a cluster, and its client is closed.
+    """
     distributed: Any = sys.modules.get("distributed")
     if distributed is None:
         return None
     import dask.config
 
-    try:
-        client = distributed.default_client()
-    except ValueError:
+    if dask.config.get("scheduler", None) != "dask.distributed":
         return None
-    return client if dask.config.get("scheduler", None) == "dask.distributed" else None
+    client = None
+    with suppress(ValueError):  # there is none
+        client = distributed.default_client()
+    if client is None or client.status in ("closing", "closed"):
+        raise InputError(
+            "dask is to compute on a cluster, and its client is closed; open another, distributed.Client('tcp://…'), or"
+            " compute here, dask.config.set(scheduler='threads')"
+        )
+    return client
 
 
 def note(topic: str, entry: Any) -> None:
@@ -48,10 +60,10 @@ def note(topic: str, entry: Any) -> None:
 
 def notes(topic: str) -> list[Any]:
     """Return what workers noted under a topic; nothing if dask computes in this process, or the cluster is gone."""
-    client = connected()
-    if client is None:
-        return []
     try:
+        client = connected()
+        if client is None:
+            return []
         return [entry for _, entry in client.get_events(topic)]
     except Exception:  # noqa: BLE001 - whatever a cluster that is gone answers: nothing is known of what it did
         return []
@@ -170,6 +182,12 @@ def _quiet_end() -> Iterator[None]:
         raise
 
 
+def _is_news(told: logging.LogRecord) -> bool:
+    """Whether what the library tells is not the loss of the cluster, which is said in one line."""
+    cancelled = told.exc_info and told.exc_info[0] is not None and told.exc_info[0].__name__ == "CancelledError"
+    return not cancelled and not told.getMessage().startswith("Failed to reconnect to scheduler")
+
+
 def _is_awaited(told: logging.LogRecord) -> bool:
     """Whether what is told is not the end of a wait for results that are not wanted any more."""
     return not (told.exc_info and told.exc_info[0] is not None and told.exc_info[0].__name__ == "AllExit")
@@ -186,8 +204,10 @@ def reached(client: Any) -> Iterator[None]:
     import distributed
 
     library: Any = distributed
-    gone = (library.comm.CommClosedError, library.client.FutureCancelledError, TimeoutError)
+    closed = getattr(library.client, "ClosedClientError", library.comm.CommClosedError)  # of newer versions
+    gone = (library.comm.CommClosedError, library.client.FutureCancelledError, TimeoutError, closed)
     address = _address(client)
+    logging.getLogger("distributed.client").addFilter(_is_news)  # it tells some of it after the end
     try:
         yield
     except library.scheduler.KilledWorker as error:

@@ -22,6 +22,7 @@ from xdynamics.record.provenance import force_digest
 if TYPE_CHECKING:
     import xarray as xr
 
+MARCH = "march"  # first word of the names of tasks that march
 AT_ONCE = 1e18  # steps, more than any march has: of what is begun before all that waits
 
 
@@ -53,6 +54,11 @@ class Task:
         """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
         words = repr((kind, [task.name for task in needs], inputs))
         return cls(f"{kind}-{sha256(words.encode()).hexdigest()[:32]}", call, needs)
+
+    def result(self, *needs: Any) -> Any:
+        """Call it here; a march that is remembered, for whatever stage, is not begun again."""
+        marches = self.lasting and self.name.startswith(f"{MARCH}-")
+        return _result(self.name, self.call, *needs) if marches else self.call(*needs)
 
     @property
     def layers(self) -> dict[str, Any]:
@@ -132,7 +138,7 @@ def results_of(*tasks: Task) -> list[Any]:
     last = {needed.name: name for name, task in order.items() for needed in task.needs}
     wanted, results = {task.name for task in tasks}, dict[str, Any]()
     for name, task in order.items():
-        results[name] = task.call(*(results[needed.name] for needed in task.needs))
+        results[name] = task.result(*(results[needed.name] for needed in task.needs))
         for needed in task.needs:
             if last[needed.name] == name and needed.name not in wanted:
                 results.pop(needed.name, None)
@@ -149,7 +155,7 @@ def march_task(model: Model, path: Path | None = None, memory: str | float | Non
     """
     prepared = March(model, unthinned_settings_for(model, **asked))
     words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
-    name = "-".join(["march", *words, *([str(path)] if path is not None else [])])
+    name = "-".join([MARCH, *words, *([str(path)] if path is not None else [])])
     call = partial(march, path=path, memory=memory, **asked)
     return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_steps(prepared))
 
@@ -182,7 +188,8 @@ def remembered(task: Task) -> Any:
     """Return the result of a task in this process."""
 
     def make() -> Any:
-        return results_of(task)[0]
+        needs = [needed for needed in task.needs if isinstance(needed, Task)]
+        return task.call(*results_of(*needs))
 
     return REMEMBERED.result(task.name, make)
 

@@ -13,7 +13,7 @@ from xdynamics import record
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.evidence.runs import marched_by
-from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stage_tasks import MARCH, Task
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
@@ -67,7 +67,7 @@ def unmarched_run(
 def _task(march: March, place: Place | None, memory: str | float | None) -> Task:
     """Return the task that marches, the same as of any stage that marches so too."""
     words = [record.input_digest(march), *(["compressed"] if march.settings.compress else [])]
-    name = "-".join(["march", *words, *([str(place)] if place is not None else [])])
+    name = "-".join([MARCH, *words, *([str(place)] if place is not None else [])])
     call = partial(marched_by, march.model, march.settings, place, memory)
     return Task(name, call, lasting=place is None, steps=float(march.expected_rows or 0))
 

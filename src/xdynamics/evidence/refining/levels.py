@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.refining.convergence import HIGHEST
-from xdynamics.evidence.runs import march
-from xdynamics.evidence.stage_tasks import Task, march_task
+from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import REINTEGRATE, RULES
@@ -199,17 +198,13 @@ class Levels:
 
     def marched(self, k: int) -> xr.Dataset:
         """Return the run of a level."""
-        model, path, memory = self._inputs(k)
-        return march(model, path, memory, **self.asked_of(self.values[k]))
+        run: xr.Dataset = results_of(self.task(k))[0]
+        return run
 
     def task(self, k: int) -> Task:
         """Return the task that marches a level."""
-        model, path, memory = self._inputs(k)
-        return march_task(model, path, memory, **self.asked_of(self.values[k]))
-
-    def _inputs(self, k: int) -> tuple[Model, Path | None, Any]:
-        path = None if self.keep is None else self.keep / f"level_{k}.nc"
-        return self.model_of(self.values[k]), path, self.asked.get("memory")
+        value, path = self.values[k], None if self.keep is None else self.keep / f"level_{k}.nc"
+        return march_task(self.model_of(value), path, self.asked.get("memory"), **self.asked_of(value))
 
 
 def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:

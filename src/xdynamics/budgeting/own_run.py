@@ -1,0 +1,64 @@
+"""What a budget says of the run that its number is of."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from xdynamics.budgeting.measurand import Measurand
+from xdynamics.evidence.diagnosing.extremes import RULES
+from xdynamics.evidence.kept_results import ResultForm
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.schema import STEPS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class OwnRun(NamedTuple):
+    """The run of a budget, as far as its Dataset names it: a few words, so that the run stays where it was marched.
+
+    Attributes
+    ----------
+    method, outcome : str
+    units : str
+        Of the number.
+    step_units : str
+        Of its steps, which are pure numbers where its time is.
+    extreme_rule : str, optional
+        How an extreme was found; None for other numbers.
+    extreme_time : float
+        When it was, in the model's unit of time.
+    """
+
+    method: str
+    outcome: str
+    units: str
+    step_units: str
+    extreme_rule: str | None
+    extreme_time: float
+
+    @classmethod
+    def of(cls, measurand: Measurand, run: xr.Dataset) -> OwnRun:
+        """Describe a run; one without rows is still to be marched.
+
+        Raises
+        ------
+        InputError
+            If it does not have the number.
+        """
+        target = measurand.target
+        rule, time = (None if target.extreme is None else ""), float("nan")
+        if run.sizes[STEPS] and (top := target.extreme_in(run, measurand.model)) is not None:
+            rule, time = RULES[top.rule], top.time
+        units, step_units = target.units(run).text, str(run["step_size"].attrs["units"])
+        return cls(str(run.attrs["solver_method"]), str(run.attrs["run_outcome"]), units, step_units, rule, time)
+
+
+OWN_RUNS = ResultForm(list, lambda entries: OwnRun(*entries))
+
+
+def own_run_task(measurand: Measurand, run: Task) -> Task:
+    """Return the task that describes a run."""
+    task = Task.of("own_run", partial(OwnRun.of, measurand.unkept), (run,), *measurand.inputs)
+    return task if measurand.keep is None else measurand.keep.task(task, OWN_RUNS)
