@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import xdynamics as xd
 from cases.command_line import call
@@ -57,6 +58,23 @@ def test_a_figure_is_written_as_it_was_laid_out(
         write(figure, tmp_path / "a.png")
     assert figure.get_layout_engine() is engine
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_a_figure_that_a_notebook_shows_is_laid_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert one layout for the figure and its picture, one more after a change, and that the picture has the change."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), until="1 s")
+    counted: list[int] = []
+    execute = ConstrainedLayoutEngine.execute
+    monkeypatch.setattr(
+        ConstrainedLayoutEngine, "execute", lambda engine, figure: counted.append(1) or execute(engine, figure)
+    )
+    figure = xd.plot(run, only="x")
+    shown = figure._repr_png_()
+    assert len(counted) == 1
+    assert figure._repr_png_() == shown
+    figure.axes[0].set_ylabel("a\nlong\nname")
+    assert figure._repr_png_() != shown
+    assert len(counted) == 2
 
 
 def test_legends_lie_on_no_line(figures: dict[str, Any]) -> None:

@@ -13,7 +13,8 @@ from xdynamics.faults import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+
+    from xdynamics.figures.picture import Picture
 
 PIXELS = 90  # of a page for each inch of the figure
 SYMBOLS = {
@@ -52,7 +53,7 @@ class Interactive:
         return str(self.figure.to_html(full_html=whole, include_plotlyjs=True, include_mathjax=False))
 
 
-def interactive(drawn: Figure) -> Interactive:
+def interactive(drawn: Picture) -> Interactive:
     """Return a drawn figure as one that is interactive: the same panels, lines, points, maps, names and legends.
 
     Raises
@@ -66,7 +67,8 @@ def interactive(drawn: Figure) -> Interactive:
         raise InputError(
             "an interactive figure needs the package plotly: pip install 'xdynamics[interactive]'"
         ) from None
-    drawn.draw_without_rendering()
+    with drawn.as_laid_out():
+        drawn.draw_without_rendering()
     width, height = (round(inches * PIXELS) for inches in drawn.get_size_inches())
     title, foot = (_plain(text) for text in (drawn.get_suptitle(), drawn.get_supxlabel()))
     page = go.Figure(
@@ -329,7 +331,7 @@ def _colour(colour: Any, alpha: float | None = None, otherwise: str = "rgba(0,0,
     return f"rgba({round(red * 255)},{round(green * 255)},{round(blue * 255)},{opacity:.3g})"
 
 
-def _ink(drawn: Figure) -> str:
+def _ink(drawn: Picture) -> str:
     """Return the colour of text on the figure's background."""
     from matplotlib.colors import to_rgba
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +25,23 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         drawn = BytesIO()
-        self.savefig(drawn, format="png", dpi=DPI)
+        with self.as_laid_out():
+            self.savefig(drawn, format="png", dpi=DPI)
         return drawn.getvalue()
+
+    @contextmanager
+    def as_laid_out(self) -> Iterator[None]:
+        """Keep all axes where they are, unless the figure was changed: names were placed there, and another layout would cost as much as the drawing."""
+        if self.stale:
+            yield
+            return
+        engine = self.get_layout_engine()
+        self.set_layout_engine("none")
+        try:
+            yield
+        finally:
+            self.set_layout_engine(engine)
+            self.stale = False
 
     def interactive(self) -> Interactive:
         """Return the figure as one that can be zoomed and asked for values, in a notebook or as a page; it needs plotly."""

@@ -108,6 +108,7 @@ def sheet(
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
     settle(figure)
+    figure.stale = False  # until somebody changes it
     return figure
 
 
@@ -129,21 +130,10 @@ def write(figure: Picture, path: Place, dpi: int = DPI) -> None:
             part.write_text(page, encoding="utf-8")
         return
     drawn = BytesIO()
-    with _as_laid_out(figure):
+    with figure.as_laid_out():
         figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
     with kept("figure", path) as part:
         part.write_bytes(drawn.getvalue())
-
-
-@contextmanager
-def _as_laid_out(figure: Picture) -> Iterator[None]:
-    """Keep all axes where they are: names were placed there, and another layout would cost as much as the drawing."""
-    engine = figure.get_layout_engine()
-    figure.set_layout_engine("none")
-    try:
-        yield
-    finally:
-        figure.set_layout_engine(engine)
 
 
 @contextmanager
