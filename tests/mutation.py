@@ -211,6 +211,7 @@ TOUCHED = {
     "kernels/step_control.py": ("test_step_control.py", "test_controller.py", f"test_control.py -k {CONTROL}"),
     "kernels/interval_program.py": ("test_interval_program.py", "test_intervals.py", ENCLOSED),
     "methods/steppers.py": ("test_steppers.py", "test_coefficients.py"),
+    "march/settings.py": ("test_settings.py",),
     "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
     "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": TRANSITIONS,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -112,6 +114,47 @@ def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
     """Assert that a thousand bodies take as many lines as forty, with the same remainder by eight."""
     lines = [llvm_of([gravity(n)], abreast=8).count("\n") for n in (40, 1000)]
     assert lines[0] == lines[1] < 500
+
+
+def test_short_loops_are_written_out() -> None:
+    """Assert that eight passes are eight stores, and nine are a loop."""
+    for count, stores, branches in ((8, 8, 0), (9, 1, 1)):
+        text = llvm_of([program(Loop("i", count, (StoreTo(element("z"), 2.0),)))])
+        assert text.count("store double 0x4000000000000000") == stores
+        assert text.count("= phi i64") == branches
+
+
+def test_loops_around_loops_are_written_out_up_to_a_size() -> None:
+    """Assert that six passes of fifty around two lines are six loops, and of fifty-one one loop within another."""
+    for count, loops in ((50, 6), (51, 2)):
+        inner = Loop("i", count, (Load("x", element("y")), StoreTo(Place("z", 0, (("i", 1), ("j", count))), "x")))
+        assert llvm_of([program(Loop("j", 6, (inner,)))]).count("= phi i64") == loops
+
+
+@pytest.mark.parametrize("runs", [1, 4])
+def test_a_function_from_outside_is_called_for_each_run(runs: int) -> None:
+    """Assert that what is no operation of the language is called with plain numbers, and its result is used."""
+    body = (Load("x", Place("y")), Compute("r", "outside", ("x",)), StoreTo(Place("z"), "r"))
+    text = llvm_of([program(*body)], runs)
+    calls = re.findall(r"(\S+) = call double @_outside\(double", text)
+    assert len(calls) == runs
+    assert all(len(re.findall(rf"{re.escape(call)}(?!\d)", text)) == 2 for call in calls)
+
+
+@pytest.mark.parametrize("runs", [1, 4])
+def test_large_local_arrays_are_on_the_heap(runs: int) -> None:
+    """Assert that an array of up to 10,000 numbers, of all runs together, is on the stack, and a larger one is freed."""
+    for count, on_heap in ((10_000 // runs, False), (10_000 // runs + 1, True)):
+        lines = (StoreTo(element("own", count - 1, "i"), 3.0), Load("x", element("own", count - 1, "i")))
+        body = (Loop("i", 1, (*lines, StoreTo(element("z"), "x"))),)
+        made = program(*body, local={"own": count})
+        text = llvm_of([made], runs)
+        assert (f"%own = call ptr @malloc(i64 {8 * count * runs})" in text) is on_heap
+        assert (f"%own = alloca double, i64 {count * runs}, align 8" in text) is not on_heap
+        assert text.count("call void @free(ptr %own)") == on_heap
+        z = np.zeros((1, runs))
+        compiled(made, runs=runs)(z=z)
+        assert z.tolist() == [[3.0] * runs]
 
 
 def test_a_body_that_is_left_out_keeps_the_sign_of_zero() -> None:
