@@ -116,6 +116,17 @@ def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
     assert lines[0] == lines[1] < 500
 
 
+def test_a_value_from_before_a_loop_serves_neighbours() -> None:
+    """Assert that what is computed once is repeated for elements side by side, and stays what it was after them."""
+    lines = (Load("x", element("y")), Compute("r", "multiply", ("m", "x")), StoreTo(element("z"), "r"))
+    after = (Compute("s", "add", ("m", 1.0)), StoreTo(Place("z", 17), "s"))
+    made = program(Load("m", Place("p", 2)), Loop("i", 17, lines), *after)
+    y, p, z = np.arange(17.0), np.array([0.0, 0.0, 3.0]), np.zeros(18)
+    compiled(made, abreast=8)(y=y, p=p, z=z)
+    assert "fmul <8 x double>" in llvm_of([made], abreast=8)
+    assert z.tolist() == [*(3.0 * y), 4.0]
+
+
 def test_short_loops_are_written_out() -> None:
     """Assert that eight passes are eight stores, and nine are a loop."""
     for count, stores, branches in ((8, 8, 0), (9, 1, 1)):

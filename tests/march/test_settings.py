@@ -270,3 +270,23 @@ def test_what_settings_say() -> None:
     assert Settings(METHODS["rk4"], 1.0, event_root_method="one by one").apart
     scheme = Settings(METHODS["rk4"], 1.0, estimator="step_doubling", summation="compensated").scheme
     assert (scheme.method.name, scheme.estimator, scheme.summation) == ("rk4", "step_doubling", "compensated")
+
+
+@pytest.mark.parametrize(
+    ("log", "states", "samples"),
+    [("full", True, True), ("states", True, False), (("x",), False, False), (("x", "sample_x"), False, True)],
+)
+def test_what_a_log_keeps(log: str | tuple[str, ...], states: bool, samples: bool) -> None:
+    """Assert which logs have every state, and which may have force samples; with rows left out none has every state."""
+    settings = Settings(METHODS["rk4"], 1.0, log=log)
+    assert (settings.keeps_states, settings.keeps_samples) == (states, samples)
+    assert not Settings(METHODS["rk4"], 1.0, log=log, keep_every=2).keeps_states
+
+
+def test_the_layout_of_a_march() -> None:
+    """Assert that it is of the model with sides of switches where these are located, and by the method's scheme."""
+    kinked = particle("-newton*abs(x)/metre")
+    for switches, count in (("located", 1), ("stepped over", 0)):
+        settings = Settings(METHODS["rk4"], 1.0, switches=switches)
+        layout = settings.layout(kinked)
+        assert (len(layout.watched), layout.scheme) == (count, settings.scheme)
