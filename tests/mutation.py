@@ -623,7 +623,6 @@ def passed(module: str, code: CodeType | None, tests: tuple[str, ...], timeout: 
 
 def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path) -> int:
     """Run tests in this process, to their first failure."""
-    import numba
     import pytest
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -635,7 +634,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
     found = SourceFileLoader.get_code
     SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
     plain = module.startswith(tuple(f"xdynamics.{one.replace('/', '.')}" for one in PLAIN))
-    numba.config.DISABLE_JIT = plain
+    os.environ["NUMBA_DISABLE_JIT"] = str(int(plain))
     law_cache = import_module("xdynamics.kernels.law_cache")  # whose keys are of the files, which are not changed
     vars(law_cache).update(read=lambda _key: None, write=lambda *_: None)
     spent: list[float] = []

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from xdynamics.elementary import FUNCTIONS, NAME
 from xdynamics.elementary.intervals import Interval, Intervals
-from xdynamics.kernels.compiling import UNCOMPILED, keys_of
+from xdynamics.kernels.compiling import UNCOMPILED, is_declared, keys_of
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
@@ -26,7 +26,7 @@ def plain(function: Any) -> Callable[..., Any]:
         scope: dict[str, Any] = {}
         _KNOWN[python] = FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
         for name, value in python.__globals__.items():
-            scope[name] = plain(value) if hasattr(value, "py_func") else value
+            scope[name] = plain(value) if hasattr(value, "py_func") or is_declared(value) else value
         scope |= {
             "called": called_plainly,
             "noted": noted_plainly,

@@ -115,9 +115,9 @@ def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkey
 KNOWN = """
 import lzma
 from pathlib import Path
-from xdynamics.kernels import engine_part
+from xdynamics.kernels import numba_text
 text = lzma.decompress(Path({path!r}).read_bytes()[32:]).decode().split("\\n", 2)[2]
-engine_part.text_of = lambda _functions: print("compiled") or text
+numba_text.text_of = lambda _functions: print("compiled") or text
 """
 
 

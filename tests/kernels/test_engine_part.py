@@ -10,15 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba import types
 from numba.core.errors import TypingError
 
 from xdynamics.dynamics.growth import GROWTH
 from xdynamics.kernels import engine_part
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.engine_part import NUMBA, WHEEL, EnginePart, made_by
-from xdynamics.kernels.entry_points import array
-from xdynamics.kernels.numba_text import HELPERS
+from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Fields, array, returning
+from xdynamics.kernels.machine import HELPERS
 from xdynamics.march.engine import PARTS
 
 
@@ -66,15 +65,13 @@ def raised(found: Any) -> None:
         raise ValueError("negative")
 
 
-PAIR = types.NamedTuple((array("f8", 1), array("f8", 2)), Pair)
-FILLED = types.int64(PAIR, types.float64, types.int64, types.boolean, array("f8", 2))
+PAIR = Fields(Pair, (array("f8", 1), array("f8", 2)))
+FILLED = returning(INTEGER, PAIR, FLOAT, INTEGER, FLAG, array("f8", 2))
 
 
 def tiny() -> EnginePart:
     """A part that is compiled in no time."""
-    return EnginePart(
-        "tiny", "two tiny functions", 1, ((filled, FILLED), (root, types.void(types.int64, types.float64)))
-    )
+    return EnginePart("tiny", "two tiny functions", 1, ((filled, FILLED), (root, returning(NOTHING, INTEGER, FLOAT))))
 
 
 @pytest.fixture(autouse=True)
@@ -130,7 +127,7 @@ def test_another_array_is_refused() -> None:
 )
 def test_a_text_that_does_not_stand_alone_is_refused(function: Any, what: str) -> None:
     """Assert that memory of numba's runtime and exceptions are found when the text is made."""
-    part = EnginePart("other", "another function", 1, ((function, types.void(array("f8", 1))),))
+    part = EnginePart("other", "another function", 1, ((function, returning(NOTHING, array("f8", 1))),))
     with pytest.raises((RuntimeError, TypingError), match=what):
         part.packed_text()
 
@@ -143,7 +140,7 @@ def test_a_wheels_text_is_not_compiled(
     (folders / tiny().file_name).write_bytes(tiny().packed_text())
     caplog.clear()
     monkeypatch.setenv("XDYNAMICS_CACHE", str(folders.parent / "another cache"))
-    monkeypatch.setattr(engine_part, "text_of", no_compiler)
+    monkeypatch.setattr("xdynamics.kernels.numba_text.text_of", no_compiler)
     part = tiny()
     assert len(part.entries()) == 2
     assert part.origin() == WHEEL
@@ -196,7 +193,7 @@ def test_what_the_cache_keeps_is_not_compiled_again(monkeypatch: pytest.MonkeyPa
     kept = {path.name: path.read_bytes()[32:] for path in (folders.parent / "cache").iterdir()}
     assert set(kept) == {first.name_of_text, first.name_of_code(NUMBA)}
     assert kept[first.name_of_text][:6] == b"\xfd7zXZ\0"
-    monkeypatch.setattr(engine_part, "text_of", no_compiler)
+    monkeypatch.setattr("xdynamics.kernels.numba_text.text_of", no_compiler)
     (folders.parent / "cache" / first.name_of_code(NUMBA)).unlink()
     assert len(tiny().entries()) == 2
 
@@ -209,7 +206,7 @@ def test_the_texts_of_the_engine_stand_alone() -> None:
     for text in (lzma.decompress(content).decode() for content in packed.values()):
         assert text.startswith(f"; {made_by()}\n; ")
         declared = {line.split("@")[1].split("(")[0] for line in text.splitlines() if line.startswith("declare ")}
-        assert {name for name in declared if not name.startswith("llvm.")} <= {f"numba_{name}" for name in HELPERS}
+        assert {name for name in declared if not name.startswith("llvm.")} <= {*HELPERS}
         for word in (
             "NRT_",
             "pickle",

@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import types
 
 from xdynamics.dynamics.growth_arrays import Floats, Grown, GrowthLaw, GrowthScheme, Rows, Tangent, Whole
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.engine_part import EnginePart
-from xdynamics.kernels.entry_points import array
+from xdynamics.kernels.entry_points import FLOAT, INTEGER, Fields, array, returning
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.calls import strode_by
 
@@ -271,7 +270,7 @@ def grow(law: GrowthLaw, scheme: GrowthScheme, rows: Rows, tangent: Tangent, gro
 
 
 def _kind_of(of: type, *fields: Any) -> Any:
-    return types.NamedTuple(fields, of)
+    return Fields(of, fields)
 
 
 _ROW, _BLOCK, _CUBE = (array("f8", dims) for dims in (1, 2, 3))
@@ -283,11 +282,10 @@ GROWTH = EnginePart(
     (
         (
             grow,
-            types.int64(
-                _kind_of(
-                    GrowthLaw, *[types.int64] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, types.int64, types.float64
-                ),
-                _kind_of(GrowthScheme, _BLOCK, *[_ROW] * 4, types.float64, types.int64),
+            returning(
+                INTEGER,
+                _kind_of(GrowthLaw, *[INTEGER] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, INTEGER, FLOAT),
+                _kind_of(GrowthScheme, _BLOCK, *[_ROW] * 4, FLOAT, INTEGER),
                 _kind_of(Rows, _ROW, _BLOCK, _ROW, _BLOCK, _LISTS, _WHOLE, _CUBE, _WHOLE, _WHOLE),
                 _kind_of(Tangent, *[_BLOCK] * 3, _CUBE, *[_BLOCK] * 3, _ROW, _WHOLE, _WHOLE),
                 _kind_of(Grown, _BLOCK, _LISTS, _ROW),

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
@@ -15,7 +14,7 @@ from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, touches
 from xdynamics.kernels import Layout, machine, model_programs
-from xdynamics.kernels.compiling import keys_of
+from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
@@ -296,7 +295,7 @@ def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple
     """Compile a program and return its address; without compilation, its key in `UNCOMPILED`."""
     model = layout.model
     functions = {f"_{model_programs.PYTHON}{name}": function for name, function in model.functions.items()}
-    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if not PLAINLY:
         text = llvm_of([program], 1, [(function.name, len(function.arguments)) for function in model.python_functions])
         code = machine.compiled(text, [program.name], functions)
         return code.addresses[program.name], code

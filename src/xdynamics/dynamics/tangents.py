@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.dynamics import growth
@@ -17,6 +16,7 @@ from xdynamics.dynamics.growth import DONE, GROWTH, LOST, STAGES
 from xdynamics.dynamics.growth_arrays import Grown, GrowthScheme, Rows, Tangent
 from xdynamics.dynamics.path import RunPath
 from xdynamics.dynamics.variational import NotVariedError
+from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
 from xdynamics.methods.tableau import differences
 
@@ -166,7 +166,7 @@ def _numbers(texts: tuple[str, ...]) -> Floats:
 
 def _compiled_grow(*arguments: Any) -> int:
     """Call `growth.grow`, compiled or from the cache."""
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if PLAINLY:
         return growth.grow(*arguments)
     (grow,) = GROWTH.entries()
     return int(grow(*arguments))

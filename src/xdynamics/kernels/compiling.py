@@ -1,40 +1,107 @@
-"""How the engine is compiled: IEEE arithmetic in the order written."""
+"""What numba compiles: the engine's functions are declared here, and given to numba when a text is to be made.
+
+In a process that finds machine code, which is nearly every one, numba is never imported: that would take a third of the
+time of a first run. Declared functions stay as they are written, and are called from Python only where compiling is
+switched off (NUMBA_DISABLE_JIT). Before numba compiles any of them, `hand_over` puts numba's in their places.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable
 from itertools import count
+from types import FunctionType
 from typing import Any
 
-from numba import njit
-from numba.extending import overload
+# without numba's compiler the engine is plain Python, and entries are given the run itself
+PLAINLY = os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0")
 
-from xdynamics.elementary import numbers
-
-# fastmath stays off and "numpy" makes 1/0 an infinity instead of an exception: the march judges it
+# IEEE arithmetic in the order written: fastmath stays off, and "numpy" makes 1/0 an infinity instead of an exception,
+# which the march judges
 OPTIONS: Any = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 # called from compiled code only: without an entry point from Python it compiles twice as fast
-_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-# a phase of every step: inlined into the loop before type inference, which takes the least time in all
-compiled: Any = njit(inline="always", **_INNER, **OPTIONS)
-# rare, or called from several places: compiled as one separate copy
-shared: Any = njit(**_INNER, **OPTIONS)
-# the same for functions that take many arrays at every call: the callers own them, and no references are counted.
-# Counting takes atomic instructions, of which there were 140 for each step that the lanes leave to the single march
-UNCOUNTED: Any = {"_nrt": False}
-borrowing: Any = njit(**UNCOUNTED, **_INNER, **OPTIONS)
+_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
+# for functions that take many arrays at every call: the callers own them, and no references are counted. Counting takes
+# atomic instructions, of which there were 140 for each step that the lanes leave to the single march
+UNCOUNTED: Any = {"_nrt": False, **_INNER}
+
+_WAITING: dict[Any, Callable[[], Any]] = {}  # declared functions, and what makes numba's of each
+_IN_CODE: dict[Any, Any] = {}  # those that numba has
+
+
+def declare(function: Any, made: Callable[[], Any]) -> Any:
+    """Note what numba is to compile in the place of a function, which is returned as it is."""
+    _WAITING[function] = made
+    return function
+
+
+def is_declared(function: Any) -> bool:
+    """Whether it is a function that numba compiles."""
+    return isinstance(function, FunctionType) and (function in _WAITING or function in _IN_CODE)
+
+
+def compiled(function: Any) -> Any:
+    """Declare a phase of every step: inlined into the loop before type inference, which takes the least time in all."""
+    function = _own(function)
+    return declare(function, lambda: _by_numba(function, inline="always", **_INNER))
+
+
+def shared(function: Any) -> Any:
+    """Declare a function that is rare, or called from several places: compiled as one separate copy."""
+    function = _own(function)
+    return declare(function, lambda: _by_numba(function, **_INNER))
+
+
+def borrowing(function: Any) -> Any:
+    """Declare the same of a function that takes many arrays at every call, of which it counts no references."""
+    return declare(function, lambda: _by_numba(function, **UNCOUNTED))
 
 
 def apart(function: Any) -> Any:
     """Return a phase of every step as one separate copy, for calls that are not part of every step."""
-    return shared(getattr(function, "py_func", function))
+    return shared(_copy(getattr(function, "py_func", function)))
 
 
-entry: Any = njit(**OPTIONS)
-# what functions of any kind of number call is compiled for floats as it is meant
-overload(numbers.choose)(lambda truth, yes, no: lambda truth, yes, no: yes if truth else no)  # noqa: ARG005
-overload(numbers.absolute)(lambda x: lambda x: abs(x))  # noqa: ARG005, PLW0108
+def in_code(plain: Any, name: str, made: Callable[[str], Any]) -> Any:
+    """Declare what compiled code does by an instruction of its own, and Python by a function.
+
+    Parameters
+    ----------
+    plain : callable
+    name : str
+        Of the instruction.
+    made : callable of str
+        Returns it, as `numba.extending.intrinsic` does.
+    """
+    return declare(_copy(plain), lambda: made(name))
+
+
+def _own(function: Any) -> Any:
+    """Return a function that is being defined, or a copy of one that stands in its module, where Python calls it."""
+    return _copy(function) if function.__globals__.get(function.__name__) is function else function
+
+
+def _copy(function: Any) -> Any:
+    return FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+
+
+def _by_numba(function: Any, **options: Any) -> Any:
+    from numba import njit
+
+    return njit(**options)(function)
+
+
+def hand_over() -> None:
+    """Put numba's functions in the places of those that are declared, wherever one of them looks a name up."""
+    scopes = {id(function.__globals__): function.__globals__ for function in (*_WAITING, *_IN_CODE)}
+    for function in [*_WAITING]:
+        _IN_CODE[function] = _WAITING[function]()
+        del _WAITING[function]
+    for scope in scopes.values():
+        named = [name for name, value in scope.items() if isinstance(value, FunctionType) and value in _IN_CODE]
+        scope.update({name: _IN_CODE[scope[name]] for name in named})
+
 
 # where nothing is compiled, an address is a key of this mapping
 UNCOMPILED: dict[int, Any] = {}

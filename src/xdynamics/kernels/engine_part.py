@@ -12,25 +12,22 @@ import lzma
 import threading
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
-import numba
 from llvmlite.binding import ffi
-from numba.core.compiler_lock import global_compiler_lock
 
 from xdynamics.kernels import cache, machine
-from xdynamics.kernels.entry_points import Entry
-from xdynamics.kernels.numba_text import provide_helpers, text_of
+from xdynamics.kernels.entry_points import Entry, Signature
 from xdynamics.runtime.fork_safety import waited_for
 
 PACKAGE = Path(__file__).parents[1]
 FOLDER = PACKAGE / "kernels" / "text"  # of a wheel's texts
 WHEEL, NUMBA = "of the wheel", "compiled by numba"  # where a text is from
 _LOCK = waited_for(threading.RLock())
-for _of, _name in ((global_compiler_lock, "_lock"), (ffi.lib._lock, "_lock")):  # noqa: SLF001
-    waited_for(getattr(_of, _name))  # numba's and LLVM's own, which a child needs to compile
+waited_for(getattr(ffi.lib._lock, "_lock"))  # noqa: B009, SLF001 - LLVM's own, which a child needs to compile
 
 
 class EnginePart:
@@ -44,10 +41,10 @@ class EnginePart:
         What is compiled, for a message.
     seconds : int
         That numba takes for it on a machine of 2026.
-    functions : sequence of (function, numba.core.typing.Signature)
+    functions : sequence of (function, Signature)
     """
 
-    def __init__(self, name: str, words: str, seconds: int, functions: Sequence[tuple[Any, Any]]) -> None:
+    def __init__(self, name: str, words: str, seconds: int, functions: Sequence[tuple[Any, Signature]]) -> None:
         self.name, self.functions = name, functions
         self.file_name = f"{name}.ll.xz"  # of a wheel's text
         self._words, self._seconds = words, seconds
@@ -67,7 +64,7 @@ class EnginePart:
         if content is None:
             content = machine.emitted(text or self._kept_text(reason))
             cache.write(name, content)
-        provide_helpers()
+        machine.provide_helpers()
         code = machine.Code(content, [function.__name__ for function, _ in self.functions])
         return tuple(Entry(code, function.__name__, signature) for function, signature in self.functions)
 
@@ -116,6 +113,8 @@ class EnginePart:
         logging.getLogger("xdynamics").warning(message, self._words, often, self._seconds, reason)
         if obstacle:
             cache.advise(obstacle)
+        from xdynamics.kernels.numba_text import text_of
+
         text = f"; {made_by()}\n; {sources()}\n{text_of(self.functions)}"
         if not obstacle:
             cache.write(self.name_of_text, lzma.compress(text.encode()))
@@ -126,10 +125,11 @@ def _origin(carried: str) -> str:
     return WHEEL if carried else NUMBA
 
 
+@lru_cache(maxsize=1)
 def made_by() -> str:
     """Return what a text depends on besides its sources: versions of numba and LLVM, and the platform."""
     version = ".".join(map(str, llvm.llvm_version_info))
-    return f"numba {numba.__version__}, LLVM {version}, {llvm.get_process_triple()}"
+    return f"numba {metadata.version('numba')}, LLVM {version}, {llvm.get_process_triple()}"
 
 
 @lru_cache(maxsize=1)

@@ -10,13 +10,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
-from xdynamics.kernels.compiling import UNCOMPILED, keys_of
+from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
@@ -120,7 +119,7 @@ class Law:
 
     @property
     def _can_be_kept(self) -> bool:
-        return not (config.DISABLE_JIT or self.layout.model.python_functions)  # type: ignore[attr-defined]
+        return not (PLAINLY or self.layout.model.python_functions)
 
     @cached_property
     def source_digest(self) -> str:
@@ -156,7 +155,7 @@ class Law:
 
     @cached_property
     def _addresses(self) -> NDArray[np.int64]:
-        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        if PLAINLY:
             return self.plain
         by_name = self._marching.addresses
         return np.array(
@@ -166,7 +165,7 @@ class Law:
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
         addresses = self._addresses.copy()
-        if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+        if not PLAINLY:
             addresses[INSIDE] = self._inside.addresses[self.entries[INSIDE - FORCES].name]
         return addresses
 

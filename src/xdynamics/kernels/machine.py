@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import math
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,11 +16,21 @@ import llvmlite.binding as llvm
 
 from xdynamics.kernels import cache
 
+# what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
+HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
+
 PATIENCE = 1.0  # seconds of compiling before a warning
 # Lines of a text beyond which instructions are not scheduled: LLVM's time for one long block grows with its square,
 # to 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of elementary functions twice
 # as slow. No bit changes.
 LONG_TEXT = 12_000
+
+
+def provide_helpers() -> None:
+    """Make functions of the C library known to LLVM, by the names that numba's texts have for them."""
+    library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+    for symbol, name in HELPERS.items():
+        llvm.add_symbol(symbol, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
 
 
 def address_of(array: Any) -> int:
@@ -108,12 +119,12 @@ def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:
 
 def _entry(function: Any) -> Any:
     """Compile a Python function to one that takes and returns doubles; it lives as long as the process."""
-    from numba import cfunc, types
+    from numba import cfunc, njit, types
 
-    from xdynamics.kernels.compiling import OPTIONS, entry
+    from xdynamics.kernels.compiling import OPTIONS
 
     if function not in _KEPT:
-        inner = function if hasattr(function, "py_func") else entry(function)
+        inner = function if hasattr(function, "py_func") else njit(**OPTIONS)(function)
         count = inner.py_func.__code__.co_argcount
         arguments = ", ".join(f"_{i}" for i in range(count))
         scope: dict[str, Any] = {"inner": inner, "nan": math.nan}

@@ -11,17 +11,24 @@ from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba import _helperlib
+from numba import njit
 from numba.core.codegen import AOTCodeLibrary, AOTCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
+from numba.extending import overload
 
+from xdynamics.elementary import numbers
 from xdynamics.kernels import machine
-from xdynamics.kernels.compiling import borrowing
-from xdynamics.kernels.entry_points import entry_text
+from xdynamics.kernels.compiling import UNCOUNTED, hand_over
+from xdynamics.kernels.entry_points import Signature
+from xdynamics.kernels.entry_text import entry_text, in_numba
+from xdynamics.runtime.fork_safety import waited_for
 
-# what numba's code calls of its own C functions: exact, and the same in all of its versions
-HELPERS = ("nextafter", "frexp", "ldexp")
+waited_for(getattr(global_compiler_lock, "_lock"))  # noqa: B009 - numba's own, which a child needs to compile
+# what functions of any kind of number call is compiled for floats as it is meant
+overload(numbers.choose)(lambda truth, yes, no: lambda truth, yes, no: yes if truth else no)  # noqa: ARG005
+overload(numbers.absolute)(lambda x: lambda x: abs(x))  # noqa: ARG005, PLW0108
+
 # IEEE 754 has one square root: the processor's, in place of the C library's, which tells errors apart
 _SQUARE_ROOT = """
 declare double @llvm.sqrt.f64(double)
@@ -32,12 +39,12 @@ define double @sqrt(double %x) alwaysinline {
 """
 
 
-def text_of(functions: Sequence[tuple[Any, Any]]) -> str:
+def text_of(functions: Sequence[tuple[Any, Signature]]) -> str:
     """Compile functions to LLVM text.
 
     Parameters
     ----------
-    functions : sequence of (function, numba.core.typing.Signature)
+    functions : sequence of (function, Signature)
         Each is an entry of the text, by its name, called as `kernels.entry_points` says.
 
     Raises
@@ -47,6 +54,7 @@ def text_of(functions: Sequence[tuple[Any, Any]]) -> str:
     """
     # in LLVM's context of the whole process, as numba's own modules, which its lock keeps to one thread
     with global_compiler_lock:
+        hand_over()
         module = _linked(functions)
         entries = {function.__name__ for function, _ in functions}
         for symbol in (*module.functions, *module.global_variables):
@@ -58,14 +66,15 @@ def text_of(functions: Sequence[tuple[Any, Any]]) -> str:
         return str(module)
 
 
-def _linked(functions: Sequence[tuple[Any, Any]]) -> Any:
+def _linked(functions: Sequence[tuple[Any, Signature]]) -> Any:
     """Return a module of all functions, their entries, and what they call."""
     module = llvm.parse_assembly(_SQUARE_ROOT)
     with _plain_processor() as context:
         for function, signature in functions:
-            dispatcher = borrowing(function)
-            dispatcher.compile(signature)
-            compiled = dispatcher.overloads[signature.args]
+            given = in_numba(signature)
+            dispatcher: Any = njit(**UNCOUNTED)(function)
+            dispatcher.compile(given)
+            compiled = dispatcher.overloads[given.args]
             _, _, bitcode = compiled.library.serialize_using_bitcode()
             module.link_in(llvm.parse_bitcode(bitcode))
             entry = entry_text(context, compiled.fndesc, signature, function.__name__)
@@ -73,21 +82,13 @@ def _linked(functions: Sequence[tuple[Any, Any]]) -> Any:
     return module
 
 
-def provide_helpers() -> None:
-    """Make numba's C functions known to LLVM, by the names that texts have for them."""
-    addresses: Any = _helperlib
-    for name in HELPERS:
-        llvm.add_symbol(f"numba_{name}", addresses.c_helpers[name])
-
-
 def _check_symbols(module: Any) -> None:
-    provided = {f"numba_{name}" for name in HELPERS}
     needed = {
         symbol.name
         for symbol in (*module.functions, *module.global_variables)
         if symbol.is_declaration and not symbol.name.startswith("llvm.")
     }
-    if missing := needed - provided:
+    if missing := needed - {*machine.HELPERS}:
         raise RuntimeError(f"the engine's LLVM text needs {', '.join(sorted(missing))}, which nothing provides")
 
 

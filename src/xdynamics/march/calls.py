@@ -1,6 +1,7 @@
-"""Calls of laws and of the engine's entries by their addresses.
+"""Calls of laws and of the engine's entries by their addresses, and runs behind addresses.
 
-What is called so is compiled once and by itself: a law for its model and method, an entry for all its callers.
+What is called so is compiled once and by itself: a law for its model and method, an entry for all its callers. Here stands
+what each does where nothing is compiled, with a key of `UNCOMPILED` for an address and the run itself for a run's.
 """
 
 from __future__ import annotations
@@ -8,138 +9,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from xdynamics.kernels.compiling import UNCOMPILED
-from xdynamics.kernels.program import WORDS
-from xdynamics.march.handle import LAWS, NOTHING, PLACES, PLAINLY, POINTER, WORD, data_of, marked, word_of
+from xdynamics.kernels.compiling import UNCOMPILED, in_code
 
 
-def _stepped_by(_typing: Any, step: Any, run: Any, t: Any, t1: Any, h: Any, y: Any, z: Any, sample: Any) -> Any:
-    """Call the compiled step at an address."""
+def _made(name: str) -> Any:
+    from xdynamics.march.calls_in_code import made
 
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        step, run, t, t1, h, y, z, sample = arguments
-        run, y, z = (builder.ptrtoint(pointer, WORD) for pointer in (run, y, z))
-        double = ir.DoubleType()
-        kind = ir.FunctionType(ir.VoidType(), [WORD, double, double, double, WORD, WORD, WORD])
-        builder.call(builder.inttoptr(step, kind.as_pointer()), [run, t, t1, h, y, z, sample])
-        return context.get_dummy_value()
-
-    return types.void(step, run, t, t1, h, y, z, sample), generate
+    return made(name)
 
 
-def _enclosed_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, first: Any, last: Any, whose: Any) -> Any:
-    """Call the compiled enclosure at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, y, z, first, last, whose = arguments
-        run, y, z = (builder.ptrtoint(pointer, WORD) for pointer in (run, y, z))
-        kind = ir.FunctionType(ir.VoidType(), [WORD] * 6)
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [run, y, z, first, last, whose])
-        return context.get_dummy_value()
-
-    return types.void(entry, run, y, z, first, last, whose), generate
+def _itself(run: Any) -> Any:
+    return run
 
 
-def _row_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, row: Any) -> Any:
-    """Call the operation on intervals at an address, with where a row of the run's begins."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, y, z, row = arguments
-        rows = cgutils.gep_inbounds(builder, run, WORDS * PLACES["rows"])
-        row = builder.gep(data_of(builder, rows), [builder.mul(row, word_of(builder, rows, 2))])
-        given = [run, data_of(builder, y), data_of(builder, z), row]
-        builder.call(builder.inttoptr(entry, _LAW.as_pointer()), given)
-        return context.get_dummy_value()
-
-    return types.void(entry, run, y, z, row), generate
-
-
-def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
-    """Call an entry of the engine at an address, with a float and an integer."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, number, count = arguments
-        kind = ir.FunctionType(ir.VoidType(), [WORD, ir.DoubleType(), WORD])
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, WORD), number, count])
-        return context.get_dummy_value()
-
-    return types.void(entry, run, number, count), generate
-
-
-def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
-    """Call the compiled march at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [WORD, WORD])
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(march, address, rows), generate
-
-
-def _strode_by(_typing: Any, stride: Any, table: Any, y: Any, z: Any, samples: Any) -> Any:
-    """Call the program of lanes at an address."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [WORD] * 4)
-        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-        return context.get_dummy_value()
-
-    return types.void(stride, table, y, z, samples), generate
-
-
-_LAW = ir.FunctionType(ir.VoidType(), [POINTER] * 4)  # a run, and where y, z and the samples begin
-
-
-def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
-    line = builder.call(builder.inttoptr(address, _LAW.as_pointer()), arguments)
-    marked(builder, line, LAWS)
-
-
-def _called(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
-    """Call the program at an address; `sample` is the offset in the run's samples at which it writes."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        address, run, y, z, sample = arguments
-        samples = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * PLACES["samples"]))
-        samples = builder.gep(samples, [sample])
-        _call(builder, address, [run, data_of(builder, y), data_of(builder, z), samples])
-        return context.get_dummy_value()
-
-    return types.void(address, run, y, z, sample), generate
-
-
-def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
-    """Call the program at an address to fill a row of the log."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        address, run, y, row = arguments
-        rows = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * PLACES["log_rows"]))
-        _call(builder, address, [run, data_of(builder, y), builder.gep(rows, [row]), rows])
-        return context.get_dummy_value()
-
-    return types.void(address, run, y, row), generate
-
-
-_FUNCTION = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
-
-
-def _applied(_typing: Any, address: Any, _x: Any) -> Any:
-    """Call the function of one number at an address."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        function = builder.inttoptr(arguments[0], _FUNCTION.as_pointer())
-        return marked(builder, builder.call(function, arguments[1:]), NOTHING)
-
-    return types.float64(address, types.float64), generate
-
-
-def _march_by_plainly(march: Any, run: Any, rows: int) -> None:
+def _march_plainly(march: Any, run: Any, rows: int) -> None:
     march(run, rows)
 
 
@@ -162,12 +46,14 @@ def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
     called_plainly(address, run, y, run.log_rows[:, row], 0)
 
 
-stepped_by: Any = _by_key if PLAINLY else intrinsic(_stepped_by)
-enclosed_by: Any = _by_key if PLAINLY else intrinsic(_enclosed_by)
-row_by: Any = _by_key if PLAINLY else intrinsic(_row_by)
-entered_by: Any = _by_key if PLAINLY else intrinsic(_entered_by)
-march_by: Any = _march_by_plainly if PLAINLY else intrinsic(_march_by)
-strode_by: Any = _by_key if PLAINLY else intrinsic(_strode_by)  # without a compiler there are no lanes
-applied: Any = applied_plainly if PLAINLY else intrinsic(_applied)
-called: Any = called_plainly if PLAINLY else intrinsic(_called)
-noted: Any = noted_plainly if PLAINLY else intrinsic(_noted)
+run_at: Any = in_code(_itself, "run_at", _made)
+floats_at: Any = in_code(_itself, "floats_at", _made)
+stepped_by: Any = in_code(_by_key, "stepped_by", _made)
+enclosed_by: Any = in_code(_by_key, "enclosed_by", _made)
+row_by: Any = in_code(_by_key, "row_by", _made)
+entered_by: Any = in_code(_by_key, "entered_by", _made)
+march_by: Any = in_code(_march_plainly, "march_by", _made)
+strode_by: Any = in_code(_by_key, "strode_by", _made)  # without a compiler there are no lanes
+applied: Any = in_code(applied_plainly, "applied", _made)
+called: Any = in_code(called_plainly, "called", _made)
+noted: Any = in_code(noted_plainly, "noted", _made)

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from numba import config, types
-
 from xdynamics.faults import InputError
-from xdynamics.kernels.compiling import keys_of
+from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
-from xdynamics.kernels.entry_points import array
+from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array, returning
 from xdynamics.march import entries, loop, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.assembly import holding
@@ -61,12 +59,13 @@ class Watchers(NamedTuple):
 
 _WHOLE, _LISTS, _FLAGS = array("i8", 1), array("i8", 2), array("i1", 2)
 _ROW, _BLOCK = array("f8", 1), array("f8", 2)
-_ROWS = (array("f8", 3), array("i1", 3), _LISTS)  # with their flags and owners
-_STEP = types.void(types.int64, *[types.float64] * 3, *[types.int64] * 3)
-_ENTERED = types.void(types.int64, types.float64, types.int64)
-_RUNS = (array(PLAN, 1), *[_BLOCK] * 3, array(NOW, 1), *[_BLOCK] * 3)  # from plans and starts to ends
-_OF_LANES = (*[types.int64] * 2, _WHOLE)  # addresses of programs, and the table of their arrays
-_MARCH_LANES = types.boolean(
+_ROWS: tuple[Kind, ...] = (array("f8", 3), array("i1", 3), _LISTS)  # with their flags and owners
+_STEP = returning(NOTHING, INTEGER, *[FLOAT] * 3, *[INTEGER] * 3)
+_ENTERED = returning(NOTHING, INTEGER, FLOAT, INTEGER)
+_RUNS: tuple[Kind, ...] = (array(PLAN, 1), *[_BLOCK] * 3, array(NOW, 1), *[_BLOCK] * 3)  # from plans and starts to ends
+_OF_LANES: tuple[Kind, ...] = (*[INTEGER] * 2, _WHOLE)  # addresses of programs, and the table of their arrays
+_MARCH_LANES = returning(
+    FLAG,
     _WHOLE,
     *_OF_LANES,
     *[_BLOCK] * 4,
@@ -83,9 +82,10 @@ _MARCH_LANES = types.boolean(
     _ROW,
     _FLAGS,
 )
-_GATHER_ROWS = types.void(*_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS)
-_PARTS_OF_STEPS = types.void(
-    types.int64,
+_GATHER_ROWS = returning(NOTHING, *_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS)
+_PARTS_OF_STEPS = returning(
+    NOTHING,
+    INTEGER,
     *_OF_LANES,
     *[_BLOCK] * 3,
     _LISTS,
@@ -106,12 +106,12 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         "the engine",
         10,
         (
-            (loop.march, types.void(types.int64, types.int64)),
-            (entries.march_many, types.int64(types.int64, types.int64, *_RUNS, types.int64, types.boolean)),
-            (entries.states_inside, types.void(types.int64, *[_BLOCK] * 5, types.boolean, types.boolean)),
-            (entries.fastest_rates, types.void(types.int64, *[_BLOCK] * 2)),
-            (entries.growths, types.void(types.int64, *[_BLOCK] * 4)),
-            (entries.rows_of_times, types.void(_ROW, *[_WHOLE] * 2, _ROW, types.boolean, _WHOLE)),
+            (loop.march, returning(NOTHING, INTEGER, INTEGER)),
+            (entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
+            (entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 5, FLAG, FLAG)),
+            (entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
+            (entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
+            (entries.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
         ),
     ),
     EnginePart(
@@ -125,7 +125,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         "the search for events",
         12,
         (
-            (enclosures.enclose_between, types.void(*[types.int64] * 6)),
+            (enclosures.enclose_between, returning(NOTHING, *[INTEGER] * 6)),
             (trial_step.part_of_step, _ENTERED),
             (event_dispatch.watch, _ENTERED),
         ),
@@ -149,7 +149,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
 @lru_cache(maxsize=1)
 def engine() -> Engine:
     """Return the engine, made or loaded at the first call."""
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if PLAINLY:
         return _plain_engine()
     march, march_many, states_inside, fastest_rates, growths, rows_of_times = ENGINE.entries()
     call = march.call
@@ -209,7 +209,7 @@ def lanes() -> Lanes:
     InputError
         If numba's compiler is switched off.
     """
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if PLAINLY:
         raise InputError("without a compiler there are no lanes")
     march_at = engine().march_at
     march, gather, parts = LANES.entries()
@@ -222,11 +222,11 @@ def lanes() -> Lanes:
 
 def origin() -> str:
     """Return where the engine's code is from: the text of a wheel, or numba; or that it is not compiled."""
-    return "plain Python" if config.DISABLE_JIT else ENGINE.origin()  # type: ignore[attr-defined]
+    return "plain Python" if PLAINLY else ENGINE.origin()
 
 
 def _addresses(part: EnginePart) -> Sequence[int]:
     """Return where the functions of a part begin; where nothing is compiled, their keys in `UNCOMPILED`."""
-    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if not PLAINLY:
         return [entry.address for entry in part.entries()]
     return keys_of(function for function, _ in part.functions)

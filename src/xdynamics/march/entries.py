@@ -12,9 +12,8 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
-from xdynamics.march.calls import called, entered_by, march_by
+from xdynamics.march.calls import called, entered_by, floats_at, march_by, run_at
 from xdynamics.march.force_evaluation import evaluate
-from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.outcomes import RUNNING

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary.rounding_margins import LEAST, LEAST_OF_0_2
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.compiling import keys_of
+from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
@@ -19,7 +19,6 @@ from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.tables import assembled
 from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
-from xdynamics.march.handle import PLAINLY
 from xdynamics.march.log import Log, allocate
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import (

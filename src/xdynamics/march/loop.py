@@ -17,13 +17,12 @@ from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.assembly.broad_phase import MEETS
-from xdynamics.march.calls import called, entered_by
+from xdynamics.march.calls import called, entered_by, run_at
 from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import quiet
 from xdynamics.march.events.zero_tests import enclose_constants
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import run_at
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     NONFINITE_OBSERVABLE,

@@ -311,6 +311,8 @@ class March:
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or load it."""
+        if not self.model.functions:
+            return addresses_of(self.law)
         from numba.core.errors import NumbaError
 
         try:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.kernels.interval_program import can_be_watched
 from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import vector_lanes
@@ -37,7 +37,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
     solved = solver_of(method).in_lanes(law, settings)
     plain = solved and method.stepper.locates and law.scheme.steps == 1 and not isinstance(settings.step, tuple)
     plain = plain and not (layout.model.python_functions or layout.model.assemblies)
-    if not plain or config.DISABLE_JIT or not can_be_watched(layout):  # type: ignore[attr-defined]
+    if not plain or PLAINLY or not can_be_watched(layout):
         return 1
     if asked is not None:
         return max(1, asked)

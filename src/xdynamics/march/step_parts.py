@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.program import T1, H, T
-from xdynamics.march.calls import strode_by
+from xdynamics.march.calls import run_at, strode_by
 from xdynamics.march.entries import stand
-from xdynamics.march.handle import run_at
 from xdynamics.march.lane_memory import lend
 from xdynamics.march.run import Run
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
-from xdynamics.march.calls import called, entered_by, stepped_by
+from xdynamics.march.calls import called, entered_by, run_at, stepped_by
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
-from xdynamics.march.handle import run_at
 from xdynamics.march.log import note_trial
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, HOLD_LINKS, SUBSTEP, Run
 from xdynamics.schema import REASON_EVENT

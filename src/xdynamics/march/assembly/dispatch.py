@@ -54,13 +54,12 @@ from xdynamics.march.assembly.narrow_phase import (
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.assembly.touching import list_touching
-from xdynamics.march.calls import called
+from xdynamics.march.calls import called, run_at
 from xdynamics.march.control import grow
 from xdynamics.march.events.arming import rearm
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import run_at
 from xdynamics.march.log import note, note_sample, note_samples
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
 from xdynamics.march.run import BEGIN_LINKS, FIND_MEETING, HOLD_LINKS, LAND_ON_MEETING, NOTE_LINKS, Run

@@ -36,8 +36,8 @@ from xdynamics.march.assembly.closed_links import (
 from xdynamics.march.assembly.friction import share_forces, solve_closed
 from xdynamics.march.assembly.normal_forces import solve_equations
 from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.calls import floats_at, run_at
 from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.handle import floats_at, run_at
 from xdynamics.march.run import Run
 
 State = NDArray[Any]

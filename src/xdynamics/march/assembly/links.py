@@ -10,11 +10,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import SMOOTH
-from xdynamics.kernels.compiling import UNCOMPILED, shared
+from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, shared
 from xdynamics.kernels.law import DETECT, SLOPES, TOUCHING
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import called, enclosed_by
-from xdynamics.march.handle import PLAINLY, run_at
+from xdynamics.march.calls import called, enclosed_by, run_at
 from xdynamics.march.run import ALL, ENCLOSE, Run
 
 State = NDArray[Any]

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
-from xdynamics.kernels.compiling import keys_of
+from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE
 from xdynamics.march.assembly.touching import NUMBERS
-from xdynamics.march.handle import PLAINLY
 from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
 from xdynamics.march.run import ASSEMBLY, Run
 from xdynamics.march.settings import Settings

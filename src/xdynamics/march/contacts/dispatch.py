@@ -11,6 +11,7 @@ from typing import Any
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.acceptance import end
+from xdynamics.march.calls import run_at
 from xdynamics.march.contacts.active_set import derive, inform
 from xdynamics.march.contacts.balance import (
     is_broken,
@@ -28,7 +29,6 @@ from xdynamics.march.contacts.projection import choose, hold
 from xdynamics.march.contacts.time_stepping import step_in_time
 from xdynamics.march.contacts.zeno import bounce
 from xdynamics.march.events.zero_tests import NONE
-from xdynamics.march.handle import run_at
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.run import HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run

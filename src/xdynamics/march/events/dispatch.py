@@ -12,14 +12,13 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_GRID
-from xdynamics.march.calls import called
+from xdynamics.march.calls import called, run_at
 from xdynamics.march.events.arming import arm, forget
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import arrives, isolate, quiet
 from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.events.transition import hand_over
 from xdynamics.march.events.zero_tests import resolution
-from xdynamics.march.handle import run_at
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
 from xdynamics.march.run import BEGIN_EVENTS, TAKE_SIDES, Run

@@ -21,8 +21,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.drive_tables import find_piece
 from xdynamics.kernels.interval_program import CONSTANT, NUMBER, PHASE, RULES, SLOPE, TIME, UNKNOWN, VALUE, VARIABLE
 from xdynamics.kernels.program import REGIME
-from xdynamics.march.calls import row_by
-from xdynamics.march.handle import floats_at, run_at
+from xdynamics.march.calls import floats_at, row_by, run_at
 from xdynamics.march.run import ALIVE, ALL, Run
 
 State = NDArray[Any]

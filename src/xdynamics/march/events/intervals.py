@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
@@ -17,7 +16,7 @@ from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.text import called_in, declarations, definitions, written_intervals
 from xdynamics.kernels import machine
-from xdynamics.kernels.compiling import keys_of
+from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.interval_program import OPERANDS, RULES, VARIABLES
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, PIECE, PLAN, Run
@@ -35,7 +34,7 @@ def rules(math_functions: str, needed: frozenset[str], degree: int = 0) -> NDArr
     """
     fine: list[Rule] = [(name, False) for name in RULES if name in needed]
     rough: list[Rule] = [(name, True) for name in ROUGH if name in needed]
-    address = (_plain if config.DISABLE_JIT else _compiled)(math_functions, [*fine, *rough], degree)  # type: ignore[attr-defined]
+    address = (_plain if PLAINLY else _compiled)(math_functions, [*fine, *rough], degree)
     exact = [address.get((name, False), 0) for name in RULES]
     return np.array([*exact, *(address.get((name, True), exact[i]) for i, name in enumerate(RULES))], np.int64)
 

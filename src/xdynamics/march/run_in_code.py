@@ -1,4 +1,4 @@
-"""A run as compiled code sees it: one pointer to a table of its arrays.
+"""A run as numba compiles it: one pointer to a table of its arrays. Imported when the engine is compiled, and only then.
 
 Passed as a tuple of numba's arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute.
 Through the table it is one number: ``run.y`` is the place of three words in it, and ``run.y[i]`` reads the array's address
@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, from_dtype, types
+from numba import from_dtype, types
 from numba.core import cgutils
 from numba.core.typeconv import Conversion  # type: ignore[attr-defined]
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
 from numba.extending import (
     infer_getattr,
-    intrinsic,
     lower_builtin,
     lower_cast,
     lower_getattr,
@@ -36,8 +35,6 @@ LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
 SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "Links")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
-# without numba's compiler (NUMBA_DISABLE_JIT) the engine is plain Python, and entries are given the run itself
-PLAINLY = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 WORD = ir.IntType(64)
 POINTER = WORD.as_pointer()
 
@@ -74,8 +71,8 @@ class RowType(types.Type):
 
 
 RUN = RunType()
-_KINDS = {kind: ArrayType(kind) for kind in KINDS}
-_ARRAYS = {name: _KINDS[array.kind.name] for name, array in ARRAYS.items()}
+RUN_ARRAYS = {kind: ArrayType(kind) for kind in KINDS}
+_ARRAYS = {name: RUN_ARRAYS[array.kind.name] for name, array in ARRAYS.items()}
 PLACES = {name: i for i, name in enumerate(ARRAYS)}
 
 
@@ -229,32 +226,3 @@ def _field_written(context: Any, builder: Any, kinds: Any, arguments: Any, name:
 @lower_cast(RowType, types.Record)
 def _as_record(context: Any, builder: Any, _row: Any, record: Any, place: Any) -> Any:
     return builder.bitcast(place, context.get_value_type(record))
-
-
-# ------------------------------------------------------------------------------------------------------ from addresses
-
-
-def _run_at(_typing: Any, address: Any) -> Any:
-    """Return the run whose table stands at an address."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], POINTER)
-
-    return RUN(address), generate
-
-
-def _floats_at(_typing: Any, address: Any) -> Any:
-    """Return the array of numbers whose table entry stands at an address."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], POINTER)
-
-    return _KINDS["Floats"](address), generate
-
-
-def _itself(run: Any) -> Any:
-    return run
-
-
-run_at: Any = _itself if PLAINLY else intrinsic(_run_at)
-floats_at: Any = _itself if PLAINLY else intrinsic(_floats_at)
