@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.piecewise import begun, find_piece, slope_at, value_at
 from xdynamics.elementary.text import declarations
-from xdynamics.kernels import machine
+from xdynamics.kernels import drive_tables, machine
 
 ORIGINS = np.array([-2.0, -1.0, 0.5, 0.75, 4.0, 7.0])
 TABLE = np.concatenate([[ORIGINS], np.random.default_rng(2).normal(size=(4, 6))])
@@ -36,6 +38,22 @@ def test_a_piece_applies_from_its_origin_on() -> None:
     assert np.array_equal(begun(read, 6, numbers).ravel(), list(map(wanted, NUMBERS)))
     assert np.array_equal(find_piece(read, 6, numbers).ravel(), [4 if x == 7.0 else wanted(x) for x in NUMBERS])
     assert find_piece(read, 6, np.nan) == 0
+
+
+def test_the_engine_finds_the_same_piece() -> None:
+    """Assert that the engine's own search, in a flat array of tables, ends where that of programs does."""
+    engines = getattr(drive_tables.find_piece, "py_func", drive_tables.find_piece)
+    flat = np.concatenate([[9.0, 9.0], TABLE.ravel(), [9.0]])
+    between = [(low + high) / 2.0 for low, high in pairwise(ORIGINS.tolist())]
+    for x in [
+        *NUMBERS,
+        *between,
+        *np.nextafter(ORIGINS, -np.inf).tolist(),
+        *np.nextafter(ORIGINS, np.inf).tolist(),
+        np.nan,
+    ]:
+        for count in (2, 5, 6):
+            assert engines(x, flat, 2, count) == find_piece(read, count, x), (x, count)
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])
