@@ -10,6 +10,7 @@ from xdynamics.kernels.program import (
     Compute,
     EngineCall,
     Load,
+    Loop,
     Place,
     Program,
     ProgramCall,
@@ -17,6 +18,7 @@ from xdynamics.kernels.program import (
     StoreTo,
     When,
     While,
+    element,
 )
 from xdynamics.kernels.python_text import HIGHEST, python_of
 
@@ -133,6 +135,14 @@ def test_a_masked_sum_leaves_passes_out(where: str) -> None:
         assert made[-2].startswith("            ")
     else:
         assert inner[2:-1] == ["_total = _total + _y[i]"]
+
+
+def test_what_a_loop_reads_is_computed_before_it() -> None:
+    """Assert that a value from outside a loop has a line of its own, though it is read once there and once before."""
+    loop = Loop("i", 4, (StoreTo(element("z", 1), "_s"),))
+    body = (Load("_a", Place("y")), Compute("_s", "sin", ("_a",)), StoreTo(Place("z"), "_s"), loop)
+    made = python_of(Program("lines", "Lines.", body)).splitlines()[2:]
+    assert [line.strip() for line in made] == ["_s = sin(_y[0])", "_z[0] = _s", "for i in range(4):", "_z[1 + i] = _s"]
 
 
 def test_the_newest_term_takes_the_place_of_the_total() -> None:
