@@ -137,12 +137,15 @@ def test_a_masked_sum_leaves_passes_out(where: str) -> None:
         assert inner[2:-1] == ["_total = _total + _y[i]"]
 
 
-def test_what_a_loop_reads_is_computed_before_it() -> None:
-    """Assert that a value from outside a loop has a line of its own, though it is read once there and once before."""
+@pytest.mark.parametrize("before", [True, False])
+def test_what_a_loop_reads_is_computed_before_it(*, before: bool) -> None:
+    """Assert that a value from outside a loop has a line of its own, read once there, and before or not."""
     loop = Loop("i", 4, (StoreTo(element("z", 1), "_s"),))
-    body = (Load("_a", Place("y")), Compute("_s", "sin", ("_a",)), StoreTo(Place("z"), "_s"), loop)
+    stored = (StoreTo(Place("z"), "_s"),) if before else ()
+    body = (Load("_a", Place("y")), Compute("_s", "sin", ("_a",)), *stored, loop)
     made = python_of(Program("lines", "Lines.", body)).splitlines()[2:]
-    assert [line.strip() for line in made] == ["_s = sin(_y[0])", "_z[0] = _s", "for i in range(4):", "_z[1 + i] = _s"]
+    wanted = ["_s = sin(_y[0])", "_z[0] = _s", "for i in range(4):", "_z[1 + i] = _s"]
+    assert [line.strip() for line in made] == [line for line in wanted if before or line != "_z[0] = _s"]
 
 
 def test_the_newest_term_takes_the_place_of_the_total() -> None:
