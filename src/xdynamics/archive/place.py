@@ -85,8 +85,8 @@ def placed(given: Given) -> Place:
     Raises
     ------
     InputError
-        If it is an address of another kind, has credentials in it, or is no name of an object. Credentials are not
-        repeated in the message.
+        If it is neither a text nor a path, an address of another kind, has credentials in it, or is no name of an object.
+        Credentials are not repeated in the message.
 
     Examples
     --------
@@ -98,6 +98,8 @@ def placed(given: Given) -> Place:
         if isinstance(given, Path) and text.startswith("s3:/"):
             raise InputError(f"{text[:80]!r} is a Path, which drops a slash of an address; give the address as a text")
         return given
+    if not isinstance(given, str | PathLike):
+        raise InputError(f"{type(given).__name__} is no name of a file; give a text or a Path")
     text = fspath(given)
     address = _ADDRESS.match(text)
     if address is None:

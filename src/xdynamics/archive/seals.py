@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.netcdf_library import alone, read
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.text_encoding import form_of
+from xdynamics.record.dataset import check_dataset
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.record.variable_attributes import own_attributes, plain
 from xdynamics.schema import (
@@ -49,7 +50,14 @@ _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
 
 
 def content_digest(run: xr.Dataset) -> str:
-    """Return the content digest that an archive of a Dataset would have."""
+    """Return the content digest that an archive of a Dataset would have.
+
+    Raises
+    ------
+    InputError
+        If it is no Dataset.
+    """
+    check_dataset(run)
     run, digests = as_recorded(run), {}
     for name, variable in run.variables.items():
         seal = Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)

@@ -109,7 +109,7 @@ def verify_signature(path: Given, key: str | Path) -> str:
     SignatureWarning
         If the signature is one of version 0.2, which covers less than the whole file.
     """
-    public, place = _public(Path(key)), placed(path)
+    place, public = placed(path), _public(Path(key))
     digests = _digests(place)
     signed = _read(place)
     if signed.signer != _fingerprint(public):

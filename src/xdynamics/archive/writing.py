@@ -134,6 +134,8 @@ def save_many(
         raise InputError(f"compress is {compress!r}, needs true or false")
     if hasattr(runs, "variables"):
         raise InputError("one run was given; save writes it, and save_many a list of runs, or runs by name")
+    if isinstance(runs, str) or not isinstance(runs, Iterable):
+        raise InputError(f"{str(runs)[:60]!r} is neither a list of runs nor runs by name")
     named: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
     places = _places(named, paths)
     ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]

@@ -16,7 +16,7 @@ from xdynamics.budgeting.tabulated import table_sources
 from xdynamics.budgeting.term import PHYSICAL, Declared, Term
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.faults import InputError
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.sweeping.sweep import plain
 
@@ -133,8 +133,7 @@ def budget_request(
     InputError
         If one is wrong, or the model was fitted inadequately.
     """
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    check_model(model)
     _check(draws, seed, coverage, digits)
     _check_fit(model, inadequate_fit)
     target = Target.of(model, quantity, at, event, occurrence, side)

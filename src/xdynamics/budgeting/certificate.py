@@ -27,7 +27,7 @@ from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVIDENCE, flags
 from xdynamics.units import unit_suffix
@@ -102,6 +102,7 @@ def certify(
     InputError
         As in `error_budget`, or if declared terms are given, or terms are left out.
     """
+    check_model(model)
     if "terms" in asked:
         raise InputError(
             "a certificate is made again from the model alone: write declared terms into its [discrepancy]"

@@ -15,7 +15,7 @@ from xdynamics.evidence.comparing.measured import EVENT_TIMES, OCCURRENCES, meas
 from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, written
 from xdynamics.march.configuration import settings_for
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.record.columns import columns_of
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.sweeping.axis_values import numbers_of
@@ -97,8 +97,7 @@ def _models(model: Any, labelled: Mapping[str, Any]) -> dict[str, Model]:
         )
     by_label = {label: model[label] if isinstance(model, Mapping) else model for label in labelled}
     for entry in by_label.values():
-        if not isinstance(entry, Model):
-            raise InputError(f"model is {str(entry)[:60]!r}, needs a Model; read a file with Model.from_toml")
+        check_model(entry)
     return by_label
 
 

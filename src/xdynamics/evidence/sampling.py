@@ -16,6 +16,7 @@ from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record import of_elements
+from xdynamics.record.dataset import check_dataset
 from xdynamics.record.flag_words import time_unit
 from xdynamics.schema import AT, AT_TIME
 
@@ -93,6 +94,7 @@ def sample(
     >>> abs(found.x - np.cos(2 * found.at_time)).max().item() < 1e-6
     True
     """
+    check_dataset(run)
     if rule not in RULES:
         raise InputError(f"rule is {rule!r}; there are {', '.join(RULES)}")
     if side not in SIDES:

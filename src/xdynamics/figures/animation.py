@@ -16,6 +16,7 @@ from xdynamics.figures.marks import at_time, words
 from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
+from xdynamics.record.dataset import check_dataset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,6 +71,7 @@ def animate(
     InputError
         If the run has neither, or the film cannot be written.
     """
+    check_dataset(run)
     target, scene = placed(path) if path is not None else None, scene_of(run.copy(deep=False), trail)
     _check(target, seconds, rate, dpi)
     if scene is None:

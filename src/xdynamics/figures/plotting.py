@@ -25,6 +25,7 @@ from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
+from xdynamics.record.dataset import check_dataset
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.unfolding import unfold
 from xdynamics.schema import EVIDENCE
@@ -139,8 +140,10 @@ def _left_out(page: Any, transient: int | str) -> dict[str, Any]:
 
 def _first_of(record: Any, beside: list[Any]) -> tuple[Any, list[Any], list[str]]:
     """Part several runs into the first one and those beside it, with the names that they were given."""
-    if hasattr(record, "attrs") or not isinstance(record, Sequence | Mapping) or isinstance(record, str):
+    if hasattr(record, "attrs"):
         return record, beside, []
+    if isinstance(record, str) or not isinstance(record, Sequence | Mapping):
+        check_dataset(record)
     names = [str(name) for name in record] if isinstance(record, Mapping) else []
     several = [*record.values()] if isinstance(record, Mapping) else [*record]
     if not several:

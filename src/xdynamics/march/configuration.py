@@ -20,7 +20,7 @@ from xdynamics.methods import METHODS, Method, method_named
 from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.model.table_keys import near
@@ -47,8 +47,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     InputError
         If a setting is missing or wrong; the message names it.
     """
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    check_model(model)
     if unknown := [name for name in asked if name not in KEYWORDS]:
         raise InputError(f"there is no setting '{unknown[0]}'{near(unknown[0], tuple(KEYWORDS))}")
     chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})

@@ -308,3 +308,14 @@ class Model(ModelTrees):
     ) -> None:
         self.statement, self.shapes, self._declared = statement, shapes, declared
         self.__dict__.update(vars(statement), dimensions=dimensions)
+
+
+def check_model(model: Any) -> None:
+    """Refuse what is no Model, such as the name of a file.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(model, Model):
+        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")

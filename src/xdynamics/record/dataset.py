@@ -128,9 +128,23 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
     InputError
         With every fault.
     """
+    check_dataset(run)
     faults = faults_of(run, whole=whole, values=values)
     if faults:
         raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
+
+
+def check_dataset(given: Any) -> None:
+    """Refuse what is no Dataset, such as the name of a file.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(given, str | PathLike):
+        raise InputError(f"'{shown(given)}' is a path; open it first, with open_run")
+    if not hasattr(given, "data_vars"):
+        raise InputError(f"{str(given)[:60]!r} is no Dataset, as simulate and open_run return one")
 
 
 def check_kind(run: Any) -> None:
@@ -141,8 +155,7 @@ def check_kind(run: Any) -> None:
     InputError
         Naming what is missing.
     """
-    if isinstance(run, str | PathLike):
-        raise InputError(f"'{shown(run)}' is a path; open it first, with open_run")
+    check_dataset(run)
     needed = ("time", "row_kind", "step_size", "model_toml")
     missing = [name for name in needed if name not in getattr(run, "variables", ())]
     attributes = ("solver_method", "solver_estimator", "solver_interpolation")

@@ -14,7 +14,7 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, computed, lazy
 from xdynamics.faults import InputError
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
@@ -83,6 +83,7 @@ def sobol_indices(
     are percentiles of the indices of resampled draws (Efron and Tibshirani, An Introduction to the Bootstrap, 1993,
     section 13.3).
     """
+    check_model(model)
     _check(ranges, draws, resamples)
     spans: dict[str, AxisColumn | Parameter]
     if isinstance(ranges, Mapping):

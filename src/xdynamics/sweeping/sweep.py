@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics import record
 from xdynamics.archive.place import GIVEN, Given, placed
 from xdynamics.faults import InputError
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.axes import axes_of
@@ -132,8 +132,7 @@ def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> SweepGrid:
         if axes is not None or settings:
             raise InputError("an earlier sweep has its axes and settings; give keep, times and occurrences alone")
         return plan_of(model).grid
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    check_model(model)
     shared = {name: plain(name, value) for name, value in settings.items() if value is not None}
     grid = SweepGrid(model, axes_of(model, axes or {}), shared)
     if repeated := [column.name for _, column in grid.columns if column.name in shared]:

@@ -19,7 +19,7 @@ from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_da
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS, unknown_method
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Validation
 from xdynamics.record.circumstances import xdynamics_version
 
@@ -104,8 +104,8 @@ def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
     """Check the arguments of `validate`, and return the names of methods, if there are any."""
     if methods is not None and not isinstance(methods, str | Sequence):
         raise InputError(f"methods is {str(methods)[:40]!r}, needs names of methods")
-    if model is not None and not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
+    if model is not None:
+        check_model(model)
     if impacts is not None and (isinstance(impacts, bool) or not isinstance(impacts, int) or impacts < 0):
         raise InputError(f"impacts is {impacts!r}, needs a non-negative whole number")
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)

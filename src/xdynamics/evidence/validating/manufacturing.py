@@ -24,7 +24,7 @@ from xdynamics.expressions.calculus import ONE, ZERO, add, derivative, expand, m
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model import Model
+from xdynamics.model import Model, check_model
 from xdynamics.model.closed_forms import ORDER
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Function
@@ -160,8 +160,7 @@ def _start(model: Model, name: str, tree: Node, known: Mapping[str, float]) -> A
 
 def _check(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
-    if not isinstance(model, Model):
-        raise InputError(f"model is {str(model)[:60]!r}, needs a Model")
+    check_model(model)
     kinds: dict[str, Any] = {
         "a full mass matrix over dimensions": model.shapes.dims and not has_wholes(model),
         "contacts": [*model.contacts, *model.assemblies],
