@@ -13,8 +13,7 @@ from xdynamics.faults import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from xdynamics.figures.picture import Picture
+    from matplotlib.figure import Figure
 
 PIXELS = 90  # of a page for each inch of the figure
 SYMBOLS = {
@@ -53,8 +52,8 @@ class Interactive:
         return str(self.figure.to_html(full_html=whole, include_plotlyjs=True, include_mathjax=False))
 
 
-def interactive(drawn: Picture) -> Interactive:
-    """Return a drawn figure as one that is interactive: the same panels, lines, points, maps, names and legends.
+def interactive(drawn: Figure) -> Interactive:
+    """Return a figure that has been drawn as one that is interactive: the same panels, lines, points, maps, names and legends.
 
     Raises
     ------
@@ -67,8 +66,6 @@ def interactive(drawn: Picture) -> Interactive:
         raise InputError(
             "an interactive figure needs the package plotly: pip install 'xdynamics[interactive]'"
         ) from None
-    with drawn.as_laid_out():
-        drawn.draw_without_rendering()
     width, height = (round(inches * PIXELS) for inches in drawn.get_size_inches())
     title, foot = (_plain(text) for text in (drawn.get_suptitle(), drawn.get_supxlabel()))
     page = go.Figure(
@@ -331,7 +328,7 @@ def _colour(colour: Any, alpha: float | None = None, otherwise: str = "rgba(0,0,
     return f"rgba({round(red * 255)},{round(green * 255)},{round(blue * 255)},{opacity:.3g})"
 
 
-def _ink(drawn: Picture) -> str:
+def _ink(drawn: Figure) -> str:
     """Return the colour of text on the figure's background."""
     from matplotlib.colors import to_rgba
 

@@ -47,4 +47,6 @@ class Picture(Figure):
         """Return the figure as one that can be zoomed and asked for values, in a notebook or as a page; it needs plotly."""
         from xdynamics.figures.interactive import interactive
 
+        with self.as_laid_out():
+            self.draw_without_rendering()
         return interactive(self)
