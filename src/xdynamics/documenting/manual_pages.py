@@ -83,5 +83,7 @@ drawn (xd.Draws). Runs go side by side in vector code, one a lane, with steps an
 bits that it has alone (check=0.01 looks). With path= it goes into a folder, on from where it was stopped; open_sweep opens it;
 keep=["log"] keeps each run, and open_logs opens all. xd.member(grid, vt="30 m s-1", method="dop853") is one member's whole run.
 Files may be objects, "s3://bucket/run.nc", a grid a Zarr store: `xdynamics help stores`. contrast, sensitivities, influences,
-sobol_indices, convergence and precision say what a grid shows.
+sobol_indices, convergence and precision say what a grid shows. Of a section, an event that a motion meets once in a period,
+keep=["after_section_x"], occurrences=160 keeps each meeting: xd.plot(grid, transient=100), or plot --transient 100, is the
+bifurcation diagram without the first hundred; transient="200 s" needs event_time_section kept, too.
 """
