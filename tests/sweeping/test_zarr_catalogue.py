@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import dask
 import numpy as np
 import pytest
 import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.sweeping import zarr_catalogue, zarr_digests
+from xdynamics.sweeping import member_files, zarr_catalogue, zarr_digests
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -74,8 +77,6 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
         kept.append(block)
         keep(plan, block, where)
 
-    import dask
-
     one_by_one = dask.config.set(scheduler="synchronous")
     with mock.patch.object(zarr_catalogue, "_keep", broken), one_by_one, pytest.raises(KeyboardInterrupt):
         xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
@@ -114,17 +115,61 @@ def test_damage_is_named(stored: Path) -> None:
 
 
 def test_what_a_store_does_not_take(stored: Path) -> None:
-    """Assert that another sweep, further members and whole runs are refused with the remedy."""
+    """Assert that another sweep and further members are refused with the remedy."""
     with pytest.raises(
         xd.InputError, match="grid.zarr' holds another sweep, and members are not added to a Zarr store"
     ):
         xd.sweep(MODEL, **(ASKED | {"until": 2.0}), path=stored)
-    with pytest.raises(
-        xd.InputError, match=r"which has no files of runs: name a folder, path='.*/grid'; or leave 'log' out, and march"
-    ):
-        xd.sweep(MODEL, **(ASKED | {"keep": ["log"], "times": None}), path=stored)
     with pytest.raises(xd.InputError, match="none.zarr' holds no sweep: there is no '.xdynamics/digests.json' in it"):
         xd.open_sweep(stored.with_name("none.zarr"))
+
+
+LOGGED: dict[str, Any] = ASKED | {"axes": {"k": "1:2:3 N m-1"}, "keep": ["log", "end"], "times": None, "method": "rk4"}
+
+
+def killed_in_a_run(folder: Path) -> None:
+    """March the sweep in a copy of this process, which is killed when the third run has been archived."""
+    streamed, files = member_files._streamed, list[Path]()
+
+    def broken_off(march: Any, file: Path) -> tuple[str, str]:
+        files.append(file)
+        written = streamed(march, file)
+        if len(files) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return written
+
+    if not (child := os.fork()):
+        with mock.patch.object(member_files, "_streamed", broken_off), dask.config.set(scheduler="synchronous"):
+            xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+def test_whole_runs_stand_beside_the_arrays(tmp_path: Path) -> None:
+    """Assert each run's file, found by member and by open_logs; after a kill no run is marched twice, and the digests are the same."""
+    folder, whole = tmp_path / "grid.zarr", xd.sweep(MODEL, **LOGGED, path=tmp_path / "folder")
+    killed_in_a_run(folder)
+    archived = {place: place.stat().st_mtime_ns for place in (folder / "runs").glob("*.nc")}
+    assert len(archived) == 3
+    sweep = xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
+    assert {place: place.stat().st_mtime_ns for place in archived} == archived
+    for name in ("run_file", "run_digest", "end_x"):
+        assert sweep[name].values.tolist() == whole[name].values.tolist()
+    assert float(xd.member(sweep, k="2 N m-1").x[-1]) == float(whole.end_x[-1])
+    logs = [xd.open_logs(grid, [0.25, 0.5]) for grid in (folder, whole)]
+    assert logs[0].x.values.tolist() == logs[1].x.values.tolist()
+    plain = xr.open_zarr(folder)
+    assert plain.run_file.attrs["encoded"].startswith("hexadecimal, runs/….nc")
+    assert plain.run_file[0].values.tobytes().hex() in str(whole.run_file[0].values)
+    xd.sweep(MODEL, **LOGGED, path=tmp_path / "again.zarr", members_per_task=1)
+    assert xd.verify(folder) == xd.verify(tmp_path / "again.zarr")
+    first = next(iter(archived))
+    first.write_bytes(first.read_bytes()[:-1])
+    with pytest.raises(xd.ArchiveError, match=f"{first.name}: its seal is"):
+        xd.verify(folder)
+    first.unlink()
+    with pytest.raises(xd.ArchiveError, match=f"runs/{first.name} is missing"):
+        xd.verify(folder)
 
 
 def test_a_digest_says_nothing_of_the_machine() -> None:

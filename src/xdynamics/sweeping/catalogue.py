@@ -23,7 +23,7 @@ from xdynamics.sweeping import zarr_catalogue, zarr_digests
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
-from xdynamics.sweeping.member_files import archived, digests_of
+from xdynamics.sweeping.member_files import RUNS, archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
 from xdynamics.sweeping.tasks import blocks_of
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
-RUNS = "runs"
 PART, BLOCK = "sweep part", "sweep_block"
 LONG = 64  # digits of a full sha256
 
@@ -145,8 +144,9 @@ def verify_sweep(path: Given) -> tuple[str, int]:
     """
     folder = placed(path)
     if zarr_catalogue.is_one(folder):
-        return zarr_digests.verified(folder), 0
-    digest = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else ""
+        digest = zarr_digests.verified(folder)
+    else:
+        digest = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else ""
     with open_sweep(folder) as sweep:
         faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Values = dict[str, NDArray[Any]]
 
+RUNS = "runs"  # folder in that of a sweep
+
 
 def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDArray[np.bool_]) -> None:
     """Archive every unknown member of a block, and enter its file, content digest and seal into the arrays.

@@ -26,8 +26,9 @@ from xdynamics.schema import EVIDENCE, ORIGIN, ROOT_DIGEST, SWEEP
 from xdynamics.sweeping.blocks import CUT, Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.kept_quantities import Kept
+from xdynamics.sweeping.member_files import RUNS, archived
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
-from xdynamics.sweeping.members import OUTCOME, STOPPED_BY, Block, Plan, marched
+from xdynamics.sweeping.members import FILE, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
 from xdynamics.sweeping.tasks import Chunks, blocks_of
 from xdynamics.sweeping.zarr_digests import (
     DIGESTS,
@@ -57,6 +58,7 @@ SUFFIX = ".zarr"
 BYTES = "digest_byte"
 MEANINGS = "flag_meanings"
 _TOML = "model_toml"
+HEXADECIMAL = {DIGEST_OF_RUN: ("", ""), FILE: (f"{RUNS}/", ".nc"), SEAL: ("", "")}  # what stands around the digits
 
 
 def is_one(place: Place) -> bool:
@@ -70,14 +72,9 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     Raises
     ------
     InputError
-        If the package zarr is missing, whole runs are to be kept, or the store holds another sweep.
+        If the package zarr is missing, or the store holds another sweep.
     """
     zarr_package()
-    if plan.keeping.whole:
-        raise InputError(
-            f"keep has 'log', and '{folder}' is a Zarr store, which has no files of runs: name a folder,"
-            f" path='{folder.with_suffix('')}'; or leave 'log' out, and march members whole one by one, by member"
-        )
     store, notes = store_of(folder), folder / NOTES
     if store.kind(notes / DIGESTS) is None:
         if facts_of(folder)["sweep"] == plan.digest:
@@ -136,9 +133,11 @@ def _plain(value: Any) -> Any:
 
 def _form(variable: Kept, plan: Plan) -> tuple[tuple[str, ...], tuple[int, ...], Any, dict[str, Any]]:
     """Return further dimensions, their sizes, the type and the attributes of an array: words are flags, digests bytes."""
-    if variable.name == DIGEST_OF_RUN:
-        width = np.dtype(variable.dtype).itemsize // 8
-        return (*variable.dims, BYTES), (*variable.sizes, width), "u1", variable.attributes | {"encoded": "hexadecimal"}
+    if variable.name in HEXADECIMAL:
+        before, after = HEXADECIMAL[variable.name]
+        width = (np.dtype(variable.dtype).itemsize // 4 - len(before) - len(after)) // 2
+        encoding = f"hexadecimal{f', {before}….{after[1:]}' if before else ''}; zeros where there is none"
+        return (*variable.dims, BYTES), (*variable.sizes, width), "u1", variable.attributes | {"encoded": encoding}
     if np.dtype(variable.dtype).kind == "U":
         words = _words(variable.name, plan)
         flags = {"flag_values": list(range(len(words))), MEANINGS: " ".join(words)}
@@ -153,9 +152,11 @@ def _words(name: str, plan: Plan) -> list[str]:
 
 def _numbers(variable: Kept, values: Values, plan: Plan) -> Values:
     """Return the values of a block as the store keeps them."""
-    if variable.name == DIGEST_OF_RUN:
-        letters = np.char.encode(np.ascontiguousarray(values), "ascii")
-        return np.frombuffer(bytes.fromhex(letters.tobytes().decode()), "u1").reshape(*values.shape, -1)
+    if variable.name in HEXADECIMAL:
+        before, after = map(len, HEXADECIMAL[variable.name])
+        width = values.dtype.itemsize // 4 - before - after
+        letters = "".join(text[before : len(text) - after].rjust(width, "0") for text in values.ravel().tolist())
+        return np.frombuffer(bytes.fromhex(letters), "u1").reshape(*values.shape, -1)
     if values.dtype.kind == "U":
         words = np.array(_words(variable.name, plan))
         places = np.minimum(np.searchsorted(words, values), words.size - 1)
@@ -192,6 +193,8 @@ def _faults(folder: Place, block: Block) -> list[str]:
 def _keep(plan: Plan, block: Block, folder: Place) -> None:
     """March a block into its chunks, and then note their digests."""
     values = marched(plan, block)
+    if plan.keeping.whole:
+        archived(plan, block, made_folder(folder / RUNS), values, np.zeros(plan.grid.shape_of(block), bool))
     arrays, digests = arrays_in(folder, "r+"), {}
     for variable in plan.variables:
         numbers = _numbers(variable, values[variable.name], plan)
@@ -248,7 +251,7 @@ def opened(folder: Place) -> xr.Dataset:
     facts = facts_of(folder)
     stored = xr.open_zarr(str(folder), consolidated=True, mask_and_scale=False, decode_times=False)
     sweep = stored.assign(
-        {name: _as_texts(stored[name]) for name in (OUTCOME, STOPPED_BY, DIGEST_OF_RUN) if name in stored}
+        {name: _as_texts(stored[name]) for name in (OUTCOME, STOPPED_BY, *HEXADECIMAL) if name in stored}
     )
     words = {name: entry for name, entry in sweep.variables.items() if entry.dtype.kind not in "biufU"}
     sweep = sweep.assign(
@@ -259,7 +262,9 @@ def opened(folder: Place) -> xr.Dataset:
     sweep.attrs[ROOT_DIGEST] = content_digest(facts)
     if sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{folder}' is no sweep")
-    return with_axes(labelled(sweep))
+    sweep = with_axes(labelled(sweep))
+    sweep.encoding["source"] = str(folder.absolute() / METADATA)
+    return sweep
 
 
 def _as_texts(numbers: xr.DataArray) -> xr.Variable:
@@ -273,11 +278,16 @@ def _as_texts(numbers: xr.DataArray) -> xr.Variable:
     if MEANINGS in numbers.attrs:
         words = np.array([*str(numbers.attrs[MEANINGS]).split(), ""])
         return xr.Variable(numbers.dims, data.map_blocks(words.__getitem__, dtype=words.dtype), attributes)
-    width = 2 * numbers.shape[-1]
-    texts = data.map_blocks(partial(_hexadecimal, width=width), dtype=f"U{width}", drop_axis=numbers.ndim - 1)
+    before, after = HEXADECIMAL[str(numbers.name)]
+    dtype = f"U{2 * numbers.shape[-1] + len(before) + len(after)}"
+    texts = data.map_blocks(partial(_hexadecimal, before=before, after=after), dtype=dtype, drop_axis=numbers.ndim - 1)
     return xr.Variable(numbers.dims[:-1], texts, attributes)
 
 
-def _hexadecimal(numbers: Values, width: int) -> Values:
+def _hexadecimal(numbers: Values, before: str, after: str) -> Values:
+    """Return bytes as texts, with what stands around them; empty ones where all are zero."""
+    width = 2 * numbers.shape[-1]
     letters = np.frombuffer(np.ascontiguousarray(numbers).tobytes().hex().encode(), f"S{width}")
-    return letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
+    texts = letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
+    texts = np.char.add(np.char.add(before, texts), after) if before else texts
+    return np.where(numbers.any(axis=-1), texts, "")

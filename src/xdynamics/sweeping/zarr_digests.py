@@ -23,6 +23,7 @@ from xdynamics.archive.place import Place
 from xdynamics.archive.stores import store_of
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.runtime.files import synced
+from xdynamics.schema import RUN_SEAL
 from xdynamics.sweeping.blocks import said
 from xdynamics.sweeping.members import Block
 
@@ -145,8 +146,12 @@ def facts_of(folder: Place) -> dict[str, Any]:
 
 
 def content_digest(facts: dict[str, Any]) -> str:
-    """Return the digest of what was asked and what came of it; the metadata, which name the machine too, are not in it."""
+    """Return the digest of what was asked and what came of it.
+
+    The metadata, which name the machine too, are not in it, nor are the seals of archives, which hold a date.
+    """
     content = {name: facts[name] for name in ("sweep", "axes", "arrays")}
+    content["arrays"] = {name: digest for name, digest in facts["arrays"].items() if name != RUN_SEAL}
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
