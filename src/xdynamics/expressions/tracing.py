@@ -247,11 +247,24 @@ def _joined(operator: str, left: Any, right: Any) -> Any:
     return Traced(Binary(operator, first.node, second.node), nodes)
 
 
+def _constant(exponent: Any) -> float | None:
+    """Return an exponent that is a number, traced or not; None of an expression."""
+    if not isinstance(exponent, Traced):
+        return float(exponent)
+    sign, node = (-1.0, exponent.node.operand) if isinstance(exponent.node, Negative) else (1.0, exponent.node)
+    return sign * node.value if isinstance(node, Number) else None
+
+
 def _power(base: Any, exponent: Any) -> Any:
     if isinstance(base, _ARRAYS) or isinstance(exponent, _ARRAYS):
         return NotImplemented
-    if isinstance(exponent, Traced) or abs(float(exponent)) > LARGEST_EXPONENT:
-        return called("exp", _joined("*", exponent, called("log", base)))
+    number = _constant(exponent)
+    if number is None or abs(number) > LARGEST_EXPONENT:
+        if number is None or not number.is_integer():
+            return called("exp", _joined("*", exponent, called("log", base)))
+        even = number - number % 2.0  # of a negative number too
+        power = called("exp", _joined("*", even, called("log", called("abs", base))))
+        return power if number == even else _joined("*", base, power)
     traced_base = _number(base)
     return Traced(Binary("**", traced_base.node, _as(exponent).node), traced_base.nodes + 2)
 
