@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,3 +151,41 @@ def integrated(rows: Floats, mass: Floats, speeds: Floats, mu: float, e: float) 
         else:
             break
     return speeds + np.linalg.solve(mass, rows.T @ state[3:5])
+
+
+def rods_together(rods: Sequence[Rod], law: str) -> xd.Model:
+    """Rods of one model, as elements of a dimension, each an instant before its impact."""
+    elements = {"m": "kg", "j": "kg m2", "r": "m", "mu": "1", "e": "1"}
+    starts = [(rod.r * math.sin(rod.angle) - rod.speeds[1] * rod.before, rod.angle) for rod in rods]
+    turned = [angle - rod.speeds[2] * rod.before for rod, (_, angle) in zip(rods, starts, strict=True)]
+    return xd.Model(
+        name="rods",
+        dimensions={"rod": len(rods)},
+        coordinates={name: {"unit": "m", "dims": ["rod"]} for name in "xy"}
+        | {"theta": {"unit": "rad", "dims": ["rod"]}},
+        parameters={
+            name: {"dims": ["rod"], "value": [getattr(rod, name) for rod in rods], "unit": unit}
+            for name, unit in elements.items()
+        },
+        mass={"x": "m", "y": "m", "theta": "j/radian**2"},
+        forces={},
+        contacts={
+            "floor": {
+                "gap": "y - r*sin(theta)",
+                "restitution": "e",
+                "law": law,
+                "tangential": "coulomb",
+                "slip": "v_x + r*sin(theta)*v_theta/radian",
+                "friction": "mu",
+            }
+        },
+        initial={
+            "x": {"unit": "m", "value": [0.0] * len(rods)},
+            "y": {"unit": "m", "value": [height for height, _ in starts]},
+            "theta": {"unit": "rad", "value": turned},
+        }
+        | {
+            name: {"unit": unit, "value": [rod.speeds[k] for rod in rods]}
+            for k, (name, unit) in enumerate((("v_x", "m s-1"), ("v_y", "m s-1"), ("v_theta", "rad s-1")))
+        },
+    )

@@ -269,3 +269,50 @@ def test_closed_is_a_name_of_records_of_many_bodies_alone() -> None:
     assert "closed" in xd.Model.from_text(text).parameters
     with pytest.raises(xd.ModelError, match="parameter 'closed' and the record both claim the name"):
         points(np.linspace(0.1, 0.2, 30), "y", parameters={"closed": "1"})
+
+
+def flying(heights: Floats, speed: float = -1.0, **more: Any) -> xd.Model:
+    """Return points that fly without weight, each by itself, to a floor whose impacts are located to a millisecond."""
+    floor = {"gap": "y", "restitution": 1.0, "time_tolerance": "1 ms"}
+    start = {"v_y": {"unit": "m s-1", "value": [speed] * len(heights)}}
+    return points(
+        heights, "y", contacts={"floor": floor} | more.pop("contacts", {}), initial=start, parameters={"g": "0 m s-2"}
+    )
+
+
+def test_links_that_touch_are_those_within_the_location_of_an_impact() -> None:
+    """Assert which points are struck together: those that are nearer than twice the way flown while a time is located."""
+    heights = 0.1 + 1e-3 * np.array([0.0, 1.9, 2.9, *(20.0 * np.arange(2, 24))])
+    run = xd.simulate(flying(heights), method="velocity_verlet", step="70 ms", until="0.12 s")
+    first, near, far = (run.event_time.values[run.event_ball.values == k][0] for k in range(3))
+    assert 0.1 < first < 0.101  # located to a millisecond, so that gaps of 2 mm may be closed
+    assert near == first
+    assert 0.1029 < far < 0.1039
+
+
+def test_a_storm_of_events_ends_in_words() -> None:
+    """Assert that 1,001 impacts, each within what the time of the one before is located to, end a run and say so."""
+    roof = {"roof": {"gap": "3e-3*metre - y", "restitution": 1.0, "time_tolerance": "1 ms"}}
+    run = xd.simulate(flying(np.full(25, 1.5e-3), contacts=roof), method="velocity_verlet", step="1 s", until="100 s")
+    assert run.attrs["run_outcome"] == "contact_undetermined"
+    assert (
+        "1001 events of links followed each other within what their times are located to"
+        in run.attrs["run_outcome_text"]
+    )
+    assert np.unique(run.event_row_before.values).size == 1000
+
+
+def test_contacts_of_bodies_have_their_forces_along_them() -> None:
+    """Assert that contact_force of a floor over points is the weight of those that rest, and 0 of those that fly."""
+    heights = np.where(np.arange(25) % 2 == 0, 0.0, 5.0)
+    run = xd.simulate(points(heights, "y"), method="velocity_verlet", step="10 ms", until="50 ms", log="full")
+    force = run.contact_force_floor
+    assert force.dims == ("step", "ball")
+    assert force.attrs["units"] == "N"
+    assert force.values == pytest.approx(np.broadcast_to(np.where(heights == 0.0, G, 0.0), force.shape), rel=1e-14)
+    rows, balls = run.closed_step.values, run.closed_ball.values
+    assert np.array_equal(force.values[rows, balls], run.closed_force.values)
+    thin = xd.simulate(
+        points(heights, "y"), method="velocity_verlet", step="10 ms", until="50 ms", log="full", keep_every=2
+    )
+    assert np.array_equal(thin.contact_force_floor.values, force.values[thin.step_number.values])

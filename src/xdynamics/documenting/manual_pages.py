@@ -44,8 +44,10 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
   normal force, solved together with the accelerations, and ends where it would pull. All that is located and recorded as impact,
   rest, takeoff, stick, slip, with impulses and the energy they took. Bounces that shrink end at a time that is extrapolated. A
   state without an answer, or with two (Painleve), is an outcome and no guess.
-Limits  Contacts have 24 forces at most (those of more links of a dimension or relation are impacts alone: no rest, no friction),
-  read no drives, and do not go with Python forces nor, but by differences, with implicit methods. Where a measured drive jumps,
+  A force or a grip that fails for a part of a step is found there; between many bodies by looking at the middle of each step, and
+  where a parabola says so.
+Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law = energetic is for one link at a time.
+  They read no drives, and do not go with Python forces nor, but by differences, with implicit methods. Where a measured drive jumps,
   the row at the node holds the force before it. Lanes are for explicit methods.
 Keys: `xdynamics help events`, `help contacts`, `help frictions`, `help run`; methods: `xdynamics methods`.
 """

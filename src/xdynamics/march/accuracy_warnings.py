@@ -18,6 +18,7 @@ from xdynamics.march.settings import EPS
 from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of
 from xdynamics.model import Model
+from xdynamics.model.assemblies import assemblies
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
@@ -158,16 +159,20 @@ def _of_gains(march: March) -> Iterator[str]:
     gains, model = march.gains, march.model
     if not gains.groups:
         return
-    law, unit = next(iter(model.contacts.values())).law, spell(energy_dimension(model)).text
-    name = march.layout.watched[int(gains.detector)].name
+    contacts = model.contacts | model.assemblies
+    law, unit = next(iter(contacts.values())).law, spell(energy_dimension(model)).text
+    name = f"'{march.layout.watched[int(gains.detector)].name}'"
+    for assembly in assemblies(model):
+        if gains.link >= 0 and name == f"'{assembly.name}'":
+            name += f" of {assembly.label(int(gains.link))}"
     where = (
-        f"at event {gains.event:.0f} ('{name}', t = {gains.time:.6g}{unit_suffix(model.time_unit)}, event_energy_lost ="
+        f"at event {gains.event:.0f} ({name}, t = {gains.time:.6g}{unit_suffix(model.time_unit)}, event_energy_lost ="
         f" {-gains.energy:.3g} {unit})"
     )
     times = "an impact" if gains.groups == 1.0 else f"{gains.groups:.0f} impacts, most of it"
-    frictional = any(contact.slip is not None for contact in model.contacts.values())
+    frictional = any(contact.slip is not None for contact in contacts.values())
     causes = ["there is friction (Kane's paradox)"] * frictional + ["several are struck at once"] * (
-        len(model.contacts) > 1
+        bool(model.assemblies) or len(contacts) > 1
     )
     alternatives = (
         f"law = '{ENERGETIC}' does not" if law == POISSON else f"law = '{POISSON}' and law = '{ENERGETIC}' do not"

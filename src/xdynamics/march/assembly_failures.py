@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from xdynamics.expressions import dimension_of
 from xdynamics.march.assembly import broad_phase
@@ -23,7 +21,7 @@ def assembly_dispute(march: March) -> str:
     if not model.assemblies or run.tallies[FAULT] == 0:
         return ""
     assembly, link = assemblies(model)[int(run.tallies[CULPRIT])], int(run.tallies[CULPRIT_LINK])
-    name = f"contact '{assembly.name}' of {_bodies(assembly, link)}"
+    name = f"contact '{assembly.name}' of {assembly.label(link)}"
     gap = dimension_of(assembly.contact.gap, model.dimensions)
     match int(run.tallies[FAULT]):
         case broad_phase.OVERLAP:
@@ -45,6 +43,11 @@ def assembly_dispute(march: March) -> str:
             return (
                 f"more than {run.candidates.shape[0]} links are so near each other that they may meet in one step, or"
                 f" more than {run.touching.shape[0]} do at one time; take a smaller step"
+            )
+        case broad_phase.SHARED:
+            return (
+                f"{name} and another one touch at once and act on each other, and law = 'energetic' is for one link at a"
+                " time: how several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
             )
         case broad_phase.UNSOLVED:
             rate = gap / model.time_unit.dimension
@@ -84,19 +87,3 @@ def _of_closed(march: March, gap: Dimension) -> str:
         f"kinetic energy differs by {lost:.3g} {energy_dimension(march.model)} from what impulses of the recorded"
         " impacts changed, which is more than rounding; this is a fault of the program, please report it"
     )
-
-
-def _bodies(assembly: Any, link: int) -> str:
-    """Name the elements of a link as people write them."""
-    shapes, one = assembly.model.shapes, np.array([link])
-    relation, numbers = assembly.relation, assembly.numbers(one)
-    words = []
-    if relation is not None:
-        first, second = assembly.ends(one)
-        words.append(
-            f"{shapes.extent(relation.source).label(int(first[0]))} and"
-            f" {shapes.extent(relation.target).label(int(second[0]))}"
-        )
-    words += [shapes.extent(dim).label(int(n[0])) for dim, n in numbers.items() if dim not in shapes.relations]
-    dims = relation.source if relation is not None else " ".join(assembly.dims)
-    return f"{dims} {', '.join(words)}"

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march.log import Log
+from xdynamics.march.run import NO_LINK
 from xdynamics.model import Model
-from xdynamics.model.assemblies import slots_of
+from xdynamics.model.assemblies import assemblies, slots_of
 from xdynamics.schema import IMPACT, velocity
 from xdynamics.units import TIME, Dimension, Scales
 
@@ -21,13 +22,14 @@ LEAST = 1e-9  # of the work of an impact's impulses: less may be rounding
 
 
 class Gains(NamedTuple):
-    """How many groups of impacts created energy, and of the largest gain: energy, time, detector, event number."""
+    """How many groups of impacts created energy, and of the largest gain: energy, time, detector, number, link."""
 
     groups: float = 0.0
     energy: float = 0.0
     time: float = 0.0
     detector: float = 0.0
     event: float = 0.0
+    link: float = NO_LINK
 
 
 class EventEnergies(NamedTuple):
@@ -35,8 +37,8 @@ class EventEnergies(NamedTuple):
 
     Attributes
     ----------
-    kind, row, detector : ndarray of int, shape (k,)
-        Kind of each, row of the state before it, its detector.
+    kind, row, detector, link : ndarray of int, shape (k,)
+        Kind of each, row of the state before it, its detector, its link in a contact of many.
     time, lost : ndarray, shape (k,)
     work : ndarray, shape (k,)
         Upper bound of the work of its impulses: the size of the terms of `lost`.
@@ -45,6 +47,7 @@ class EventEnergies(NamedTuple):
     kind: NDArray[Any]
     row: NDArray[Any]
     detector: NDArray[Any]
+    link: NDArray[Any]
     time: Floats
     lost: Floats
     work: Floats
@@ -68,27 +71,73 @@ def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> EventEne
     events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), place_of_loss(layout)
     first = [layout.row.place(velocity(name)) for name in layout.coordinates]
     rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
-    speeds = sum(np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
-    if layout.model.assemblies:  # impulses are those of two bodies: of the largest speed, whichever these are
-        work = np.sum(np.abs(log.impulses[:n, :count]), axis=0) * np.max(speeds, axis=0) / 2.0
-    else:
-        work = np.sum(np.abs(log.impulses[:n, :count]) * speeds, axis=0) / 2.0
+    before, after = (np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
+    work = work_of(layout, log.impulses[:n, :count], before + after)
     return EventEnergies(
         events["kind"],
         events["row_before"],
         events["detector"],
+        events["link"],
         events["time"] * scales.of(TIME),
         log.impulses[n, :count] * energy,
         work * energy,
     )
 
 
-def with_more(gains: Gains, impacts: EventEnergies, first: int) -> Gains:
-    """Return the gains up to the end of a further part of a run, whose events are numbered from `first`."""
+def work_of(layout: Layout, impulses: Floats, speeds: Floats) -> Floats:
+    """Bound the work of each event's impulses, from those along coordinates and the sums of speeds before and after.
+
+    Impulses of many links are those of two bodies: the largest speed of any body along the same coordinate bounds both.
+    """
+    if layout.model.assemblies:
+        slots, width = slots_of(layout.model, layout.coordinates)
+        fastest = np.zeros((width, speeds.shape[1]))
+        np.maximum.at(fastest, slots, speeds)
+        speeds = np.concatenate([fastest, fastest])
+    return np.asarray(np.sum(np.abs(impulses) * speeds, axis=0) / 2.0)
+
+
+def _groups_of(layout: Layout, impacts: EventEnergies, indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the groups of impacts of many links that are at one time and connected by the bodies they act on."""
+    group, owners, moved = np.arange(indices.size), dict[tuple[int, int], int](), _coordinates_of(layout, impacts)
+    for k, event in enumerate(indices.tolist()):
+        for place in moved[event]:
+            other = group[owners.setdefault((int(impacts.row[event]), place), k)]
+            if other != group[k]:
+                group[group == group[k]] = other
+    return group
+
+
+def _coordinates_of(layout: Layout, impacts: EventEnergies) -> list[list[int]]:
+    """Return the places of the coordinates that the link of each event moves."""
+    moved: list[list[int]] = [[] for _ in impacts.link]
+    names = [detector.name for detector in layout.watched]
+    for assembly in assemblies(layout.model):
+        own = np.flatnonzero(impacts.detector == names.index(assembly.name))
+        links = impacts.link[own].astype(np.int64)
+        first, second = assembly.ends(links)
+        for leaf in assembly.leaves[: assembly.coordinates]:
+            begin = layout.coordinates.place(layout.model.shapes.first(leaf.quantity))
+            places = begin + assembly.elements(leaf, first, second, assembly.numbers(links))
+            for event, place in zip(own.tolist(), places.tolist(), strict=True):
+                moved[event].append(place)
+    return moved
+
+
+def with_more(gains: Gains, layout: Layout, impacts: EventEnergies, first: int) -> Gains:
+    """Return the gains up to the end of a further part of a run, whose events are numbered from `first`.
+
+    Impacts at one time are one group, which may share energy; those of bodies that do not touch are several.
+    """
     indices = np.flatnonzero(impacts.kind == IMPACT)
+    rows = impacts.row[indices]
+    if layout.model.assemblies:
+        gaining = rows[impacts.lost[indices] < -LEAST * impacts.work[indices]]
+        indices = indices[np.isin(rows, gaining)]
+        rows = _groups_of(layout, impacts, indices)
     if not indices.size:
         return gains
-    groups, group = np.unique(impacts.row[indices], return_inverse=True)
+    groups, group = np.unique(rows, return_inverse=True)
     lost, work = (np.bincount(group, values[indices], len(groups)) for values in (impacts.lost, impacts.work))
     created = np.flatnonzero(lost < -LEAST * work)
     if not created.size:
@@ -104,4 +153,5 @@ def with_more(gains: Gains, impacts: EventEnergies, first: int) -> Gains:
         time=float(impacts.time[event]),
         detector=float(impacts.detector[event]),
         event=float(first + event),
+        link=float(impacts.link[event]),
     )

@@ -269,6 +269,7 @@ class Run:
     pulls: Scratch[Floats]  # its friction
     remains: Scratch[Floats]  # the acceleration that its gap is left with
     lifted: Scratch[Whole]  # what passes zero in the trial: 1 the force of one, 2 its grip, 3 its slip
+    margins: Scratch[Columns]  # what may fall to zero of each in a step; see `march.assembly.releases`
     grips: Whole  # what each does along its slip; see `march.assembly.closed_links`
     vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`

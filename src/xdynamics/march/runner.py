@@ -307,7 +307,7 @@ class March:
         place = place_of_loss(self.layout)
         if place >= 0 and log.impulses[place, :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
-            self.gains = with_more(self.gains, impacts, int(log.base[0]["events"]))
+            self.gains = with_more(self.gains, self.layout, impacts, int(log.base[0]["events"]))
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or load it."""

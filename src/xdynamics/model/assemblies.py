@@ -125,6 +125,18 @@ class Assembly:
             return np.zeros_like(links), np.zeros_like(links)
         return relation.first[numbers[relation.name]], relation.second[numbers[relation.name]]
 
+    def label(self, link: int) -> str:
+        """Name the elements of a link as people write them: ``disc 3``, ``disc 3 and 5``."""
+        shapes, relation, numbers = self.model.shapes, self.relation, self.numbers(np.array([link]))
+        words = []
+        if relation is not None:
+            first, second = self.ends(np.array([link]))
+            one = shapes.extent(relation.source).label(int(first[0]))
+            words.append(f"{one} and {shapes.extent(relation.target).label(int(second[0]))}")
+        words += [shapes.extent(dim).label(int(n[0])) for dim, n in numbers.items() if dim not in shapes.relations]
+        dims = relation.source if relation is not None else " ".join(self.dims)
+        return f"{dims} {', '.join(words)}"
+
     @property
     def relation(self) -> Relation | None:
         """The relation that its links are of, if any."""

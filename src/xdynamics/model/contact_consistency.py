@@ -12,7 +12,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.grammar import SECTIONS
-from xdynamics.model.parts import APPROACH, ENERGETIC, MOST_REACTIONS, NEWTON, Contact, Function
+from xdynamics.model.parts import APPROACH, MOST_REACTIONS, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
 from xdynamics.units import Dimension, constant
@@ -65,11 +65,6 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
     """Refuse what contacts of many links cannot have."""
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
-        if contact.slip is not None and contact.law != NEWTON:
-            ledger.note(
-                f"{many} those with friction have law = '{NEWTON}' (contact '{name}': '{contact.law}'); choose that, or"
-                " remove slip and friction"
-            )
         for key in ("slip", "friction", "static"):
             tree = getattr(contact, key)
             read = set() if tree is None else free_names(expand(tree, statement.definitions))
@@ -78,10 +73,6 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
                     f"{many} {key} of contact '{name}' may read coordinates, velocities, time and parameters, not"
                     f" '{what}'"
                 )
-        if contact.law == ENERGETIC:
-            ledger.note(
-                f"{many} law = '{ENERGETIC}' is not among their laws; choose 'newton', 'poisson' or 'sequential'"
-            )
     units: dict[str, Dimension] = {}
     for name, contact in statement.assemblies.items():
         with suppress(InputError):  # what is wrong with a gap is said with its contact

@@ -17,7 +17,18 @@ from xdynamics.model.assemblies import SECOND, Assembly, assemblies, bodies
 from xdynamics.model.detectors import LINKS
 from xdynamics.record.column import About, Column, times
 from xdynamics.record.folded_columns import place_variable
-from xdynamics.schema import CLOSED_LINKS, EVENTS, NOWHERE, Variable, at_closed, flags, velocity
+from xdynamics.schema import (
+    CLOSED_LINKS,
+    EVENTS,
+    NOWHERE,
+    STEPS,
+    Variable,
+    at_closed,
+    contact_force,
+    flags,
+    friction_force,
+    velocity,
+)
 from xdynamics.units import Unit, spell
 
 Array = NDArray[Any]
@@ -27,7 +38,57 @@ def assembly_columns(about: About) -> list[Column]:
     """Return what a record has of impacts of many links; nothing without any."""
     if not about.model.assemblies:
         return []
-    return [*_places(about), *_impulses(about), *_of_closed(about)]
+    return [*_places(about), *_impulses(about), *_of_closed(about), *_of_bodies(about)]
+
+
+def _of_bodies(about: About) -> list[Column]:
+    """Return the forces of contacts that are of bodies, not of pairs of them: for every body, 0 where it is open."""
+    model, every = about.model, assemblies(about.model)
+    begins = np.cumsum([0, *(assembly.links for assembly in every)])
+    force, drag, collected = _unit_of_force(model), _unit_of_friction(model), []
+    for assembly, begin in zip(every, begins.tolist(), strict=False):
+        dims, shape = (STEPS, *assembly.dims), model.shapes.shape(assembly.dims)
+        if assembly.relation is not None:
+            continue
+        words = f"normal force of contact {assembly.name}, positive where it pushes; 0 where it is open"
+        pressing = Variable(contact_force(assembly.name), dims, "f8", force.text, words, "reaction")
+        collected.append(Column(pressing, _spread(3, about.units.factor(force), begin, shape)))
+        if assembly.contact.slip is not None:
+            words = (
+                f"friction force of {assembly.name} along positive slip, against which it acts while it slips; 0 where it"
+                " is open"
+            )
+            rubbing = Variable(friction_force(assembly.name), dims, "f8", drag.text, words, "reaction")
+            collected.append(Column(rubbing, _spread(5, about.units.factor(drag), begin, shape)))
+    return collected
+
+
+def _spread(row: int, factor: float, begin: int, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
+    """Take numbers of closed links as an array of all links of a contact, which begin at a number among all."""
+    count = int(np.prod(shape, dtype=int))
+
+    def take(block: LogBlock) -> Array:
+        closed, values = block.log.closed_rows, np.zeros((block.rows, count))
+        own = (closed[1] >= begin) & (closed[1] < begin + count)
+        steps = closed[0, own].astype(np.int64) - int(block.log.base[0]["rows"])
+        values[steps, closed[1, own].astype(np.int64) - begin] = times(closed[row, own], factor)
+        return values.reshape(block.rows, *shape)
+
+    return take
+
+
+def _unit_of_force(model: Model) -> Unit:
+    """Return the unit of normal forces."""
+    return spell(energy_dimension(model) / dimension_of(assemblies(model)[0].contact.gap, model.dimensions))
+
+
+def _unit_of_friction(model: Model) -> Unit:
+    """Return the unit of friction forces, or of normal ones where there are none."""
+    slips = [assembly.contact.slip for assembly in assemblies(model) if assembly.contact.slip is not None]
+    if not slips:
+        return _unit_of_force(model)
+    power = energy_dimension(model) / model.time_unit.dimension
+    return spell(power / dimension_of(slips[0], model.dimensions))
 
 
 def _of_closed(about: About) -> list[Column]:
@@ -52,8 +113,7 @@ def _of_closed(about: About) -> list[Column]:
     def number(row: int, unit: Unit) -> Callable[[LogBlock], Array]:
         return lambda block: times(block.log.closed_rows[row], about.units.factor(unit))
 
-    gap = spell(dimension_of(every[0].contact.gap, model.dimensions))
-    force = spell(energy_dimension(model) / gap.dimension)
+    gap, force = spell(dimension_of(every[0].contact.gap, model.dimensions)), _unit_of_force(model)
     words = flags({c: assembly.name for c, assembly in enumerate(every)}, "i4")
     collected = [
         Column(_variable("step", "i8", "1", "row of `step` in which the link is closed"), _row_of_closed),
@@ -78,20 +138,11 @@ def _of_closed(about: About) -> list[Column]:
         Column(_variable("force", "f8", force.text, words_of_force), number(3, force)),
         Column(_variable("force_residual", "f8", left.text, words_of_left), number(4, left)),
     ]
-    return [*collected, *_of_friction(model, force, gap, number)]
-
-
-def _of_friction(
-    model: Model, force: Unit, gap: Unit, number: Callable[[int, Unit], Callable[[LogBlock], Array]]
-) -> list[Column]:
-    """Return the friction of closed links, where a contact has any."""
-    slips = [assembly.contact.slip for assembly in assemblies(model) if assembly.contact.slip is not None]
-    if not slips:
-        return []
-    rate = gap.dimension / model.time_unit.dimension
-    unit = spell(force.dimension * rate / dimension_of(slips[0], model.dimensions))
-    long_name = "friction force of the link along its positive slip, against which it acts while it slips"
-    return [Column(_variable("friction_force", "f8", unit.text, long_name), number(5, unit))]
+    if any(assembly.contact.slip is not None for assembly in every):
+        drag = _unit_of_friction(model)
+        long_name = "friction force of the link along its positive slip, against which it acts while it slips"
+        collected.append(Column(_variable("friction_force", "f8", drag.text, long_name), number(5, drag)))
+    return collected
 
 
 def _row_of_closed(block: LogBlock) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from xdynamics.archive.seals import slabs
 from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.energy_gains import EventEnergies, Gains, with_more
+from xdynamics.march.energy_gains import EventEnergies, Gains, with_more, work_of
 from xdynamics.march.memory import go_on
 from xdynamics.march.outcomes import COMPLETED, INTERRUPTED, STOPPED
+from xdynamics.march.run import NO_LINK
 from xdynamics.model import Model
+from xdynamics.model.assemblies import assemblies, bodies
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.kinds import log_description
@@ -25,6 +28,7 @@ from xdynamics.schema import (
     END_MEMORY,
     ERRORS,
     EVENT_AFTER,
+    EVENTS,
     FAR,
     FIRST_PASSED,
     GIVEN_STEP,
@@ -179,8 +183,8 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
         raise InputError(
             f"the run has {rows} rows and its memory is of {int(now.rows)}: it was cut; extend the whole run"
         )
-    if "event_energy_lost" in kept and march.layout.reactions:
-        march.gains = with_more(Gains(), _impacts_of(kept, march), 0)
+    if "event_energy_lost" in kept:
+        march.gains = with_more(Gains(), march.layout, _impacts_of(kept, march), 0)
     if "event_position" in kept:
         labels = kept["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
         far = {labels[i] for i in kept["event_detector"].values[kept["event_position"].values == FAR].tolist()}
@@ -227,16 +231,43 @@ def _impacts_of(kept: xr.Dataset, march: March) -> EventEnergies:
     names = [item.name for item in march.layout.watched]
     detector = np.array([names.index(item) for item in labels])[kept["event_detector"].values]
     row, after = (kept[f"event_row_{item}"].values for item in ("before", "after"))
-    work = np.zeros(row.size)
-    for name in march.layout.coordinates:
-        speed, factor = (
-            np.abs(kept[velocity(name)].values),
-            float(parse_unit(kept[velocity(name)].attrs["units"]).factor),
-        )
-        work += np.abs(kept[f"event_impulse_{name}"].values) * (speed[row] + speed[after]) * factor / 2.0
+    speeds = np.zeros((march.layout.coordinates.size, row.size))
+    for i, name in enumerate(march.layout.coordinates):
+        speed = np.abs(kept[velocity(name)].values) * float(parse_unit(kept[velocity(name)].attrs["units"]).factor)
+        speeds[i] = speed[row] + speed[after]
     return EventEnergies(
-        kept["event_kind"].values, row, detector, kept["event_time"].values, kept["event_energy_lost"].values, work
+        kept["event_kind"].values,
+        row,
+        detector,
+        _links_of(kept, march, detector),
+        kept["event_time"].values,
+        kept["event_energy_lost"].values,
+        work_of(march.layout, _impulses_of(kept, march), speeds),
     )
+
+
+def _impulses_of(kept: xr.Dataset, march: March) -> Floats:
+    """Return the impulses of the events of a record, as a log has them."""
+    model, count = march.model, kept.sizes[EVENTS]
+    if not model.assemblies:
+        return np.array([kept[f"event_impulse_{name}"].values for name in march.layout.coordinates])
+    ends = []
+    for end in ("first", "second"):
+        for name, body in bodies(model).items():
+            shape = model.shapes.shape(tuple(dim for dim in model.shapes.dims[name] if dim != body))
+            place = f"event_impulse_{end}_{name}"
+            ends.append(kept[place].values.reshape(count, -1).T if place in kept else np.zeros((prod(shape), count)))
+    return np.concatenate(ends)
+
+
+def _links_of(kept: xr.Dataset, march: March, detector: Array) -> Array:
+    """Return the link of each event of a record."""
+    links = np.full(kept.sizes[EVENTS], NO_LINK)
+    for assembly in assemblies(march.model):
+        own = np.array([march.layout.watched[i].name == assembly.name for i in detector], dtype=bool)
+        numbers = tuple(kept[f"event_{dim}"].values[own] for dim in assembly.dims)
+        links[own] = np.ravel_multi_index(numbers, march.model.shapes.shape(assembly.dims))
+    return links
 
 
 def _recall_passed(kept: xr.Dataset, march: March) -> None:

@@ -14,6 +14,7 @@ from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,
     GRIP,
+    RETURNED,
     RIGHT,
     SCALE,
     SLIDES_BACK,
@@ -26,7 +27,7 @@ from xdynamics.march.assembly.closed_links import (
 )
 from xdynamics.march.assembly.friction import BREAKS, RESTLESS, solve_links
 from xdynamics.march.assembly.holding import project, stop
-from xdynamics.march.assembly.impact import acceleration_along, pose_slip, rate_of, slip_of
+from xdynamics.march.assembly.impact import pose_slip
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest
@@ -56,6 +57,9 @@ from xdynamics.march.assembly.touching import (
     SLIP_SLACK,
     STATIC,
     TAKEN,
+    acceleration_along,
+    rate_of,
+    slip_of,
 )
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
@@ -126,6 +130,7 @@ def solve_forces(run: Run) -> bool:
         acts, row = run.touching[a, ACTS] == 1.0, rows * a
         run.vectors[SCALE, row] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
         run.vectors[RIGHT, row] = -acceleration_along(run, row, run.touching[a, BIAS]) * run.vectors[SCALE, row]
+        run.vectors[RETURNED, row] = 0.0
         if rows == 2:
             pose_grip(run, a, acts)
     left = solve_links(run, 0, count)

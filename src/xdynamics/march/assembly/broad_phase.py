@@ -32,7 +32,7 @@ from xdynamics.march.run import Run
 # links closed before the event; how many events followed each other within what times are located to
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
 ROWS, GRIPPING, HASTE = range(12, 15)
-OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY = range(1, 10)  # what was wrong
+OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED = range(1, 11)  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
 # gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms
 SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE = range(13)

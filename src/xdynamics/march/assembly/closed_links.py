@@ -21,10 +21,11 @@ State = NDArray[Any]
 # rows of `vectors`: the factor by which a link is scaled, what its rate, or acceleration, is to change by, and the
 # solution; its gap and rate, the size of the terms of the gap, and of its derivatives; of `normal_forces`: bounds of
 # the solution; of a row along a slip: friction over the normal force, the most of it while there is no slip, and what
-# it is where there is; the scale of a row while it holds; the rest is of `friction`
+# it is where there is; the scale of a row while it holds; the impulse that a link gives back whatever the solution, by
+# which friction is bounded, too; the rest is of `friction`
 SCALE, RIGHT, X, GAPS, RATES, ROUGHLY, STEEP, RESIDUE, WAY, IMAGE, WAY_IMAGE = range(11)
-LEAST, MOST, GRIP, DRAG, OWN_SCALE, LOAD, GIVEN, RATIO, AMISS, TRIED, TRIED_WAY, FIRST_X = range(11, 23)
-VECTORS = 23
+LEAST, MOST, GRIP, DRAG, OWN_SCALE, LOAD, GIVEN, RATIO, AMISS, TRIED, TRIED_WAY, FIRST_X, RETURNED = range(11, 24)
+VECTORS = 24
 PATHS = 24  # directions in which friction of many links is solved for at once
 FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link does along its slip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -47,12 +48,12 @@ from xdynamics.march.assembly.narrow_phase import (
     NOISE,
     fastest,
     find_first,
-    find_release,
     finest_resolution,
     remember_fastest,
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.assembly.releases import SINCE, find_release
 from xdynamics.march.assembly.touching import list_touching
 from xdynamics.march.calls import called, run_at
 from xdynamics.march.control import grow
@@ -105,7 +106,7 @@ def meet(address: Any, number: float, command: int) -> None:
 @shared
 def begin(run: Run) -> None:
     """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
-    run.closed[0] = 0
+    run.closed[0], run.margins[SINCE, 0] = 0, -inf
     for i in range(run.greatest.shape[0]):
         run.greatest[i] = 0.0
     copy(run.y, run.z)
@@ -168,6 +169,8 @@ def find(run: Run) -> None:
     meets = find_first(run)
     remember_fastest(run)
     meets = find_release(run) or meets
+    if meets:
+        run.margins[SINCE, 0] = -inf
     if meets and is_hasty(run):
         give_up(run, HASTY, REASON_CONTACT)
     elif holds(run) and meets:

@@ -25,6 +25,7 @@ from xdynamics.march.assembly.closed_links import (
     RATES,
     RATIO,
     RESIDUE,
+    RETURNED,
     RIGHT,
     SCALE,
     SLIDES_ON,
@@ -100,9 +101,15 @@ def renew_bounds(run: Run, first: int, rows: int) -> float:
 def bound_row(run: Run, row: int) -> None:
     """Give one friction the bounds that its normal force sets."""
     scale = run.vectors[SCALE, row]
-    force = max(run.vectors[X, row - 1], 0.0) * run.vectors[SCALE, row - 1] / scale if scale > 0.0 else 0.0
+    force = load_of(run, X, row - 1, 1.0) / scale if scale > 0.0 else 0.0
     middle, far = run.vectors[DRAG, row] * force, run.vectors[GRIP, row] * force
     run.vectors[LEAST, row], run.vectors[MOST, row] = middle - far, middle + far
+
+
+@shared
+def load_of(run: Run, pressing: int, row: int, given: float) -> float:
+    """What a link presses with: a solution, if it presses, and a share of what it gives back."""
+    return max(run.vectors[pressing, row], 0.0) * run.vectors[SCALE, row] + given * run.vectors[RETURNED, row]
 
 
 @shared
@@ -129,7 +136,9 @@ def settle(run: Run, first: int, rows: int) -> bool:
     for row in range(first, first + rows, 2):
         x, low, high = run.vectors[X, row + 1], run.vectors[LEAST, row + 1], run.vectors[MOST, row + 1]
         if run.vectors[X, row] == 0.0:
-            run.vectors[SCALE, row], run.vectors[SCALE, row + 1] = 0.0, 0.0
+            run.vectors[SCALE, row] = 0.0
+        if run.vectors[X, row] == 0.0 and run.vectors[RETURNED, row] == 0.0:
+            run.vectors[SCALE, row + 1] = 0.0
         elif not low < x < high:
             grip = run.vectors[GRIP, row + 1]
             run.vectors[RATIO, row + 1] = run.vectors[DRAG, row + 1] + (-grip if x == low else grip)
@@ -178,11 +187,9 @@ def solve_sets(run: Run, first: int, rows: int) -> float:
         share = amiss(run, first, rows)
     for row in range(first + 1, first + rows, 2):
         if run.vectors[RATIO, row] != 0.0:
-            scale = run.vectors[OWN_SCALE, row]
-            run.vectors[SCALE, row] = scale
-            run.vectors[X, row] = (
-                run.vectors[RATIO, row] * run.vectors[LOAD, row - 1] * run.vectors[SCALE, row - 1] / scale
-            )
+            run.vectors[SCALE, row] = run.vectors[OWN_SCALE, row]
+            load = run.vectors[LOAD, row - 1] * run.vectors[SCALE, row - 1] + run.vectors[RETURNED, row - 1]
+            run.vectors[X, row] = run.vectors[RATIO, row] * load / run.vectors[SCALE, row]
     return max(left, share)
 
 
@@ -194,7 +201,8 @@ def press_along(run: Run, pressing: int, given: float, first: int, rows: int) ->
             run.swing[run.reads[row, i]] = 0.0
     for row in range(first + 1, first + rows, 2):
         if run.vectors[RATIO, row] != 0.0:
-            drag = run.vectors[RATIO, row] * run.vectors[pressing, row - 1] * run.vectors[SCALE, row - 1]
+            load = run.vectors[pressing, row - 1] * run.vectors[SCALE, row - 1]
+            drag = run.vectors[RATIO, row] * (load + given * run.vectors[RETURNED, row - 1])
             for i in range(run.reads.shape[1]):
                 run.swing[run.reads[row, i]] += run.replies[row, i] * drag
     for row in range(first, first + rows):

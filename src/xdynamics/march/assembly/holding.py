@@ -36,6 +36,7 @@ from xdynamics.march.assembly.closed_links import (
 from xdynamics.march.assembly.friction import share_forces, solve_closed
 from xdynamics.march.assembly.normal_forces import solve_equations
 from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.assembly.releases import SINCE
 from xdynamics.march.calls import floats_at, run_at
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.run import Run
@@ -111,6 +112,8 @@ def project(run: Run, t: float) -> None:
     for a in range(run.closed[0]):
         row = row_of(run, a)
         far = 8.0 * run.vectors[STEEP, row] * run.spans[FASTEST] * width(run)
+        # at rest in the origin every term of a gap is zero, but not what rounding leaves of accelerations
+        far += NOISE * abs(run.loads[a]) / run.vectors[SCALE, row] ** 2 * run.trial[0].h * run.trial[0].h
         astray = abs(run.vectors[GAPS, row]) - (16.0 * NOISE * run.vectors[ROUGHLY, row] + far)
         run.spans[ASTRAY] = astray if not astray <= run.spans[ASTRAY] else run.spans[ASTRAY]
     stop(run)
@@ -122,7 +125,7 @@ def release_moved(run: Run, t: float) -> None:
 
     Those that stuck and now slip slide.
     """
-    kept = 0
+    kept, run.margins[SINCE, 0] = 0, -inf  # forces at the start of a step are other ones
     look_at_closed(run, t, run.z)
     for a in range(run.closed[0]):
         row, grip = row_of(run, a), grip_at(run, a)

@@ -6,7 +6,7 @@ those of `march.contacts.impact`.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import (
@@ -19,16 +19,17 @@ from xdynamics.march.assembly.broad_phase import (
     WORK,
     blame,
 )
-from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RIGHT, SCALE, X
+from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.normal_forces import ALLOWED
+from xdynamics.march.assembly.single_impacts import each_alone, reverse, sweep
 from xdynamics.march.assembly.touching import (
     ACTS,
     BEFORE,
     BOUNCE,
     CANDIDATE,
     EARLY,
+    GIVES_BACK,
     IMPULSE,
     KINETIC,
     LOST,
@@ -44,13 +45,17 @@ from xdynamics.march.assembly.touching import (
     TARGET_RATE,
     TOTAL,
     TOTAL_PULL,
+    apply,
+    rate_of,
+    slip_of,
 )
 from xdynamics.march.contacts.complementarity import prepare, solve_complementarity
-from xdynamics.march.contacts.impact import NEWTON, POISSON, SEQUENTIAL
+from xdynamics.march.contacts.impact import ENERGETIC, NEWTON, POISSON, SEQUENTIAL
 from xdynamics.march.run import Run
 
 MOST_LEMKE = 32  # links that Lemke's method solves for
 MOST_ROUNDS = 1000
+MOST_SWEEPS = 500  # over links with friction, where gradients find no impulses
 
 
 @shared
@@ -62,6 +67,8 @@ def collide(run: Run) -> bool:
     law = run.assemblies[run.candidates[int(run.touching[0, CANDIDATE]), ASSEMBLY]].law
     if law == SEQUENTIAL:
         return one_after_the_other(run)
+    if law == ENERGETIC:
+        return each_alone(run)
     for _ in range(MOST_ROUNDS):
         if not press(run, 1.0 if law == NEWTON else 0.0):
             return False
@@ -88,40 +95,6 @@ def weigh_impulses(run: Run) -> None:
 
 
 @shared
-def along(run: Run, row: int, total: float, first: int) -> float:
-    """A row of a link times numbers of the trial's state, those of coordinates' owners from `first` on, added to a total."""
-    for i in range(run.normals.shape[1]):
-        total += run.normals[row, i] * run.z[first + run.reads[row, i]]
-    return total
-
-
-@shared
-def rate_of(run: Run, a: int) -> float:
-    """The rate of a gap with the velocities as they are now."""
-    return along(run, int(run.tallies[ROWS]) * a, run.touching[a, EARLY], run.plan[0].coordinates)
-
-
-@shared
-def slip_of(run: Run, a: int) -> float:
-    """The slip of a link with friction, with the velocities as they are now."""
-    return along(run, 2 * a + 1, run.touching[a, SLIP_EARLY], run.plan[0].coordinates)
-
-
-@shared
-def acceleration_along(run: Run, row: int, bias: float) -> float:
-    """The acceleration of a gap, or of a slip, with the accelerations of the trial's state."""
-    return along(run, row, bias, run.plan[0].used)
-
-
-@shared
-def apply(run: Run, row: int, impulse: float) -> None:
-    """Change velocities by an impulse along a row."""
-    n = run.plan[0].coordinates
-    for i in range(run.replies.shape[1]):
-        run.z[n + run.reads[row, i]] += run.replies[row, i] * impulse
-
-
-@shared
 def any_approaches(run: Run) -> bool:
     """Whether a link that touches approaches by more than rounding leaves."""
     approaches = False
@@ -139,10 +112,8 @@ def one_after_the_other(run: Run) -> bool:
             rate = rate_of(run, a)
             if rate < -run.touching[a, SLACK]:
                 quiet = False
-                impulse = -(1.0 + run.touching[a, BOUNCE]) * rate / run.touching[a, OWN]
-                apply(run, a, impulse)  # without friction, a link has one row
-                run.touching[a, TOTAL] += impulse
-                run.touching[a, LOST] -= impulse * (rate + rate_of(run, a)) / 2.0
+                if not reverse(run, a):
+                    return False
         if quiet:
             return True
     return press(run, 0.0)  # what is left after so many is far below what began
@@ -155,23 +126,25 @@ def press(run: Run, share: float) -> bool:
         rate = rate_of(run, a)
         run.touching[a, ACTS] = 1.0 if rate <= run.touching[a, SLACK] else 0.0
         run.touching[a, TARGET_RATE] = share * run.touching[a, BOUNCE] * min(rate, 0.0)
+        run.touching[a, GIVES_BACK] = 0.0
     return solve(run)
 
 
 @shared
 def give_back(run: Run) -> bool:
     """Have each link give back its share of the impulse of compression (Poisson)."""
+    rows = int(run.tallies[ROWS])
     for a in range(run.tallies[TOGETHER]):
-        run.touching[a, BEFORE] = rate_of(run, a)
+        acts = run.touching[a, ACTS] == 1.0
+        run.touching[a, BEFORE], run.touching[a, TARGET_RATE] = rate_of(run, a), 0.0
+        run.touching[a, GIVES_BACK] = run.touching[a, BOUNCE] * run.touching[a, IMPULSE] if acts else 0.0
     for a in range(run.tallies[TOGETHER]):
-        if run.touching[a, ACTS] == 1.0:
-            apply(run, a, run.touching[a, BOUNCE] * run.touching[a, IMPULSE])
+        if run.touching[a, GIVES_BACK] != 0.0:
+            apply(run, rows * a, run.touching[a, GIVES_BACK])
     for a in range(run.tallies[TOGETHER]):
-        if run.touching[a, ACTS] == 1.0:
-            impulse = run.touching[a, BOUNCE] * run.touching[a, IMPULSE]
-            run.touching[a, TOTAL] += impulse
-            run.touching[a, LOST] -= impulse * (run.touching[a, BEFORE] + rate_of(run, a)) / 2.0
-        run.touching[a, TARGET_RATE] = 0.0
+        impulse = run.touching[a, GIVES_BACK]
+        run.touching[a, TOTAL] += impulse
+        run.touching[a, LOST] -= impulse * (run.touching[a, BEFORE] + rate_of(run, a)) / 2.0
     return solve(run)
 
 
@@ -187,6 +160,9 @@ def solve(run: Run) -> bool:
         if rubs:
             run.touching[a, SLIP_AFTER], run.touching[a, PULL] = slip_of(run, a), 0.0
     solved = by_lemke(run, count) if count <= MOST_LEMKE and not rubs else by_gradients(run)
+    for _ in range(MOST_SWEEPS):
+        if rubs and solved and not unsolved(run) <= largest_slack(run):
+            sweep(run)
     for a in range(run.tallies[TOGETHER]):
         if run.touching[a, ACTS] == 1.0:
             run.touching[a, TOTAL] += run.touching[a, IMPULSE]
@@ -222,7 +198,8 @@ def unsolved(run: Run) -> float:
             above = rate_of(run, a) + run.touching[a, TARGET_RATE]
             worst = max(worst, abs(min(above, run.touching[a, IMPULSE] * run.touching[a, OWN])))
             if run.tallies[ROWS] == 2 and run.touching[a, RUBS] == 1.0:
-                own, most = run.touching[a, SLIP_OWN], run.touching[a, KINETIC] * run.touching[a, IMPULSE]
+                own, load = run.touching[a, SLIP_OWN], run.touching[a, IMPULSE] + run.touching[a, GIVES_BACK]
+                most = run.touching[a, KINETIC] * load
                 pull = run.touching[a, PULL]
                 projected = min(max(-most, pull - slip_of(run, a) / own), most)
                 worst = max(worst, abs(pull - projected) * own)
@@ -231,7 +208,7 @@ def unsolved(run: Run) -> float:
 
 @shared
 def by_gradients(run: Run) -> bool:
-    """Find the impulses by projected gradients."""
+    """Find the impulses by projected gradients; whether they are finite, `unsolved` says how good they are."""
     count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
     for a in range(count):
         acts, row = run.touching[a, ACTS] == 1.0, rows * a
@@ -239,7 +216,10 @@ def by_gradients(run: Run) -> bool:
         run.vectors[RIGHT, row] = -(rate_of(run, a) + run.touching[a, TARGET_RATE]) * run.vectors[SCALE, row]
         if rows == 2:
             pose_slip(run, a, acts, slip_of(run, a))
-            run.vectors[GRIP, row + 1] = run.touching[a, KINETIC]
+            run.vectors[GRIP, row + 1], run.vectors[RETURNED, row] = (
+                run.touching[a, KINETIC],
+                run.touching[a, GIVES_BACK],
+            )
     left = solve_links(run, 0, count)
     for a in range(count):
         row = rows * a
@@ -248,7 +228,7 @@ def by_gradients(run: Run) -> bool:
         if rows == 2:
             run.touching[a, PULL] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1]
             apply(run, row + 1, run.touching[a, PULL])
-    return left <= ALLOWED
+    return left < inf
 
 
 @shared

@@ -17,20 +17,11 @@ from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
 from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, WHOLE_STEP
 from xdynamics.march.assembly.closed_links import (
-    OWN_SCALE,
-    RIGHT,
     SCALE,
-    SLIDES_ON,
-    STEEP,
-    STICKS,
-    X,
-    closed_from,
     closed_index,
-    grip_at,
     row_of,
-    rows_of_closed,
 )
-from xdynamics.march.assembly.friction import BREAKS, LIFTING, LIFTS, STOPS, margin
+from xdynamics.march.assembly.friction import margin
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, enclose_motion, gap_at, pattern_at, rate_at, touch
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import clears
@@ -216,39 +207,6 @@ def finest_resolution(run: Run, s: float) -> float:
 def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
     """The least of what falls on the piece: gaps, or forces of closed links."""
     return least_gap(run, state, t) if of_gaps else least_force(run, state, t)
-
-
-@shared
-def find_release(run: Run) -> bool:
-    """Shorten the trial to end just after a closed link lifts, its grip breaks or its slip stops; whether one does."""
-    if run.closed[0] == 0:
-        return False
-    if run.piece[0].substeps > 0:  # else they are those of the trial's last evaluation
-        forces_at(run, run.z, run.trial[0].t)
-    size, lifts = 0.0, False
-    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
-        size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
-    for a in range(run.closed[0]):
-        run.lifted[a] = happens(run, a, size)
-        lifts = lifts or run.lifted[a] > 0
-    if lifts:
-        copy(run.y, run.near)
-        copy(run.z, run.far)
-        close_in(run, 0.0, run.trial[0].h, False)
-    return lifts
-
-
-@shared
-def happens(run: Run, a: int, size: float) -> int:
-    """What happens to a closed link in the trial, by the forces at its end, of a size; 0 for nothing."""
-    row, grip = row_of(run, a), grip_at(run, a)
-    if run.vectors[X, row] < -LIFTING * size:
-        return LIFTS
-    if grip == STICKS and margin(run, a, BREAKS) < -LIFTING * size * run.vectors[OWN_SCALE, row + 1]:
-        return BREAKS
-    if grip >= SLIDES_ON and margin(run, a, STOPS) < -NOISE * run.vectors[STEEP, row + 1] * run.greatest[0]:
-        return STOPS
-    return 0
 
 
 @shared

@@ -55,7 +55,7 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
     },
     **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "swing")},
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
-    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths")},
+    **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths", "margins")},
 }
 
 
@@ -117,6 +117,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         **{name: np.zeros(most) for name in ("loads", "pulls", "remains")},
         "grips": np.zeros(most if rows_each == 2 else 0, np.int64),
         "lifted": np.zeros(most, np.int64),
+        "margins": np.full((4, 2 * most), -np.inf),
         "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
         "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
         "swing": np.zeros(n),

@@ -33,7 +33,9 @@ REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
 # impulse and all at the time, its force and acceleration, and what it did before and does after
 RUBS, KINETIC, STATIC, SLIP, SLIP_EARLY, SLIP_BIAS, SLIP_SLACK, SLIP_OWN = range(23, 31)
 PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
-NUMBERS = 37  # of a link that touches
+# the impulse that it gives back by Poisson's law, and what its slip answers to a normal impulse
+GIVES_BACK, ACROSS = range(37, 39)
+NUMBERS = 39  # of a link that touches
 OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
 
@@ -130,7 +132,7 @@ def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
     numbers = run.touching
     numbers[a, CANDIDATE], numbers[a, GAP], numbers[a, SLACK], numbers[a, OWN] = k, gap, slack, own
     numbers[a, BOUNCE], numbers[a, TOTAL], numbers[a, LOST] = pattern.links[0].coefficient, 0.0, 0.0
-    numbers[a, BIAS] = pattern.links[0].free
+    numbers[a, BIAS], numbers[a, GIVES_BACK] = pattern.links[0].free, 0.0
     moved = pattern.links[0].rate  # by time alone
     for i in range(assembly.coordinates):
         moved -= pattern.directions[0, i] * pattern.z[assembly.leaves + i]
@@ -151,10 +153,11 @@ def note_slip(run: Run, a: int, k: int) -> None:
     if assembly.rubs == 0:
         return
     pattern, own, steep = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY] + 1]), 0.0, 0.0
-    moved = pattern.links[1].rate
+    moved, across = pattern.links[1].rate, 0.0
     for i in range(assembly.coordinates):
         run.normals[row, i], run.replies[row, i] = pattern.directions[1, i], pattern.responses[1, i]
         own += pattern.directions[1, i] * pattern.responses[1, i]
+        across += pattern.directions[1, i] * pattern.responses[0, i]
         steep += abs(pattern.directions[1, i])
         moved -= pattern.directions[1, i] * pattern.z[assembly.leaves + i]
     numbers[a, RUBS], numbers[a, KINETIC], numbers[a, STATIC] = 1.0, pattern.links[1].coefficient, pattern.links[1].most
@@ -164,3 +167,38 @@ def note_slip(run: Run, a: int, k: int) -> None:
         pattern.links[1].free,
     )
     numbers[a, SLIP_SLACK], numbers[a, SLIP_OWN] = NOISE * steep * run.spans[FASTEST], own
+    numbers[a, ACROSS] = across
+
+
+@shared
+def along(run: Run, row: int, total: float, first: int) -> float:
+    """A row of a link times numbers of the trial's state, those of coordinates' owners from `first` on, added to a total."""
+    for i in range(run.normals.shape[1]):
+        total += run.normals[row, i] * run.z[first + run.reads[row, i]]
+    return total
+
+
+@shared
+def rate_of(run: Run, a: int) -> float:
+    """The rate of a gap with the velocities as they are now."""
+    return along(run, int(run.tallies[ROWS]) * a, run.touching[a, EARLY], run.plan[0].coordinates)
+
+
+@shared
+def slip_of(run: Run, a: int) -> float:
+    """The slip of a link with friction, with the velocities as they are now."""
+    return along(run, 2 * a + 1, run.touching[a, SLIP_EARLY], run.plan[0].coordinates)
+
+
+@shared
+def acceleration_along(run: Run, row: int, bias: float) -> float:
+    """The acceleration of a gap, or of a slip, with the accelerations of the trial's state."""
+    return along(run, row, bias, run.plan[0].used)
+
+
+@shared
+def apply(run: Run, row: int, impulse: float) -> None:
+    """Change velocities by an impulse along a row."""
+    n = run.plan[0].coordinates
+    for i in range(run.replies.shape[1]):
+        run.z[n + run.reads[row, i]] += run.replies[row, i] * impulse

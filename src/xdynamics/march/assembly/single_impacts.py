@@ -1,0 +1,226 @@
+"""Impacts of one link at a time, with friction, in closed form: Newton's law, or the energetic coefficient of restitution.
+
+Laws are those of `march.contacts.impact` and `march.contacts.energetic`, whose references these are.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.broad_phase import ROWS, SHARED, TOGETHER, UNSOLVED, blame
+from xdynamics.march.assembly.links import ASSEMBLY, LINK
+from xdynamics.march.assembly.touching import (
+    ACROSS,
+    ACTS,
+    BOUNCE,
+    CANDIDATE,
+    GIVES_BACK,
+    IMPULSE,
+    KINETIC,
+    LOST,
+    OWN,
+    PULL,
+    RATE,
+    RUBS,
+    SLACK,
+    SLIP_OWN,
+    TARGET_RATE,
+    TOTAL,
+    TOTAL_PULL,
+    apply,
+    rate_of,
+    slip_of,
+)
+from xdynamics.march.contacts.delassus import NOISE
+from xdynamics.march.contacts.energetic import MOST_PHASES
+from xdynamics.march.run import Run
+
+
+@shared
+def rubs(run: Run, a: int) -> bool:
+    """Whether a link has friction."""
+    return bool(run.tallies[ROWS] == 2 and run.touching[a, RUBS] == 1.0)
+
+
+@shared
+def slip_at(run: Run, a: int) -> float:
+    """The slip of a link; 0 where it has no friction."""
+    return slip_of(run, a) if rubs(run, a) else 0.0
+
+
+@shared
+def give(run: Run, a: int, impulse: float, pull: float) -> None:
+    """Change velocities by the impulses of a link, and sum these and the energy that they take."""
+    rate, slip, row = rate_of(run, a), slip_at(run, a), int(run.tallies[ROWS]) * a
+    apply(run, row, impulse)
+    if rubs(run, a):
+        apply(run, row + 1, pull)
+        run.touching[a, TOTAL_PULL] += pull
+        run.touching[a, LOST] -= pull * (slip + slip_of(run, a)) / 2.0
+    run.touching[a, TOTAL] += impulse
+    run.touching[a, LOST] -= impulse * (rate + rate_of(run, a)) / 2.0
+
+
+@shared
+def refuse(run: Run, a: int, fault: int) -> bool:
+    """Blame a link for an impact without a solution; always False."""
+    k = int(run.touching[a, CANDIDATE])
+    blame(run, fault, run.candidates[k, ASSEMBLY], run.candidates[k, LINK])
+    return False
+
+
+@shared
+def reverse(run: Run, a: int) -> bool:
+    """Reverse the rate of one link by Newton's law, with friction that ends its slip or is at its bound against it."""
+    solved, impulse, pull = answer_of(run, a, (1.0 + run.touching[a, BOUNCE]) * rate_of(run, a), slip_at(run, a), 0.0)
+    if not solved:
+        return refuse(run, a, UNSOLVED)
+    give(run, a, impulse, pull)
+    return True
+
+
+@shared
+def answer_of(run: Run, a: int, rate: float, slip: float, more: float) -> tuple[bool, float, float]:
+    """Whether a link alone has impulses, and these: normal, along its slip; of rates without them, for a gap not to close.
+
+    Friction is bounded by a share of the normal impulse and what is given more.
+    """
+    own = run.touching[a, OWN]
+    if not rubs(run, a):
+        return True, max(0.0, -rate / own), 0.0
+    across, along, most = run.touching[a, ACROSS], run.touching[a, SLIP_OWN], run.touching[a, KINETIC]
+    pull = min(max(-most * more, -slip / along), most * more)
+    if rate + across * pull >= 0.0:
+        return True, 0.0, pull
+    determinant = own * along - across * across
+    if determinant > NOISE * own * along:
+        impulse, pull = (across * slip - along * rate) / determinant, (across * rate - own * slip) / determinant
+        if impulse >= 0.0 and abs(pull) <= most * (impulse + more):
+            return True, impulse, pull
+    for k in range(2):
+        way = 1.0 - 2.0 * k
+        reply, rest = own - way * most * across, rate - way * most * across * more
+        if reply > 0.0 and rest <= 0.0:
+            impulse = -rest / reply
+            pull = -way * most * (impulse + more)
+            if way * (slip + across * impulse + along * pull) >= 0.0:
+                return True, impulse, pull
+    return False, 0.0, 0.0
+
+
+@shared
+def sweep(run: Run) -> None:
+    """Solve for one link after the other, those of all others as they are (nonlinear block Gauss-Seidel).
+
+    M. Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235. Links that act on no other one need one turn.
+    """
+    for a in range(run.tallies[TOGETHER]):
+        if run.touching[a, ACTS] == 1.0:
+            impulse, pull = run.touching[a, IMPULSE], run.touching[a, PULL] if rubs(run, a) else 0.0
+            across = run.touching[a, ACROSS] if rubs(run, a) else 0.0
+            rate = rate_of(run, a) + run.touching[a, TARGET_RATE] - run.touching[a, OWN] * impulse - across * pull
+            slip = slip_at(run, a)
+            if rubs(run, a):
+                slip -= across * impulse + run.touching[a, SLIP_OWN] * pull
+            solved, normal, along = answer_of(run, a, rate, slip, run.touching[a, GIVES_BACK])
+            if solved:
+                row = int(run.tallies[ROWS]) * a
+                apply(run, row, normal - impulse)
+                run.touching[a, IMPULSE] = normal
+                if rubs(run, a):
+                    apply(run, row + 1, along - pull)
+                    run.touching[a, PULL] = along
+
+
+@shared
+def each_alone(run: Run) -> bool:
+    """Strike every link that approaches by the energetic law; whether none acts on another one."""
+    for a in range(run.tallies[TOGETHER]):
+        run.touching[a, ACTS] = 1.0 if rate_of(run, a) < -run.touching[a, SLACK] else 0.0
+    for a in range(run.tallies[TOGETHER]):
+        for b in range(a):
+            if run.touching[a, ACTS] == 1.0 and run.touching[b, ACTS] == 1.0 and couple(run, a, b):
+                return refuse(run, a, SHARED)
+    solved = True
+    for a in range(run.tallies[TOGETHER]):
+        if run.touching[a, ACTS] == 1.0:
+            solved = solved and strike(run, a)
+    return solved
+
+
+@shared
+def couple(run: Run, a: int, b: int) -> bool:
+    """Whether impulses of one link change the rate or the slip of another."""
+    rows = int(run.tallies[ROWS])
+    for row in range(rows * a, rows * (a + 1)):
+        for other in range(rows * b, rows * (b + 1)):
+            effect, size = 0.0, 0.0
+            for i in range(run.reads.shape[1]):
+                for j in range(run.reads.shape[1]):
+                    if run.reads[row, i] == run.reads[other, j]:
+                        effect += run.normals[row, i] * run.replies[other, j]
+                        size += abs(run.normals[row, i] * run.replies[other, j])
+            if abs(effect) > NOISE * size:
+                return True
+    return False
+
+
+@shared
+def strike(run: Run, a: int) -> bool:
+    """Find the impulse of one link phase by phase: while it slips, or sticks; while it is compressed, or restores.
+
+    A phase ends where slip comes to rest, where compression ends, or where restitution has given back its work.
+    """
+    speed, slip = rate_of(run, a), slip_at(run, a)
+    first, impulse, pull, work, compressing = speed, 0.0, 0.0, 0.0, True
+    for _ in range(MOST_PHASES):
+        ratio, opening, sliding = slopes(run, a, slip)
+        if not opening > NOISE * run.touching[a, OWN] and slip == 0.0:
+            # sticking holds the gap too: nothing moves any more
+            return spend(run, a, impulse, pull) if abs(speed) <= NOISE * abs(first) else refuse(run, a, UNSOLVED)
+        reached, step = 0.0, -speed / opening if opening > 0.0 else inf
+        if not compressing:
+            reached = sqrt(max(0.0, speed * speed + 2.0 * opening * work))
+            step = 2.0 * work / (reached + speed) if reached + speed > 0.0 else 0.0
+        until = -slip / sliding if slip * sliding < 0.0 else inf
+        halts = until < step
+        step = min(step, until)
+        if not step < inf:
+            return refuse(run, a, UNSOLVED)
+        after = speed + opening * step if halts else reached
+        work -= step * (speed + after) / 2.0
+        impulse, pull, speed = impulse + step, pull + ratio * step, after
+        slip = 0.0 if halts else slip + sliding * step
+        if not halts and not compressing:
+            return spend(run, a, impulse, pull)
+        if not halts:
+            compressing, work = False, run.touching[a, BOUNCE] * run.touching[a, BOUNCE] * work
+    return refuse(run, a, UNSOLVED)
+
+
+@shared
+def slopes(run: Run, a: int, slip: float) -> tuple[float, float, float]:
+    """How friction, the rate of the gap and the slip of a link grow with its normal impulse."""
+    own = run.touching[a, OWN]
+    if not rubs(run, a):
+        return 0.0, own, 0.0
+    across, along, most = run.touching[a, ACROSS], run.touching[a, SLIP_OWN], run.touching[a, KINETIC]
+    holding = -across / along
+    ratio = min(max(holding, -most), most)
+    if slip != 0.0:
+        ratio = -most if slip > 0.0 else most
+    sticks = slip == 0.0 and ratio == holding
+    return ratio, own + across * ratio, 0.0 if sticks else across + along * ratio
+
+
+@shared
+def spend(run: Run, a: int, impulse: float, pull: float) -> bool:
+    """Give a link the impulses that were found; whether they make no other link approach that did not."""
+    give(run, a, impulse, pull)
+    for b in range(run.tallies[TOGETHER]):
+        if b != a and run.touching[b, ACTS] == 0.0 and couple(run, a, b):
+            size = abs(run.touching[b, RATE]) + abs(rate_of(run, b))
+            if rate_of(run, b) < -max(run.touching[b, SLACK], NOISE * size):
+                return refuse(run, a, SHARED)
+    return True

@@ -1,0 +1,72 @@
+"""Closed contacts whose force, grip or slip falls to zero within a step at whose end it holds again: found all the same."""
+
+from __future__ import annotations
+
+from math import asin, pi
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+
+G = 9.81
+OMEGA = 2 * pi / 0.1
+
+
+def loaded(count: int, size: float, along: str, omega: float = OMEGA) -> xd.Model:
+    """Return blocks on a rough floor, or one, under a sinusoidal load upward or along it, of a share of the weight."""
+    of = {"dims": ["block"]} if count else {}
+    dimensions = {"dimensions": {"block": count}} if count else {}
+    start, high = ({"unit": "m", "value": [value] * count} if count else f"{value} m" for value in (0.0, 1.0))
+    return xd.Model(
+        name="loaded blocks",
+        coordinates={name: {"unit": "m"} | of for name in "xy"},
+        parameters={"m": "2 kg", "g": f"{G} m s-2", "size": f"{size!r}", "omega": f"{omega!r} s-1"},
+        mass={"x": "m", "y": "m"},
+        forces={"weight": {"y": "-m*g"}, "load": {along: "m*g*size*sin(omega*t)"}},
+        contacts={
+            "floor": {"gap": "y - 1*metre", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.5}
+        },
+        initial={"x": start, "y": high} | ({} if count else {"v_x": "0 m s-1", "v_y": "0 m s-1"}),
+        **dimensions,
+    )
+
+
+def times_of(run: xr.Dataset, kind: str) -> np.ndarray:
+    """Return the times of events of a kind."""
+    words = run.event_kind.attrs["flag_meanings"].split()
+    wanted = run.event_kind.values == run.event_kind.attrs["flag_values"][words.index(kind)]
+    return np.asarray(run.event_time.values[wanted])
+
+
+STEPS = [("velocity_verlet", 0.05), ("velocity_verlet", 0.033), ("rk4", 0.05), ("dop853", 0.049)]
+
+
+@pytest.mark.parametrize("count", [0, 30])
+@pytest.mark.parametrize(("method", "step"), [case for case in STEPS if case[1] != 0.033])
+def test_a_floor_that_pulls_for_a_part_of_a_step_lets_go(method: str, step: float, count: int) -> None:
+    """Assert the time, asin(1/size)/omega, at which blocks leave a floor that presses at the start and end of the step."""
+    run = xd.simulate(loaded(count, 1.05, "y"), method=method, step=step, until=0.049)
+    leave = times_of(run, "takeoff")
+    assert leave.size == max(count, 1)
+    assert np.abs(leave - asin(1 / 1.05) / OMEGA).max() < 1e-11
+
+
+@pytest.mark.parametrize("count", [0, 30])
+@pytest.mark.parametrize(("method", "step"), STEPS)
+def test_a_grip_that_breaks_for_a_part_of_a_step_slips(method: str, step: float, count: int) -> None:
+    """Assert the time, asin(friction/size)/omega, at which blocks slip that would stick at both ends of the step."""
+    run = xd.simulate(loaded(count, 0.52, "x"), method=method, step=step, until=0.05)
+    slip = times_of(run, "slip")
+    assert slip.size == max(count, 1)
+    assert np.abs(slip - asin(0.5 / 0.52) / OMEGA).max() < 1e-11
+    assert times_of(run, "stick").size == max(count, 1)
+
+
+def test_a_floor_that_nearly_pulls_holds() -> None:
+    """Assert that a force which falls to a hundredth within a step is no take-off, and the steps are those of the grid."""
+    run = xd.simulate(loaded(30, 0.99, "y"), method="velocity_verlet", step=0.05, until=0.1)
+    assert run.sizes["event"] == 0
+    assert run.time.values.tolist() == [0.0, 0.05, 0.1]
+    assert np.abs(run.y.values - 1.0).max() < 1e-15
