@@ -14,11 +14,11 @@ G = 9.81
 OMEGA = 2 * pi / 0.1
 
 
-def loaded(count: int, size: float, along: str, omega: float = OMEGA) -> xd.Model:
+def loaded(count: int, size: float, along: str, height: float = 1.0, omega: float = OMEGA) -> xd.Model:
     """Return blocks on a rough floor, or one, under a sinusoidal load upward or along it, of a share of the weight."""
     of = {"dims": ["block"]} if count else {}
     dimensions = {"dimensions": {"block": count}} if count else {}
-    start, high = ({"unit": "m", "value": [value] * count} if count else f"{value} m" for value in (0.0, 1.0))
+    start, high = ({"unit": "m", "value": [value] * count} if count else f"{value} m" for value in (0.0, height))
     return xd.Model(
         name="loaded blocks",
         coordinates={name: {"unit": "m"} | of for name in "xy"},
@@ -26,7 +26,13 @@ def loaded(count: int, size: float, along: str, omega: float = OMEGA) -> xd.Mode
         mass={"x": "m", "y": "m"},
         forces={"weight": {"y": "-m*g"}, "load": {along: "m*g*size*sin(omega*t)"}},
         contacts={
-            "floor": {"gap": "y - 1*metre", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.5}
+            "floor": {
+                "gap": f"y - {height!r}*metre",
+                "restitution": 0.0,
+                "tangential": "coulomb",
+                "slip": "v_x",
+                "friction": 0.5,
+            }
         },
         initial={"x": start, "y": high} | ({} if count else {"v_x": "0 m s-1", "v_y": "0 m s-1"}),
         **dimensions,
@@ -43,11 +49,15 @@ def times_of(run: xr.Dataset, kind: str) -> np.ndarray:
 STEPS = [("velocity_verlet", 0.05), ("velocity_verlet", 0.033), ("rk4", 0.05), ("dop853", 0.049)]
 
 
+@pytest.mark.parametrize("height", [1.0, 0.0])
 @pytest.mark.parametrize("count", [0, 30])
-@pytest.mark.parametrize(("method", "step"), [case for case in STEPS if case[1] != 0.033])
-def test_a_floor_that_pulls_for_a_part_of_a_step_lets_go(method: str, step: float, count: int) -> None:
-    """Assert the time, asin(1/size)/omega, at which blocks leave a floor that presses at the start and end of the step."""
-    run = xd.simulate(loaded(count, 1.05, "y"), method=method, step=step, until=0.049)
+@pytest.mark.parametrize(("method", "step"), STEPS)
+def test_a_floor_that_pulls_for_a_part_of_a_step_lets_go(method: str, step: float, count: int, height: float) -> None:
+    """Assert the time, asin(1/size)/omega, at which blocks leave a floor that presses at the start and end of the step.
+
+    In the origin, where nothing moves, no term of a gap or of its rate has a size that rounding could be measured by.
+    """
+    run = xd.simulate(loaded(count, 1.05, "y", height), method=method, step=step, until=0.049)
     leave = times_of(run, "takeoff")
     assert leave.size == max(count, 1)
     assert np.abs(leave - asin(1 / 1.05) / OMEGA).max() < 1e-11

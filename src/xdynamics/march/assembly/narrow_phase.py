@@ -41,7 +41,7 @@ def find_first(run: Run) -> bool:
     """Shorten the trial to end just after links first meet; whether any do."""
     piece, trial = run.piece[0], run.trial[0]
     piece.part, run.tallies[CLOSE] = 0, 0
-    run.spans[FASTEST], run.spans[WHOLE_STEP] = max(fastest(run), run.greatest[0]), trial.h
+    run.spans[FASTEST], run.spans[WHOLE_STEP] = max(fastest(run), run.greatest[0], held_back(run)), trial.h
     for k in range(run.tallies[COUNT]):
         if closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
             continue
@@ -93,11 +93,16 @@ def fastest(run: Run) -> float:
 @shared
 def remember_fastest(run: Run) -> None:
     """Keep the largest velocity of the march; what rounding leaves of a rate is a share of it, and of what forces give."""
-    lost = 0.0
+    run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], held_back(run))
+
+
+@shared
+def held_back(run: Run) -> float:
+    """The largest velocity that the forces of closed links keep from bodies in the trial."""
+    most = 0.0
     for a in range(run.closed[0]):
-        row = row_of(run, a)
-        lost = max(lost, abs(run.loads[a]) / run.vectors[SCALE, row] ** 2)
-    run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], lost * run.trial[0].h)
+        most = max(most, abs(run.loads[a]) / run.vectors[SCALE, row_of(run, a)] ** 2)
+    return most * run.trial[0].h
 
 
 @shared

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import (
     BOUNCED,
@@ -68,7 +70,9 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     if count >= run.touching.shape[0]:
         blame(run, CROWDED, c, link)
         return False
-    if not gap >= -OVERLAPPING * reach:
+    if not gap >= -OVERLAPPING * reach and not (
+        is_closed and gap > -inf
+    ):  # gaps of closed links are seen to after steps
         blame(run, OVERLAP, c, link)
         run.spans[DEPTH] = gap
         return False
