@@ -213,22 +213,6 @@ def test_an_event_inside_a_step_comes_before_later_impacts() -> None:
     assert np.array_equal(run.event_pair.values[:6], whole.event_pair.values[:6])
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"restitution": 0.5, "law": "energetic"}, "law = 'energetic' is not among their laws"),
-        (
-            {"tangential": "coulomb", "slip": "first(v_x, pair)", "friction": 0.1, "law": "sequential"},
-            "remove slip and friction",
-        ),
-    ],
-)
-def test_what_links_cannot_have_is_refused(change: dict[str, Any], message: str) -> None:
-    """Assert that a law, or friction, that many links do not have is named."""
-    with pytest.raises(xd.ModelError, match=message):
-        row(np.arange(9.0), np.zeros(9), contact=change)
-
-
 def test_bodies_that_overlap_at_the_start_are_named() -> None:
     """Assert that the pair inside one another is named with its gap."""
     model = discs(36, 1)

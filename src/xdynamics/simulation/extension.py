@@ -41,6 +41,7 @@ from xdynamics.schema import (
     error,
     velocity,
 )
+from xdynamics.shapes.naming import parted
 from xdynamics.simulation.records import check_destination, kept_run, marched_record
 from xdynamics.units import TIME, parse_unit, time_in, unit_suffix
 
@@ -256,7 +257,8 @@ def _impulses_of(kept: xr.Dataset, march: March) -> Floats:
         for name, body in bodies(model).items():
             shape = model.shapes.shape(tuple(dim for dim in model.shapes.dims[name] if dim != body))
             place = f"event_impulse_{end}_{name}"
-            ends.append(kept[place].values.reshape(count, -1).T if place in kept else np.zeros((prod(shape), count)))
+            own = [kept[key].values.reshape(count, -1).T for key in kept.variables if parted(str(key))[0] == place]
+            ends += own or [np.zeros((prod(shape), count))]  # along what no link moves
     return np.concatenate(ends)
 
 
