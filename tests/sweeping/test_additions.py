@@ -96,6 +96,7 @@ def test_a_finer_axis_takes_what_is_there(tmp_path: Path, marched: list[int]) ->
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
