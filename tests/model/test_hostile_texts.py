@@ -73,6 +73,8 @@ def test_what_is_too_large_is_refused_at_once(what: str) -> None:
     make, said = LARGE[what]
     text = make()
     xd.Model.from_text(HEAD)
+    with pytest.raises(xd.ModelError, match="unknown"):  # what finds similar names is imported
+        xd.Model.from_text(HEAD + '[observables]\na = "unknown"\n')
     gc.freeze()  # what earlier tests of this process left is not searched for garbage in this one's second
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     with pytest.raises(xd.ModelError, match=said):

@@ -46,15 +46,15 @@ def check_text(text: str) -> None:
         Naming the limit, with the line where that helps.
     """
     bare = _TEXTS.sub(lambda match: "" if match[0][0] == "#" else "s" + "\n" * match[0].count("\n"), text)
-    if match := _DEEP.search(bare):
-        line = bare.count("\n", 0, match.start()) + 1
-        raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")
     entries = bare.count("=") + bare.count("\n[")
     if entries > MOST_ENTRIES:
         raise InputError(f"it has {entries} entries, over the limit of {MOST_ENTRIES}{_SIZES}")
     values = bare.count(",")
     if values > MOST_VALUES:
         raise InputError(f"its lists have {values} values, over the limit of {MOST_VALUES}; put them into tables")
+    if match := _DEEP.search(bare):
+        line = bare.count("\n", 0, match.start()) + 1
+        raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")
 
 
 def excess(entries: Mapping[str, Any]) -> str:
