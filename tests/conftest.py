@@ -49,8 +49,12 @@ def pytest_collection_finish() -> None:
     from xdynamics.march.engine import PARTS
 
     parts = (*PARTS, GROWTH)
-    for part in parts[int(worker.removeprefix("gw")) :: int(os.environ["PYTEST_XDIST_WORKER_COUNT"])]:
-        part.entries()
+    seconds = [0] * int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+    for part in sorted(parts, key=lambda part: -part.seconds):
+        idlest = seconds.index(min(seconds))
+        seconds[idlest] += part.seconds
+        if worker == f"gw{idlest}":
+            part.entries()
     kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 60.0
     while not all(path.exists() for path in kept) and time.monotonic() < end:
         time.sleep(0.1)

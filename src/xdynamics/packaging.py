@@ -1,7 +1,7 @@
 """How xdynamics is packed: a wheel with the engine's text for LLVM, and a source distribution with tests and data.
 
 This is the build backend that `pyproject.toml` names: setuptools', with three additions. numba makes the text while a
-wheel is built, about 45 s, or it is taken from the user's cache; the wheel is then one of a platform. An editable
+wheel is built, a minute and a half, or it is taken from the user's cache; the wheel is then one of a platform. An editable
 installation has no text. A source distribution holds all that the repository does.
 """
 

@@ -278,7 +278,7 @@ _WHOLE, _LISTS = array("i8", 1), array("i8", 2)
 GROWTH = EnginePart(
     "growth",
     "the growth of small changes",
-    4,
+    5,
     (
         (
             grow,

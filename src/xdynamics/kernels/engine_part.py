@@ -47,7 +47,7 @@ class EnginePart:
     def __init__(self, name: str, words: str, seconds: int, functions: Sequence[tuple[Any, Signature]]) -> None:
         self.name, self.functions = name, functions
         self.file_name = f"{name}.ll.xz"  # of a wheel's text
-        self._words, self._seconds = words, seconds
+        self.seconds, self._words = seconds, words
         self._entries: tuple[Entry, ...] = ()
 
     def entries(self) -> tuple[Entry, ...]:
@@ -110,7 +110,7 @@ class EnginePart:
         obstacle = cache.obstacle()
         often = "" if obstacle else ", once per installation"
         message = "xdynamics: compiling %s%s: about %d s%s"
-        logging.getLogger("xdynamics").warning(message, self._words, often, self._seconds, reason)
+        logging.getLogger("xdynamics").warning(message, self._words, often, self.seconds, reason)
         if obstacle:
             cache.advise(obstacle)
         from xdynamics.kernels.numba_text import text_of

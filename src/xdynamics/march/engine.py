@@ -104,7 +104,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "engine",
         "the engine",
-        10,
+        12,
         (
             (loop.march, returning(NOTHING, INTEGER, INTEGER)),
             (entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
@@ -117,30 +117,30 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "solvers",
         "the solvers of implicit methods",
-        8,
+        9,
         ((entries.step_by_newton, _STEP), (entries.step_by_radau, _STEP)),
     ),
     EnginePart(
         "watchers",
         "the search for events",
-        12,
+        15,
         (
             (enclosures.enclose_between, returning(NOTHING, *[INTEGER] * 6)),
             (trial_step.part_of_step, _ENTERED),
             (event_dispatch.watch, _ENTERED),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 15, ((contact_dispatch.touch, _ENTERED),)),
+    EnginePart("contacts", "contacts and friction", 10, ((contact_dispatch.touch, _ENTERED),)),
     EnginePart(
         "assemblies",
         "contacts of many bodies",
-        20,
+        32,
         ((assembly_dispatch.meet, _ENTERED), (holding.press, _ENTERED)),
     ),
     EnginePart(
         "lanes",
         "marches side by side",
-        3,
+        7,
         ((march_lanes, _MARCH_LANES), (gather_rows, _GATHER_ROWS), (parts_of_steps, _PARTS_OF_STEPS)),
     ),
 )
