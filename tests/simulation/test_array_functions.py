@@ -84,7 +84,11 @@ CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
     "diagonals": (lambda t, y, A: A @ y, bump(14), (SECOND,)),
     "sparse": (lambda t, y, A: A @ y, bump(14), (scipy.sparse.csr_matrix(SECOND),)),
     "dense": (lambda t, y: DENSE.dot(y), bump(14), ()),
-    "powers": (lambda t, y: -(y**3) - y**2 / 9 + y**18 - y**19 + (y + 3.0) ** -2, np.linspace(-1, 1, 14), ()),
+    "powers": (
+        lambda t, y: -(y**3) - y**2 / 9 + y**18 - y**19 + (y + 3.0) ** -2 - (y - 1.9) ** -18,
+        np.linspace(-1, 1, 14),
+        (),
+    ),
     "three bodies": (
         scripts.three_bodies_broadcast,
         [0.97, -0.243, -0.97, 0.243, 0, 0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865],
