@@ -64,6 +64,19 @@ def test_scales_words_maps_and_lines_in_space_are_kept() -> None:
     assert space.z[-1] == 3.0
 
 
+def test_what_was_changed_by_hand_is_laid_out_anew(ball: Any) -> None:
+    """Assert that a figure that was drawn and then changed is drawn once more, and one that was not stays as it is."""
+    drawn = xd.plot(ball, only=["y"])
+    drawn._repr_png_()
+    before = drawn.interactive().figure.layout.yaxis.domain
+    assert drawn.interactive().figure.layout.yaxis.domain == pytest.approx(before, abs=1e-9)
+    drawn.axes[0].set_title("dropped\nby hand\nfrom a metre")
+    after = drawn.interactive().figure.layout.yaxis.domain
+    assert after[1] < before[1] - 0.05
+    drawn.draw_without_rendering()
+    assert after[1] == pytest.approx(drawn.axes[0].get_position().y1, abs=1e-12)
+
+
 def test_a_map_keeps_its_colours_scale_and_its_contours() -> None:
     """Assert the scale beside the map as a panel of its own, with its label and the map's colours, and lines of equal value."""
     drawn = Picture(figsize=(6, 4))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import lzma
 import re
+import signal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from xdynamics.dynamics.growth import GROWTH
-from xdynamics.kernels import engine_part
+from xdynamics.kernels import cache, engine_part, numba_text
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.engine_part import NUMBA, WHEEL, EnginePart, made_by
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Fields, array, returning
@@ -130,6 +131,28 @@ def test_a_text_that_does_not_stand_alone_is_refused(function: Any, what: str) -
     part = EnginePart("other", "another function", 1, ((function, returning(NOTHING, array("f8", 1))),))
     with pytest.raises((RuntimeError, TypingError), match=what):
         part.packed_text()
+
+
+@pytest.mark.usefixtures("cold")
+def test_what_was_interrupted_is_compiled_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that after Ctrl-C in the middle of numba's work nothing is kept, and that numba compiles the same functions then."""
+    part = tiny()
+    with monkeypatch.context() as unmade:
+        unmade.setattr(numba_text, "entry_text", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            part.entries()
+    assert not engine_part.is_being_made()
+    assert not [*cache.folder().glob("tiny*")]
+    found = np.zeros((2, 3))
+    assert part.entries()[0](Pair(np.ones(3), np.ones((2, 3))), 1.5, 2, True, found) == 6
+    assert (found == 3.5).all()
+
+
+def interrupted(*_given: Any) -> str:
+    """Stand for a step of compiling in which Ctrl-C is pressed."""
+    assert engine_part.is_being_made()
+    signal.raise_signal(signal.SIGINT)
+    return ""
 
 
 @pytest.mark.usefixtures("cold")

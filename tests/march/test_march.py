@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ import xdynamics as xd
 from cases.problems import EPS, MODELS, free, oscillator, particle, pushed
 from xdynamics import record
 from xdynamics.documenting.summary import summary
-from xdynamics.march import March, Settings
+from xdynamics.kernels import numba_text
+from xdynamics.kernels.engine_part import EnginePart
+from xdynamics.march import March, Settings, runner
 from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
 
@@ -411,6 +414,26 @@ def test_keyboard_interrupt_is_an_outcome() -> None:
     assert 0 < run.time.values[-1] < 3.0
     assert run.sizes["step"] > 1000
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_while_the_engine_is_made_ends_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Assert that numba is not waited for: nothing is written, the keyboard is as before, and the next run is whole."""
+
+    def interrupted(_functions: object) -> str:
+        signal.raise_signal(signal.SIGINT)
+        return ""
+
+    part = EnginePart("unmade", "a part", 1, ())
+    before, asked = signal.getsignal(signal.SIGINT), {"method": "midpoint", "step": 0.1, "until": 3.0}
+    with monkeypatch.context() as unmade:
+        unmade.setenv("XDYNAMICS_CACHE", str(tmp_path / "cache"))
+        unmade.setattr(numba_text, "text_of", interrupted)
+        unmade.setattr(runner, "engine", part.entries)
+        with pytest.raises(KeyboardInterrupt):
+            xd.simulate(free().model, **asked, path=tmp_path / "run.nc")
+    assert signal.getsignal(signal.SIGINT) is before
+    assert not [*tmp_path.glob("*run*"), *tmp_path.glob("cache/unmade*")]
+    assert xd.simulate(free().model, **asked).attrs["run_outcome"] == "completed"
 
 
 def test_interrupted_at_once_there_is_the_initial_row() -> None:

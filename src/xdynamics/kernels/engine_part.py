@@ -10,7 +10,8 @@ from __future__ import annotations
 import logging
 import lzma
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -27,6 +28,7 @@ PACKAGE = Path(__file__).parents[1]
 FOLDER = PACKAGE / "kernels" / "text"  # of a wheel's texts
 WHEEL, NUMBA = "of the wheel", "compiled by numba"  # where a text is from
 _LOCK = waited_for(threading.RLock())
+_MAKERS: list[int] = []  # threads that make a part: the one that holds the lock, once for each part
 waited_for(getattr(ffi.lib._lock, "_lock"))  # noqa: B009, SLF001 - LLVM's own, which a child needs to compile
 
 
@@ -54,7 +56,8 @@ class EnginePart:
         """Return the functions as machine code, in their order; the first call loads or makes it."""
         with _LOCK:
             if not self._entries:
-                self._entries = self._loaded()
+                with _making():
+                    self._entries = self._loaded()
             return self._entries
 
     def _loaded(self) -> tuple[Entry, ...]:
@@ -119,6 +122,21 @@ class EnginePart:
         if not obstacle:
             cache.write(self.name_of_text, lzma.compress(text.encode()))
         return text
+
+
+@contextmanager
+def _making() -> Iterator[None]:
+    """Note that this thread makes a part, inside of which another may be made."""
+    _MAKERS.append(threading.get_ident())
+    try:
+        yield
+    finally:
+        _MAKERS.pop()
+
+
+def is_being_made() -> bool:
+    """Whether this thread is making a part of the engine, which numba may take a minute for."""
+    return threading.get_ident() in _MAKERS
 
 
 def _origin(carried: str) -> str:

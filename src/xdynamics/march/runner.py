@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.kernels.engine_part import is_being_made
 from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import engine
@@ -325,14 +326,16 @@ class March:
 
     @contextmanager
     def _watching_keyboard(self) -> Iterator[None]:
-        """Let the first Ctrl-C end the run as an outcome; a second one raises as usual."""
+        """Let the first Ctrl-C end the run as an outcome; a second one raises, and one while the engine is being made."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
 
-        def interrupt(_signal: int, _frame: FrameType | None) -> None:
-            self.interrupted = True
+        def interrupt(_number: int, _frame: FrameType | None) -> None:
             signal.signal(signal.SIGINT, previous)
+            if is_being_made():  # by numba for a minute or longer, of which nothing is lost
+                raise KeyboardInterrupt
+            self.interrupted = True
 
         previous = signal.signal(signal.SIGINT, interrupt)
         try:
