@@ -1,9 +1,11 @@
 """Studies as one graph on a cluster of this machine: tasks in flight, their order, and bytes through the scheduler.
 
-python tests/benchmarks/cluster_traffic.py [WORKERS]
+python tests/benchmarks/cluster_traffic.py [WORKERS] [SECONDS]
 
-Ten methods are refined over eight levels each, and computed at once; then a sweep is marched lazily, and one with whole runs
-into a folder. What every process writes to the scheduler, and the scheduler to every process, is counted as it is sent.
+Ten methods are refined over eight levels each, of so many seconds of motion, and computed at once. Dask takes 2 to 3 ms
+from one task of a worker to its next, so with few seconds most of what is seen is that. Then a sweep is marched lazily, and
+one with whole runs into a folder. What every process writes to the scheduler, and the scheduler to every process, is
+counted as it is sent.
 """
 
 from __future__ import annotations
@@ -76,12 +78,12 @@ def passed(client: Any) -> tuple[int, int]:
     return into, sum(size for (local, _), size in sent().items() if local == scheduler)
 
 
-def refined(client: Any) -> None:
+def refined(client: Any, until: float) -> None:
     """Refine by every method in one graph, and print what was in flight when."""
     from distributed import get_task_stream
 
     steps = [0.02 / 2**k for k in range(LEVELS)]
-    studies = [xd.refine(MODEL, method=method, steps=steps, until=40.0, compute=False) for method in METHODS]
+    studies = [xd.refine(MODEL, method=method, steps=steps, until=until, compute=False) for method in METHODS]
     tasks = {key for study in studies for key in study.encoding["stage"].delayed(study).__dask_graph__()}
     marches = {key for key in tasks if str(key).startswith("march-")}
     print(f"{len(marches)} marches, {len(tasks)} tasks in the graph")
@@ -105,12 +107,8 @@ def refined(client: Any) -> None:
         if part["action"] == "transfer"
     )
     print(f"{moved:.1f} s spent on moving results between workers")
-    spans = [span for span in spans if str(span[2]).startswith("march-")]
-    ranked = sorted(spans)
-    lengths = {key: stop - start for start, stop, key in spans}
-    half = len(ranked) // 2
-    early, late = (sum(lengths[key] for _, _, key in part) for part in (ranked[:half], ranked[half:]))
-    print(f"the half of the marches that began first took {early / (early + late):.0%} of the time of all")
+    ends = sorted((stop - first) / (last - first) for _, stop, key in spans if str(key).startswith("refinement-"))
+    print(f"studies were whole after {', '.join(f'{end:.0%}' for end in ends)} of the time")
 
 
 def main() -> None:
@@ -124,7 +122,7 @@ def main() -> None:
         xd.refine(MODEL, method="rk4", steps=[0.02, 0.01], until=1.0)  # compiles
         for method in METHODS:
             client.run(xd.refine, MODEL, method=method, steps=[0.02, 0.01], until=1.0)
-        refined(client)
+        refined(client, float(sys.argv[2]) if len(sys.argv) > 2 else 400.0)
         with traffic(client, "a sweep of 4,000 members, gathered", 4000):
             xd.sweep(MODEL, axes, keep=["end", "x", "v_x"], times=[0.25, 0.5], **asked).compute()
         with tempfile.TemporaryDirectory() as folder, traffic(client, "200 members with whole runs, in a folder", 200):

@@ -23,11 +23,14 @@ from xdynamics.evidence.stages import computed
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+PARTING = OSCILLATOR.replace(forces={"spring": {"x": "-k*x*sqrt(1.0 - t/second)"}})  # after which there is no force
 STUDY: dict[str, Any] = {"method": "rk4", "steps": [0.04, 0.02, 0.01, 0.005], "at": [1.0, 1.234], "until": 10.0}
 REFINEMENTS: dict[str, tuple[xd.Model, dict[str, Any]]] = {
     "times": (OSCILLATOR, STUDY),
     "ends": (OSCILLATOR, STUDY | {"at": None}),
     "runs": (OSCILLATOR, STUDY | {"observables": ["total_energy", "energy_range", "period_x", "phase_x"]}),
+    "ends apart": (PARTING, STUDY | {"steps": [0.4, 0.3, 0.11], "at": None}),
+    "before all ends": (PARTING, STUDY | {"steps": [0.32, 0.16], "at": [0.25, 0.9]}),
     "defects": (OSCILLATOR, STUDY | {"defects": True}),
     "tolerances": (OSCILLATOR, {"method": "dop853", "rtols": [1e-4, 1e-6, 1e-8], "until": 3.0}),
     "events": (BALL, {"steps": [0.04, 0.02, 0.01], "occurrences": 3}),
@@ -79,9 +82,7 @@ def test_two_refinements_share_their_levels() -> None:
         study = xd.refine(OSCILLATOR, compute=False, **STUDY | {"steps": steps})
         names = {key for key in study.__dask_graph__() if str(key).startswith("march-")}
         assert len(names) == levels
-        assert (
-            len(study.order_x.__dask_graph__()) == 3 * levels + 5
-        )  # the model, what is asked, what levels have in common, the study, the number
+        assert len(study.order_x.__dask_graph__()) == 2 * levels + 4  # the model, what is asked, the study, the number
 
 
 def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> None:

@@ -193,13 +193,23 @@ def test_stages_on_a_cluster_have_the_bits_of_threads(client: Any, request: pyte
     assert all(0.0 <= done <= 1.0 for done in told)
 
 
-def test_the_finest_level_begins_first(client: Any) -> None:
-    """Assert the priorities of the levels on the scheduler, by the number of their steps."""
+def test_the_finest_level_begins_first_and_each_study_ends_before_the_next(client: Any) -> None:
+    """Assert the order that priorities give: a longer study first, its finest level, its others; what reads is never behind."""
     client.wait_for_workers(2, timeout=60)
-    study = studied(at=[1.25])
-    graph = study.encoding[STAGE].delayed(study).__dask_graph__()
-    priorities = [layer.annotations["priority"] for name, layer in graph.layers.items() if name.startswith("march-")]
-    assert sorted(priorities) == [500.0, 1000.0, 2000.0, 4000.0]
+    asked = {"short": ("rk4", 20.0), "one": ("rk4", 40.0), "other": ("heun", 40.0)}
+    ranks = {}
+    for name, (method, until) in asked.items():
+        study = studied(method=method, until=until)
+        layers = study.encoding[STAGE].delayed(study).__dask_graph__().layers
+        begun = [layer.annotations["priority"] for key, layer in layers.items() if key.startswith("march-")]
+        ranks[name] = sorted(begun, reverse=True)
+        read = {key: layer.annotations["priority"] for key, layer in layers.items() if key.startswith(("acc", "subj"))}
+        assert len(read) == 5
+        assert min(read.values()) > max(begun)
+    first, second = sorted([ranks["one"], ranks["other"]], reverse=True)
+    assert first[-1] > second[0] > second[-1] > ranks["short"][0] > ranks["short"][-1]
+    steps = [str(study.encoding[STAGE].task.needs[1 + k].needs[0].steps) for k in range(4)]
+    assert steps == [*map(str, reversed(ranks["other"]))]  # from coarse to fine
 
 
 def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:

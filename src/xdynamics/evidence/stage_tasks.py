@@ -40,7 +40,8 @@ class Task:
     lasting : bool
         Whether the result may be remembered: not if it is in a file, which may be replaced.
     steps : float
-        About how many steps it takes: of several that could begin, a cluster begins the longest first.
+        About how many steps it takes: of several that could begin, a cluster begins the longest first. What only reads
+        what others gave has none, and is begun before any march that waits: what it reads can then be forgotten.
     """
 
     name: str
@@ -77,7 +78,8 @@ class Task:
 
         call = partial(_result, self.name, self.call) if self.lasting else self.call
         tasks = {self.name: (call, *(task.name for task in self.needs))}
-        return {self.name: MaterializedLayer(tasks, annotations={"priority": self.steps} if self.steps else None)}
+        priority = self.steps or (AT_ONCE if self.needs else 0.0)
+        return {self.name: MaterializedLayer(tasks, annotations={"priority": priority} if priority else None)}
 
     def _all(self) -> dict[str, Task | Gathered]:
         """Return the task and all that it needs by name, each once, however many need it."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MODEL = "model_toml"
+SPREAD, FINER = 1e-2, 1e-9  # parts of a rank: between studies that are as long, from a level to the next
 DEFECT = (
     "largest difference of {} between one step and sixteen in its place, among steps spread over the run: the local"
     " error beside that which came together"
@@ -159,8 +161,9 @@ def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
 def lazy_study(subjects: Subjects) -> xr.Dataset:
     """Return a refinement with dask arrays, of which nothing is marched.
 
-    There are three tasks for each level: it is marched, outlined and read. The latter two are cheap, begin at once, and
-    are done where the run is, as far as dask can; only what they find goes on to the study.
+    A level is marched by one task, and read by another, which is cheap, begins at once, and is done where the run is, as
+    far as dask can; only what it finds goes on to the study. Where only all levels together tell at what they are to be
+    read, there is a third, by which each is outlined before.
 
     Raises
     ------
@@ -174,31 +177,79 @@ def lazy_study(subjects: Subjects) -> xr.Dataset:
         )
     levels = subjects.levels
     count, keyword = len(levels.values), levels.varied.keyword
-    runs = [levels.task(k) for k in range(count)]
+    runs = _ranked([levels.task(k) for k in range(count)])
     inputs = (subjects.names, subjects.at, subjects.occurrences, subjects.defects, keyword, inputs_of(levels.asked))
     given = replace(
-        Task.of("subjects", partial(_given, subjects), (), [run.name for run in runs], *inputs), lasting=False
+        Task.of("subjects", partial(_given, subjects), (), [run.name for run in runs], *inputs),
+        lasting=False,
+        steps=AT_ONCE,
     )
-    last = count - 1
-    # a task whose only input is a run goes where that is; so what it is asked is no task
-    asked: list[dict[str, Any]] = [{}] * last + [
-        {"cyclic": subjects.cyclic, "functions": levels.model.functions} if subjects.cyclic else {}
-    ]
-    outlines = [
-        _at_once("outline", partial(Outline.of, **more), (run,), [*more.get("cyclic", ())])
-        for run, more in zip(runs, asked, strict=True)
-    ]
-    common = _at_once("common", _common, (given, *outlines))
-    readings = [_at_once("readings", partial(_read, k, finest=k == last), (runs[k], common), k) for k in range(count)]
-    task = _at_once("refinement", _study, (given, *outlines, *readings))
+    task = _study_at_once(given, runs) if subjects.foreseen else _study_by_outlines(subjects, given, runs)
     template = study_dataset(subjects, Findings.blank(subjects), {})
     known = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
     return lazy(Stage(template, task, known))
 
 
-def _at_once(kind: str, call: Callable[..., Any], needs: tuple[Task, ...], *inputs: Any) -> Task:
-    """Return a task that is begun before any march that waits."""
-    return replace(Task.of(kind, call, needs, *inputs), steps=AT_ONCE)
+def _ranked(runs: Sequence[Task]) -> list[Task]:
+    """Return the marches of a study in the order in which a cluster is to begin them: the finest first, then its others.
+
+    Of several studies the longest comes first, and each is put together before the next one's coarse levels are begun:
+    were all finest levels first, all studies would wait for their coarse ones, hold their runs, and end at once.
+    """
+    digest = sha256("".join(run.name for run in runs).encode()).digest()
+    own = int.from_bytes(digest[:4]) / 2**32  # of two studies that are as long, either may be first
+    rank = max(run.steps for run in runs) * (1.0 + SPREAD * own)
+    return [replace(run, steps=rank * (1.0 + FINER * k)) for k, run in enumerate(runs)]
+
+
+def _study_at_once(given: Task, runs: Sequence[Task]) -> Task:
+    """Return the task of a study whose levels can be read as soon as they are marched."""
+    last = len(runs) - 1
+    accounts = [
+        Task.of("account", partial(_account, k, finest=k == last), (run, given), k) for k, run in enumerate(runs)
+    ]
+    return Task.of("refinement", _study_of_accounts, (given, *accounts))
+
+
+def _account(k: int, run: xr.Dataset, subjects: Subjects, *, finest: bool) -> tuple[Outline, Readings | None]:
+    """Outline the run of a level, and read it at the times of comparison, or at its end; not where it ended before."""
+    outline = Outline.of(run)
+    times = np.array([outline.end]) if subjects.times is None else subjects.times
+    if (times < outline.begin).any() or (times > outline.end).any():
+        return outline, None
+    return outline, Readings.of(run, subjects, Common(times, {}, {}), k, finest=finest)
+
+
+def _study_of_accounts(subjects: Subjects, *accounts: tuple[Outline, Readings | None]) -> xr.Dataset:
+    """Compare the levels, in a task; those that ended later than another are marched again, to be read where that ended."""
+    outlines, last = [outline for outline, _ in accounts], len(accounts) - 1
+    common = Study.of(subjects, outlines).common
+    apart = [subjects.times is None and outline.end != common.times[0] for outline in outlines]
+    readings = [
+        Readings.of(subjects.levels.marched(k), subjects, common, k, finest=k == last)
+        if reading is None or apart[k]
+        else reading
+        for k, (_, reading) in enumerate(accounts)
+    ]
+    return study_dataset(subjects, Findings.of(Study.of(subjects, outlines, readings)), {})
+
+
+def _study_by_outlines(subjects: Subjects, given: Task, runs: Sequence[Task]) -> Task:
+    """Return the task of a study whose levels are read once all are outlined: at common events, by the finest's cycles."""
+    last = len(runs) - 1
+    # a task whose only input is a run goes where that is; so what it is asked is no task
+    asked: list[dict[str, Any]] = [{}] * last + [
+        {"cyclic": subjects.cyclic, "functions": subjects.levels.model.functions} if subjects.cyclic else {}
+    ]
+    outlines = [
+        Task.of("outline", partial(Outline.of, **more), (run,), [*more.get("cyclic", ())])
+        for run, more in zip(runs, asked, strict=True)
+    ]
+    common = Task.of("common", _common, (given, *outlines))
+    readings = [
+        Task.of("readings", partial(_read, k, finest=k == last), (run, common), k) for k, run in enumerate(runs)
+    ]
+    return Task.of("refinement", _study, (given, *outlines, *readings))
 
 
 def _given(subjects: Subjects) -> Subjects:

@@ -97,6 +97,12 @@ class Subjects:
         return tuple(dict.fromkeys(name.partition("_")[2] for name in self.counted))
 
     @property
+    def foreseen(self) -> bool:
+        """Whether it is known where the runs are compared before they are marched, unless one of them fails."""
+        events = bool(self.detectors) and (self.occurrences != 0 or self.times is None)
+        return not self.cyclic and not events
+
+    @property
     def stepped(self) -> list[str]:
         """The names of what has a local error."""
         return [name for name in self.march.layout.used if name in self.names]
