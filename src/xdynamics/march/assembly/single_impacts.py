@@ -5,8 +5,6 @@ Laws are those of `march.contacts.impact` and `march.contacts.energetic`, whose 
 
 from __future__ import annotations
 
-from math import inf, sqrt
-
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.broad_phase import ROWS, SHARED, TOGETHER, UNSOLVED, blame
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
@@ -33,7 +31,15 @@ from xdynamics.march.assembly.touching import (
     slip_of,
 )
 from xdynamics.march.contacts.delassus import NOISE
-from xdynamics.march.contacts.energetic import MOST_PHASES
+from xdynamics.march.contacts.phases import (
+    COMPRESSION,
+    ENDED,
+    MOST_PHASES,
+    WITHOUT_END,
+    end_of_phase,
+    is_held,
+    slopes,
+)
 from xdynamics.march.run import Run
 
 
@@ -168,50 +174,25 @@ def couple(run: Run, a: int, b: int) -> bool:
 
 @shared
 def strike(run: Run, a: int) -> bool:
-    """Find the impulse of one link phase by phase: while it slips, or sticks; while it is compressed, or restores.
-
-    A phase ends where slip comes to rest, where compression ends, or where restitution has given back its work.
-    """
-    speed, slip = rate_of(run, a), slip_at(run, a)
-    first, impulse, pull, work, compressing = speed, 0.0, 0.0, 0.0, True
+    """Find the impulse of one link phase by phase."""
+    first, own, slip = rate_of(run, a), run.touching[a, OWN], slip_at(run, a)
+    across, along, most = 0.0, 0.0, 0.0
+    if rubs(run, a):
+        across, along, most = run.touching[a, ACROSS], run.touching[a, SLIP_OWN], run.touching[a, KINETIC]
+    speed, impulse, pull, work, phase = first, 0.0, 0.0, 0.0, COMPRESSION
     for _ in range(MOST_PHASES):
-        ratio, opening, sliding = slopes(run, a, slip)
-        if not opening > NOISE * run.touching[a, OWN] and slip == 0.0:
-            # sticking holds the gap too: nothing moves any more
+        ratio, opening, sliding = slopes(own, across, along, most, slip)
+        if is_held(opening, own, slip):
             return spend(run, a, impulse, pull) if abs(speed) <= NOISE * abs(first) else refuse(run, a, UNSOLVED)
-        reached, step = 0.0, -speed / opening if opening > 0.0 else inf
-        if not compressing:
-            reached = sqrt(max(0.0, speed * speed + 2.0 * opening * work))
-            step = 2.0 * work / (reached + speed) if reached + speed > 0.0 else 0.0
-        until = -slip / sliding if slip * sliding < 0.0 else inf
-        halts = until < step
-        step = min(step, until)
-        if not step < inf:
+        phase, step, speed, slip, work = end_of_phase(
+            phase, opening, sliding, speed, slip, work, run.touching[a, BOUNCE]
+        )
+        if phase == WITHOUT_END:
             return refuse(run, a, UNSOLVED)
-        after = speed + opening * step if halts else reached
-        work -= step * (speed + after) / 2.0
-        impulse, pull, speed = impulse + step, pull + ratio * step, after
-        slip = 0.0 if halts else slip + sliding * step
-        if not halts and not compressing:
+        impulse, pull = impulse + step, pull + ratio * step
+        if phase == ENDED:
             return spend(run, a, impulse, pull)
-        if not halts:
-            compressing, work = False, run.touching[a, BOUNCE] * run.touching[a, BOUNCE] * work
     return refuse(run, a, UNSOLVED)
-
-
-@shared
-def slopes(run: Run, a: int, slip: float) -> tuple[float, float, float]:
-    """How friction, the rate of the gap and the slip of a link grow with its normal impulse."""
-    own = run.touching[a, OWN]
-    if not rubs(run, a):
-        return 0.0, own, 0.0
-    across, along, most = run.touching[a, ACROSS], run.touching[a, SLIP_OWN], run.touching[a, KINETIC]
-    holding = -across / along
-    ratio = min(max(holding, -most), most)
-    if slip != 0.0:
-        ratio = -most if slip > 0.0 else most
-    sticks = slip == 0.0 and ratio == holding
-    return ratio, own + across * ratio, 0.0 if sticks else across + along * ratio
 
 
 @shared

@@ -1,9 +1,4 @@
-"""Impacts by the energetic coefficient of restitution: restitution gives back e**2 of the work of compression.
-
-The normal impulse p is the independent variable, in which rates are straight lines while the contact slips one way, or
-sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169,
-doi:10.1098/rspa.1990.0125): slip that comes to rest sticks where friction can hold it and reverses where it cannot. All
-is in closed form: the work is a parabola in each such phase. No energy can be created, whatever friction does.
+"""Impacts by the energetic coefficient of restitution, whose phases `march.contacts.phases` solves in closed form.
 
 Several contacts at once are struck one by one where none acts on another that approaches. Where they do act on each
 other, the distribution of impulses depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464, 2008, 3193,
@@ -12,15 +7,23 @@ doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no solutio
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.contacts.delassus import ABSENT, NOISE, PRESSING, add_impulses, gained
+from xdynamics.march.contacts.phases import (
+    COMPRESSION,
+    ENDED,
+    MOST_PHASES,
+    WITHOUT_END,
+    end_of_phase,
+    is_held,
+    slopes,
+)
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
 
 FRICTIONLESS = -1
-MOST_PHASES = 8  # compression and restitution, each slipping and then sticking or slipping back, are four
 
 
 @shared
@@ -69,60 +72,31 @@ def tangent_of(run: Run, k: int) -> int:
 
 @shared
 def strike_one(run: Run, k: int) -> bool:
-    """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed.
-
-    A phase ends where slip comes to rest, where compression ends, or where restitution has given back its work.
-    """
-    along, normal = tangent_of(run, k), run.touches[k]
-    speed, slip = normal.rate, run.touches[along].rate if along != FRICTIONLESS else 0.0
-    impulse, friction, work, compressing = 0.0, 0.0, 0.0, True
+    """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed."""
+    tangent, normal, own = tangent_of(run, k), run.touches[k], run.delassus[k, k]
+    speed, slip, across, along, most = normal.rate, 0.0, 0.0, 0.0, 0.0
+    if tangent != FRICTIONLESS:
+        across, along = run.delassus[tangent, k], run.delassus[tangent, tangent]
+        slip, most = run.touches[tangent].rate, run.links[tangent].coefficient
+    impulse, friction, work, phase = 0.0, 0.0, 0.0, COMPRESSION
     for j in range(run.touches.shape[0]):
         run.touches[j].found = 0.0
     for _ in range(MOST_PHASES):
-        ratio, opening, sliding = slopes(run, k, along, slip)
-        if not opening > NOISE * run.delassus[k, k] and slip == 0.0:
-            # sticking holds the gap too, as for a body with one coordinate: nothing moves any more
+        ratio, opening, sliding = slopes(own, across, along, most, slip)
+        if is_held(opening, own, slip):
             return abs(speed) <= NOISE * abs(normal.rate) and add_impulses(run)
-        reached, step = 0.0, -speed / opening if opening > 0.0 else inf
-        if not compressing:
-            reached = sqrt(max(0.0, speed * speed + 2.0 * opening * work))
-            step = 2.0 * work / (reached + speed) if reached + speed > 0.0 else 0.0
-        until = -slip / sliding if slip * sliding < 0.0 else inf
-        halts = until < step
-        step = min(step, until)
-        if not step < inf:
+        phase, step, speed, slip, work = end_of_phase(phase, opening, sliding, speed, slip, work, normal.bounce)
+        if phase == WITHOUT_END:
             return False
-        after = speed + opening * step if halts else reached
-        work -= step * (speed + after) / 2.0
-        impulse, friction, speed = impulse + step, friction + ratio * step, after
-        slip = 0.0 if halts else slip + sliding * step
+        impulse, friction = impulse + step, friction + ratio * step
         normal.found = impulse
-        if along != FRICTIONLESS:
-            run.touches[along].found = friction
+        if tangent != FRICTIONLESS:
+            run.touches[tangent].found = friction
         if presses_others(run, k):
             return False
-        if not halts and not compressing:
+        if phase == ENDED:
             return add_impulses(run)
-        if not halts:
-            compressing, work = False, normal.bounce * normal.bounce * work
     return False
-
-
-@shared
-def slopes(run: Run, k: int, along: int, slip: float) -> tuple[float, float, float]:
-    """How friction, the rate of the gap and the slip grow with the normal impulse.
-
-    Friction acts against the slip; without slip it holds or, where it cannot, is at its limit.
-    """
-    if along == FRICTIONLESS:
-        return 0.0, run.delassus[k, k], 0.0
-    most, holding = run.links[along].coefficient, -run.delassus[along, k] / run.delassus[along, along]
-    ratio = min(max(holding, -most), most)
-    if slip != 0.0:
-        ratio = -most if slip > 0.0 else most
-    sliding = run.delassus[along, k] + run.delassus[along, along] * ratio
-    sticks = slip == 0.0 and ratio == holding
-    return ratio, run.delassus[k, k] + run.delassus[k, along] * ratio, 0.0 if sticks else sliding
 
 
 @shared
