@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -31,12 +32,16 @@ class Picture(Figure):
 
     @contextmanager
     def as_laid_out(self) -> Iterator[None]:
-        """Keep all axes where they are, unless the figure was changed: names were placed there, and another layout would cost as much as the drawing."""
+        """Keep all axes where they are, unless the figure was changed: names were placed there.
+
+        Another layout would cost as much as the drawing; with an engine that does nothing matplotlib draws twice.
+        """
         if self.stale:
             yield
             return
         engine = self.get_layout_engine()
-        self.set_layout_engine("none")
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            self.set_layout_engine(None)
         try:
             yield
         finally:
