@@ -369,8 +369,8 @@ TOUCHED = {
     "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
     "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
     "sweeping/ensemble_analysis.py": ("test_surveying.py",),
-    "record/columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
-    "record/dataset.py": (
+    "record/run_columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
+    "record/run_dataset.py": (
         "test_record.py",
         "test_reading.py",
         "test_sampling.py -k named",
@@ -378,7 +378,7 @@ TOUCHED = {
         "test_archive.py -k streamed_equals",
     ),
     "record/conformity.py": ("test_conformity.py",),
-    "record/identity.py": ("test_march_identity.py",),
+    "record/run_identity.py": ("test_march_identity.py",),
     "record/kinds.py": ("test_kinds.py",),
     "record/arguments.py": (
         "test_provenance.py",

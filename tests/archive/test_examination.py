@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -144,3 +146,13 @@ def test_a_value_for_nothing_is_none_of_an_archive(archived: Path, monkeypatch: 
         lambda of: told(of) | ({"_FillValue": 1.0} if getattr(of, "name", "") == "x" else {}),
     )
     assert examine(archived, SEALED).faults == ("variable 'x' is not stored as it was written",)
+
+
+def test_the_examining_process_loads_no_engine() -> None:
+    """Assert that it reads files without the rooms that march, and without xarray: it is started for the first archive."""
+    script = "import sys, xdynamics.archive.sandbox; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
+    assert "xdynamics.archive.integrity_checks" in loaded
+    assert not {"xarray", "dask", "llvmlite"} & {*loaded}
+    rooms = {name.split(".")[1] for name in loaded if name.startswith("xdynamics.")}
+    assert rooms == {"archive", "faults", "record", "runtime", "schema", "units"}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.integrity import check_unchanged, rows_within, selected_like, standing
 from xdynamics.archive.origin import digest_of, marched
-from xdynamics.archive.seals import content_digest
 from xdynamics.faults import InputError
 from xdynamics.schema import LEFT_OUT_ATOL, SELECTION, SELECTION_OF
 

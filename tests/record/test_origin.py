@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 
 from xdynamics.archive import origin
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.origin import Origin, OriginalVariable, digest_of, marched, read
-from xdynamics.archive.seals import content_digest
 
 
 def record() -> xr.Dataset:

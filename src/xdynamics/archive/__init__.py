@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
+    from xdynamics.archive.content import content_digest
     from xdynamics.archive.integrity import check_unchanged, digest_of_run, selected_like
     from xdynamics.archive.origin import marched
     from xdynamics.archive.reading import open_run, verify
-    from xdynamics.archive.seals import content_digest
     from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
     from xdynamics.archive.stores import check_target
@@ -23,7 +23,7 @@ _ROOMS = {
     "clear_rest": "segments",
     "check_target": "stores",
     "check_unchanged": "integrity",
-    "content_digest": "seals",
+    "content_digest": "content",
     "digest_of_run": "integrity",
     "discard": "segments",
     "has_segments": "segments",

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, digest_of
-from xdynamics.archive.seals import content_digest, letters, slabs
+from xdynamics.archive.seals import letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.kinds import is_selection

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.netcdf_library import alone, read
 from xdynamics.archive.netcdf_library import attributes as attributes_of
 from xdynamics.archive.text_encoding import form_of
-from xdynamics.record.dataset import check_dataset
-from xdynamics.record.unfolding import as_recorded
-from xdynamics.record.variable_attributes import own_attributes, plain
+from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     BOUNDS,
     CIRCUMSTANCE,
@@ -38,7 +36,7 @@ from xdynamics.schema import (
 )
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 Array = NDArray[Any]
 
@@ -47,25 +45,6 @@ CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, CLOSED_LINKS: 131_072, TRIALS: 4_096
 OTHER_CHUNK = 4_096
 _MOST_READ = 1 << 25  # bytes of a variable that are read at once
 _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
-
-
-def content_digest(run: xr.Dataset) -> str:
-    """Return the content digest that an archive of a Dataset would have.
-
-    Raises
-    ------
-    InputError
-        If it is no Dataset.
-    """
-    check_dataset(run)
-    run, digests = as_recorded(run), {}
-    for name, variable in run.variables.items():
-        seal = Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
-        for slab in stored_slabs(variable):
-            seal.update(slab)
-        digests[str(name)] = seal.hexdigest()
-    attributes = {str(name): own_attributes(array.attrs) for name, array in run.variables.items()}
-    return root_digest(digests, attributes, run.attrs)
 
 
 MARK = b"\nxdynamics seal 1 "

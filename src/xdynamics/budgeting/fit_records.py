@@ -16,8 +16,8 @@ from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, written
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
-from xdynamics.record.columns import columns_of
 from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.run_columns import columns_of
 from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.units import Unit, parse_unit, unit_suffix
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.extremes import LOCATED, Extreme, between, extreme
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.observables import comparable, observables_of, observe
@@ -35,7 +36,7 @@ Floats = NDArray[np.float64]
 LARGEST, LEAST = "maximum", "minimum"  # over a whole run
 TIME = "t"  # the quantity that is the time of the event itself
 SIDES = ("before", "after")
-ROUNDED = 8.0 * float(np.finfo(float).eps)  # relative rounding of a time
+ROUNDED = 8.0 * EPS  # relative rounding of a time
 SHARPER = 1e-3  # factor on the time tolerance of events in runs for slopes
 MEMBERS = 512  # copies or draws of a task
 NEAR = 1e-3  # fraction of a step over which a quantity's rate at an event is taken

@@ -15,6 +15,7 @@ from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
 from xdynamics.elementary.arrays import exp, power
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-EPS = float(np.finfo(float).eps)
 
 TRUNCATION, ROUNDOFF, INTERPOLATION, LOCATION = "truncation", "roundoff", "interpolation", "event_location"
 LEVELS = 4  # the run's own and three finer ones

@@ -16,6 +16,7 @@ from xdynamics.budgeting.sources import COPIES, ROUNDING, RUN, ErrorSource, stat
 from xdynamics.budgeting.term import COVERED, PHYSICAL, Term
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import dot, product
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.parts import Parameter
@@ -32,7 +33,7 @@ DISCREPANCY = "discrepancy"
 SHIFTS = 4.0 ** np.arange(-3, 5)  # changes of an input for a slope, in standard uncertainties
 OWN = 2  # index of the pair of neighbouring shifts at one standard uncertainty
 WIDEST, NARROWEST = 1e-2, 1e-9  # relative limits of shifts: wider only up to the uncertainty, narrower never
-NOISE = 64.0 * 2.0**-52  # relative to the number, over a shift; a smaller slope counts as zero
+NOISE = 64.0 * EPS  # relative to the number, over a shift; a smaller slope counts as zero
 SIDES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0  # of the sixth-order slope from these sides
 AGREED = 0.02  # relative, within which variational equations and differences agree

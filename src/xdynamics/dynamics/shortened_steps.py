@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.elementary import kept_set
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
@@ -24,9 +25,9 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.arguments import scales_of
-from xdynamics.record.columns import state_name
 from xdynamics.record.kinds import RARE, log_description, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders
+from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME, STEPS
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-EPS = float(np.finfo(float).eps)
 MOST_TIMES = 100_000_000  # of a range
 ROUTE = (
     "its distance from two steps of the run's method from the archived state before to the wanted time, extrapolated"

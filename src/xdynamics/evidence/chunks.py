@@ -14,7 +14,7 @@ from xdynamics.evidence.memory import most_megabytes
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
-from xdynamics.record.columns import state_name
+from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import STEPS
 

@@ -16,8 +16,8 @@ from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record import of_elements
-from xdynamics.record.dataset import check_dataset
 from xdynamics.record.flag_words import time_unit
+from xdynamics.record.run_dataset import check_dataset
 from xdynamics.schema import AT, AT_TIME
 
 if TYPE_CHECKING:

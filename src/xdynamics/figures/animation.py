@@ -16,7 +16,7 @@ from xdynamics.figures.marks import at_time, words
 from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
-from xdynamics.record.dataset import check_dataset
+from xdynamics.record.run_dataset import check_dataset
 
 if TYPE_CHECKING:
     import xarray as xr

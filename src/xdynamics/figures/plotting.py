@@ -25,8 +25,8 @@ from xdynamics.figures.excerpt import drawn_of
 from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
-from xdynamics.record.dataset import check_dataset
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.run_dataset import check_dataset
 from xdynamics.record.unfolding import unfold
 from xdynamics.schema import EVIDENCE
 

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
@@ -62,7 +63,7 @@ def _is_rounding(study: xr.Dataset, name: str) -> bool:
     if size is None:
         return False
     most = float(np.nanmax(np.abs(study[f"difference_{name}"].values), initial=0.0))
-    return bool(most <= ROUNDINGS * np.finfo(float).eps * float(np.nanmax(np.asarray(size), initial=0.0)))
+    return bool(most <= ROUNDINGS * EPS * float(np.nanmax(np.asarray(size), initial=0.0)))
 
 
 def log_steps(axes: Axes, steps: NDArray[Any]) -> None:

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.runner import March
-from xdynamics.march.settings import EPS
 from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of
 from xdynamics.model import Model

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import LEAST, LEAST_OF_0_2
+from xdynamics.elementary.rounding_margins import EPS, LEAST, LEAST_OF_0_2
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY, keys_of
@@ -31,7 +31,7 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.search_arrays import watching
-from xdynamics.march.settings import EPS, Settings, given_times
+from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import EXTRAPOLATED
 from xdynamics.methods.steppers import DIFFERENCES
@@ -151,7 +151,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     values = {
         "start": start,
         "end": end,
-        "snap": 4.0 * float(np.finfo(float).eps),
+        "snap": 4.0 * EPS,
         "step_size": 0.0 if adaptive else single,
         "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
         "floor": floor_of(scheme.inner(tolerances.rtol)) if tolerances else 0.0,

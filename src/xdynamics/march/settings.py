@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME, SETS
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
@@ -26,7 +27,6 @@ from xdynamics.schema import sampled
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
-EPS = float(np.finfo(float).eps)
 LEAST_RTOL = 10 * EPS
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels import Layout
 from xdynamics.march.engine import engine
 from xdynamics.march.perturbation import EVALUATIONS, STATES
 from xdynamics.march.runner import March
-from xdynamics.march.settings import EPS, Tolerances
+from xdynamics.march.settings import Tolerances
 from xdynamics.march.timescales import put_aside, states_of
 
 Floats = NDArray[np.float64]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.expressions import CALLED_ALONE, Call, Node, derivative, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
@@ -17,7 +18,7 @@ from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
 from xdynamics.units import Dimension, constant
 
-ROUNDING = 64 * 2.0**-52  # of the terms of a gap
+ROUNDING = 64 * EPS  # of the terms of a gap
 KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
 
 Dimensions = Mapping[str, Dimension]

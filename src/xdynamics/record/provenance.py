@@ -27,9 +27,9 @@ from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
-from xdynamics.record.columns import left_out_tolerances
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import sized
+from xdynamics.record.run_columns import left_out_tolerances
 from xdynamics.shapes.naming import spoken
 from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
 

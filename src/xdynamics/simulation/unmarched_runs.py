@@ -19,7 +19,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.record.dataset import KNOWN_BEFORE
+from xdynamics.record.run_dataset import KNOWN_BEFORE
 from xdynamics.schema import AT, AT_TIME, CLOSED_LINKS, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
 from xdynamics.simulation.wanted_states import check_sampled, sampled_march, states_at
 

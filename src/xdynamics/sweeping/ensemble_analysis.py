@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
 from xdynamics.evidence.stages import computed, is_lazy
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-EPS = float(np.finfo(float).eps)
 ROLE = "survey"
 EVALUATIONS = "run_force_evaluations"
 LEVELS = 3  # needed to observe an order

@@ -25,7 +25,7 @@ from xdynamics.model.motion import constants, read_by
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
-from xdynamics.record.columns import columns_of
+from xdynamics.record.run_columns import columns_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import parse_unit
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, computed, lazy
@@ -22,7 +23,6 @@ from xdynamics.sweeping.members import OUTCOME, ended
 if TYPE_CHECKING:
     import xarray as xr
 
-EPS = float(np.finfo(float).eps)
 AXES = "sweep_axis"
 ROUNDING = 64.0  # spacings of numbers; a smaller spread counts as zero
 

@@ -14,9 +14,9 @@ from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import comparable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.columns import columns_of
 from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
 from xdynamics.record.element_names import Names, Whole, expanded
+from xdynamics.record.run_columns import columns_of
 from xdynamics.schema import AT, OCCURRENCE, flags
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, written

@@ -13,7 +13,7 @@ from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
 from xdynamics.march import march_many
-from xdynamics.record.columns import columns_of
+from xdynamics.record.run_columns import columns_of
 from xdynamics.schema import RAGGED, ROW, ROW_SIZE, RUN, SAMPLE_DIMENSION, STEPS
 from xdynamics.schema import Variable as RecordVariable
 from xdynamics.sweeping.collection import plan_of

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics import archive, schema
 from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.bits import bitwise, settings_apart
 from xdynamics.evidence.comparing.causes import cause_of, models_apart
 from xdynamics.evidence.comparing.comparison_summary import ROLE
@@ -30,7 +31,6 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 NONE = np.zeros(0, np.int64)  # events
-EPS = float(np.finfo(float).eps)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 

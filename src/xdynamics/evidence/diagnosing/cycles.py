@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
@@ -22,7 +23,6 @@ Rows = NDArray[np.int64]
 
 SMALLEST = 1e-6  # of the range: a smaller rise and fall is not a swing
 TURNS = 60  # of a search: at least every eighth one halves the bracket
-EPS = float(np.finfo(float).eps)
 TURN = 2.0 * np.pi
 
 

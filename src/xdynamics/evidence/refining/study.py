@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.cycles import TURN
 from xdynamics.evidence.event_matching import Rows, matched
 from xdynamics.evidence.refining.family import Watched
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
 FINEST = 2  # levels in which the error by switches that steps went over is measured
 STEPPED_OVER = 1.25  # times that error, for the errors of the located runs themselves
 SMOOTH_TABLE = 2  # order left by points of a table that steps went over

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.event_matching import met
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.runs import march
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
 SLACK = 0.5  # of an order, by which halved steps may fall short: a defect costs a whole order
 FINER = {1: 1 / 20, 2: 1 / 4, 3: 1 / 2}  # times the step of a case, by the order of a method
 NEAR = 1e-12  # of the span: accepted times that agree but for rounding

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
 ROUNDINGS = 256.0  # of the terms of a sum, times the condition of the mass matrix
 NEAR = 1e-9  # of the largest gap: a contact as near as that may take part in another one's impact
 OF_RATES = ("newton", "sequential")

@@ -15,8 +15,8 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
-from xdynamics.record.columns import columns, constants, followed_tolerances
 from xdynamics.record.conformity import faults_of
+from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
 from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 
