@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
@@ -40,8 +41,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_finish() -> None:
     """Let each of several processes compile some parts of the engine for all, where no cache holds them, and wait for the rest.
 
-    Otherwise each compiled all of it, a minute of its time.
+    Otherwise each compiled all of it, a minute of its time. What was collected is not searched for garbage again.
     """
+    gc.freeze()
     if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
         return
     from xdynamics.dynamics.growth import GROWTH
@@ -62,17 +64,23 @@ def pytest_collection_finish() -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Offer the whole of every class of random cases."""
-    parser.addoption("--whole", action="store_true", help="all random cases of each class, not every 23rd")
+    parser.addoption(
+        "--whole",
+        action="store_true",
+        help="all cases of each class, not every 23rd of random ones, and the dear tests too",
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Of the cases of a test marked `every(n)` keep the first and each n-th after it, or all with --whole."""
-    if config.getoption("--whole"):
+    """Leave out what is `dear`, and of a test marked `every(n)` all but the first and each n-th after it; none with --whole."""
+    if config.getoption("--whole") or any("::" in name for name in config.args):  # all, or what was named
         return
     counts: Counter[str] = Counter()
     left_out = []
     for item in items:
-        if (marker := item.get_closest_marker("every")) is not None:
+        if item.get_closest_marker("dear") is not None:
+            left_out.append(item)
+        elif (marker := item.get_closest_marker("every")) is not None:
             name = item.nodeid.partition("[")[0]
             if counts[name] % marker.args[0]:
                 left_out.append(item)

@@ -87,6 +87,7 @@ def test_a_lesson_computes_what_it_says(name: str, request: pytest.FixtureReques
     CHECKS[name](names)
 
 
+@pytest.mark.dear
 def test_notebooks_are_made_by_one_command(tmp_path: Path) -> None:
     """Assert text, numbers and pictures of an executed lesson, all lessons by default, and a refused name."""
     import nbformat

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from cases.sources import trees
+
 HERE = Path(__file__).resolve().parent
-SOURCES = sorted((HERE.parent / "src").rglob("*.py"))
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
 MOST_UNFORMATTED = 40  # tables of numbers and of names
 LONGEST_MODULE, LONGEST_BODY = 400, 50  # lines; of a body, its docstring left out
 
@@ -51,7 +51,7 @@ def test_errors_are_documented() -> None:
     """Assert that the docstring of a public function that raises an error names it under Raises."""
     silent = [
         f"{path.name}: {node.name}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in public_functions(tree)
         if "Raises\n------\n" not in (ast.get_docstring(node) or "") and raises(node)
     ]
@@ -62,11 +62,11 @@ def test_errors_are_documented() -> None:
 
 def test_modules_and_functions_fit() -> None:
     """Assert that no module and no body of a function is longer than the style allows."""
-    lines = {path.name: path.read_text(encoding="utf-8").count("\n") for path in SOURCES}
+    lines = {path.name: path.read_text(encoding="utf-8").count("\n") for path in trees()}
     assert [name for name, count in lines.items() if count > LONGEST_MODULE] == []
     bodies = [
         (f"{path.name}: {node.name}", (node.end_lineno or 0) - rest[0].lineno + 1)
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in definitions(tree)
         if isinstance(node, ast.FunctionDef) and (rest := node.body[ast.get_docstring(node) is not None :])
     ]
@@ -76,7 +76,7 @@ def test_modules_and_functions_fit() -> None:
 def test_no_two_classes_have_one_name() -> None:
     """Assert that a class in a message or an annotation is one class of the package."""
     names = Counter(
-        node.name for tree in TREES.values() for node in definitions(tree) if isinstance(node, ast.ClassDef)
+        node.name for tree in trees().values() for node in definitions(tree) if isinstance(node, ast.ClassDef)
     )
     assert len(names) > 100
     assert [name for name, count in names.items() if count > 1] == []
@@ -86,7 +86,7 @@ def test_few_lines_are_left_by_the_formatter() -> None:
     """Assert how many lines of source and tests stand as they were typed."""
     skips = [
         path
-        for path in [*SOURCES, *HERE.rglob("*.py")]
+        for path in [*trees(), *HERE.rglob("*.py")]
         for _ in range(path.read_text("utf-8").count("# fmt" + ": skip"))
     ]
     assert len(skips) <= MOST_UNFORMATTED

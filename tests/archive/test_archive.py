@@ -232,6 +232,7 @@ def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.Fi
     assert seen <= allowed
 
 
+@pytest.mark.dear
 def test_memory_of_a_streamed_run_is_bounded(tmp_path: Path) -> None:
     """Assert that ten times the rows take no more than a little more memory."""
     script = (

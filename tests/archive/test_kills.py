@@ -373,6 +373,7 @@ def again(name: str, folder: Path, new: dict[str, str]) -> None:
     assert hidden(folder) == []
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(300)
 def test_a_killed_verb_leaves_the_old_or_the_new(case: int, stages: Stages, tmp_path: Path) -> None:
     """Assert whole files under every name, each the old or the new one, and that the same call makes them all, without a rest."""

@@ -69,6 +69,7 @@ print(found == {digest})
 """
 
 
+@pytest.mark.dear
 def test_eight_threads_over_archives(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that eight threads that save, open, read, verify, reproduce and stream neither crash nor mix up a number."""
     works = 42 if request.config.getoption("--whole") else 21

@@ -228,6 +228,7 @@ xd.save_many(runs, sys.argv[2])
 """
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize("where", ["upload_part", "complete_multipart_upload"])
 def test_a_killed_process_leaves_each_file_whole(
     folder: ObjectName, where: str, request: pytest.FixtureRequest

@@ -69,6 +69,7 @@ def call(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
+@pytest.mark.dear
 def test_kills_of_whole_processes(request: pytest.FixtureRequest) -> None:
     """Assert equal digests of three kinds of run, with --whole of six, each killed once or twice at random and resumed."""
     kinds = "6" if request.config.getoption("--whole") else "3"

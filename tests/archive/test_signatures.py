@@ -235,6 +235,7 @@ def flipped(path: Path) -> None:
     path.write_bytes(content)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("harm", "message"),
     [

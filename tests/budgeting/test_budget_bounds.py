@@ -115,6 +115,7 @@ def budget(case: int) -> tuple[str, float, float, float]:
     return said, abs(float(found.value) - one.true), float(found.numerical_bound), one.true
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(CASES)
 def test_a_bound_holds_the_true_error(case: int) -> None:
     """Assert that the number of the run is no further from the closed form than the sum of its numerical bounds."""

@@ -336,6 +336,7 @@ def test_a_bundle_with_other_sums_is_found_out(certificate: xr.Dataset, tmp_path
         xd.recheck(folder)
 
 
+@pytest.mark.dear
 def test_a_bundle_with_another_run_is_found_out(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert the same of a whole archive of another run in the place of the number's own."""
     import hashlib
@@ -381,6 +382,7 @@ def test_what_cannot_be_bundled_is_named(certificate: xr.Dataset, tmp_path: Path
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.dear
 def test_too_few_draws_leave_a_gate_open_and_say_how_many_settle_it(tmp_path: Path) -> None:
     """Assert not_checked, the number of draws, the verdict by so many, exit code 1 and the same again from the file."""
     from click.testing import CliRunner

@@ -443,6 +443,7 @@ def swing(seed: int) -> tuple[xd.Model, pd.DataFrame, dict[str, float], float]:
     return model, frame, true, end
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(100)
 def test_a_start_that_is_off_does_not_lead_astray(case: int) -> None:
     """Assert that the true numbers are within five uncertainties, residuals noise, and every search in the record."""

@@ -50,6 +50,7 @@ def term(budget: xr.Dataset, variable: str, name: str) -> float:
     return float(budget[variable][row_of(budget, name)])
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(200)
 def test_rows_have_the_weights_of_the_trapezoidal_rule(case: int) -> None:
     """Assert what independent and common errors of random forces do to a speed, and to a sum with a start's own."""

@@ -57,6 +57,7 @@ def test_a_run_outlives_its_streams(verb: str, redirected: str, code: int, messa
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize(("redirected", "code"), [("> /dev/full", 1), (">&-", 1), ("| head -1", 0), ("--quiet >&-", 0)])
 def test_a_lost_report_ends_a_verb_that_only_reports(redirected: str, code: int, tmp_path: Path) -> None:
     """Assert that `methods` fails where its table is lost, and does not where a reader has seen enough."""

@@ -730,6 +730,7 @@ def shaken(case: int) -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(200)
 def test_growth_is_that_of_runs_that_start_beside(case: int) -> None:
     """Assert the growth over impacts, resets, kinks and jumps of forces against differences of whole runs."""
@@ -856,6 +857,7 @@ print(*(float(found[one].values.ravel()[0]).hex() for one in ("lyapunov_exponent
 """
 
 
+@pytest.mark.dear
 def test_the_same_bits_without_a_compiler() -> None:
     """Assert that compiled code and Python find the same numbers, to the bit."""
     said = [

@@ -36,6 +36,7 @@ def test_the_digits_of_celik() -> None:
     assert float(coarse) == pytest.approx(0.0411, abs=5e-5)
 
 
+@pytest.mark.dear
 @given(
     st.floats(0.3, 12.0),
     st.lists(st.floats(1.1, 4.0), min_size=2, max_size=6),

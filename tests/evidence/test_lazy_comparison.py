@@ -140,6 +140,7 @@ def test_a_run_to_be_marched_beside_measured_data() -> None:
         short.difference_theta.compute()
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "name", ["truss", "heat", "coupled_masses", "stick_slip_belt", "relay_oscillator", "woodpecker"]
 )

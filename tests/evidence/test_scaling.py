@@ -34,6 +34,7 @@ def swing(
     return xd.simulate(model, method="rk4", step=step, until=until)
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 def test_scales_of_random_oscillations(case: int) -> None:
     """Assert that residuals of closed forms that pass zero are finite over one scale, the largest expected size."""

@@ -83,6 +83,7 @@ def test_a_sum_is_added_from_the_left(n: int, place: str) -> None:
     assert xd.Model.from_text(str(run.model_toml.values)) == summed(n, place)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("n", LENGTHS)
 def test_printed_python_of_a_long_sum_is_machine_code(n: int, place: str) -> None:

@@ -206,6 +206,7 @@ def test_energies_of_long_steps_are_those_of_the_closed_form(case: int) -> None:
     assert kinetic.min() < 1e-5 * speed**2
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(150)
 def test_contact_forces_are_evaluated_between_rows(case: int) -> None:
     """Assert the normal and the sticking force of a block that a rocking load presses and pulls, by the forces' own sum."""

@@ -46,6 +46,7 @@ def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
     assert np.array_equal(found.time, long.time[found.step])
 
 
+@pytest.mark.every(3)
 @pytest.mark.usefixtures("few")
 def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Dataset) -> None:
     """Assert the same panels, marks and names, axes of the same extents, with each chunk read once."""

@@ -132,6 +132,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> str:
     return KNOWN.format(path=str(path))
 
 
+@pytest.mark.dear
 def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], known: str, tmp_path: Path) -> None:
     """Assert that damaged code costs a compilation, which is told; while the text is whole, LLVM's alone in silence."""
     folder = shutil.copytree(kept[0], tmp_path / "cache")
@@ -371,6 +372,7 @@ else:
 """
 
 
+@pytest.mark.dear
 def test_four_processes_with_one_cold_cache(kept: tuple[Path, str], tmp_path: Path) -> None:
     """Assert that processes that compile one law at once all end right and leave one whole file of it."""
     folder = tmp_path / "cold"

@@ -32,6 +32,7 @@ def pair(excess: float | str, **how: str) -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "kahan_li8", "dormand_prince"])
 def test_the_limit_is_that_of_modes_whatever_the_run_is_long(method: str) -> None:
     """Assert that `modes` and the warning of a short and a long run name one limit, and shorter steps are silent."""

@@ -61,6 +61,7 @@ def child(k: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
 
 
+@pytest.mark.every(4)
 @pytest.mark.cases(1000)
 def test_a_child_finds_no_lock_taken(case: int, marching: list[int]) -> None:
     """Assert that what is forked while three threads simulate comes to the end of a run of its own."""

@@ -85,6 +85,7 @@ for method, kind, memory in pickle.load(sys.stdin.buffer):
 """
 
 
+@pytest.mark.dear
 def test_in_another_process_too() -> None:
     """Assert the same of 20 methods and kinds of step whose second half is marched by a process of its own."""
     import pickle

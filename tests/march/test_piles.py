@@ -73,6 +73,7 @@ def kinds(run: xr.Dataset, kind: str) -> NDArray[np.bool_]:
     return np.asarray(run.event_kind.values == run.event_kind.attrs["flag_values"][words.index(kind)])
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("method", "count"), [("velocity_verlet", 30), ("dop853", 8), ("radau_iia", 6)])
 def test_stacked_discs_stand(method: str, count: int) -> None:
     """Assert that a stack stays where it is, and each contact carries the weight above it."""

@@ -101,6 +101,7 @@ NARROW = {
 } | ELSEWHERE["a C library without AVX2 and fma"]
 
 
+@pytest.mark.dear
 def test_a_certificate_comes_out_again_elsewhere(tmp_path: Path) -> None:
     """Assert every bit of a budget, draws and verdicts where numpy, BLAS and the C library have no wide vectors."""
     for more in ([], ["again"]):

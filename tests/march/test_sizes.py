@@ -168,6 +168,7 @@ def problem(case: int) -> tuple[type, str, float]:
     return made, str(rng.choice(methods)), 10.0 ** rng.uniform(-8, -4)
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(600)
 def test_steps_are_the_same_in_all_units(case: int) -> None:
     """Assert that a problem has the same steps, to rounding, however large it is and whatever its units."""

@@ -118,6 +118,7 @@ def marched(model: xd.Model, asked: dict[str, Any], way: str, path: Path, rng: r
     return xd.simulate(model, **asked, path=path).load()
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 @pytest.mark.usefixtures("small")
 def test_rows_have_the_bits_of_the_whole_march(case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,6 +307,7 @@ COLUMNS = (
 )
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 @pytest.mark.usefixtures("small")
 def test_left_out_columns_come_back_to_the_bits(case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

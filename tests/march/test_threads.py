@@ -32,6 +32,7 @@ def work(number: int) -> str:
     )
 
 
+@pytest.mark.dear
 def test_eight_threads(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Assert that eight threads over a cache without laws give what one gives."""
     from xdynamics.kernels import law

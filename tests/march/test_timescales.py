@@ -43,6 +43,7 @@ def network(rng: np.random.Generator, n: int) -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(300)
 def test_rates_are_those_of_the_eigenvalues(case: int) -> None:
     """Assert that the fastest rate is the largest eigenvalue, of one coordinate exactly, of more about so; and the slowest period."""

@@ -73,6 +73,7 @@ def drawn(case: int) -> tuple[xd.Model, float, dict[str, float]]:
     return model, rate, {"x": size, "v_x": size * rate}
 
 
+@pytest.mark.every(2)
 @pytest.mark.cases(200)
 def test_lost_and_kept_motions(case: int) -> None:
     """Assert a warning wherever 3 in 100 of a motion are lost by absolute tolerances, and none where less than 1e-8 is."""

@@ -294,6 +294,7 @@ def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request:
     assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
+@pytest.mark.dear
 def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
     """Assert that kill -9 at random moments loses no finished block, and that the catalogue is that of a run without."""
     program = PROGRAM.format(axes=AXES, asked=ASKED)

@@ -6,13 +6,11 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-import xdynamics
+from cases.sources import SOURCES, trees
 
-SRC = Path(xdynamics.__file__).parent
 # by room: literals that are no unit (plurals, markers, names of scalars, a stand-in for text)
 OTHER_LETTERS = {
     "archive": 1,
@@ -46,9 +44,9 @@ def test_only_units_writes_a_second(search: object, allowed: dict[str, int]) -> 
     """Assert that there is none in the syntax trees of the package but those that are listed."""
     assert callable(search)
     found: Counter[str] = Counter()
-    for path in SRC.rglob("*.py"):
-        if (room := path.relative_to(SRC).parts[0]) != "units":
-            found[room] += len([*search(ast.parse(path.read_text()))])
+    for path, tree in trees().items():
+        if (room := path.relative_to(SOURCES / "xdynamics").parts[0]) != "units":
+            found[room] += len([*search(tree)])
     assert +found == allowed
 
 

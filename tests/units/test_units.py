@@ -69,6 +69,7 @@ def test_hostile_unit_ends_in_one_error(text: str) -> None:
         parse_unit(text)
 
 
+@pytest.mark.dear
 @given(st.text(max_size=60))
 def test_any_text_is_a_unit_or_an_input_error(text: str) -> None:
     """Assert that nothing else is ever raised."""

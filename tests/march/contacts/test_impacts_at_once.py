@@ -101,6 +101,7 @@ def check_groups(run: Any, masses: Floats, names: list[str]) -> None:
                 assert abs(float(run[f"contact_gap_{name}"][row])) < 1e-11
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 @pytest.mark.filterwarnings("ignore:cradle. the tolerances did not control")
 def test_elastic_cradles(case: int) -> None:
@@ -161,6 +162,7 @@ def flights(
         v[k - 1], v[k] = v[k - 1] + impulse / one, v[k] - impulse / other
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 def test_rows_between_walls(case: int) -> None:
     """Assert times of impacts, positions and energies of unequal balls between two walls, with any restitution."""

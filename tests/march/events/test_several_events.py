@@ -69,6 +69,7 @@ def substeps(run: Any) -> int:
     return int(run.event_substeps.values[first].sum())
 
 
+@pytest.mark.every(3)
 @pytest.mark.cases(400)
 def test_detectors_of_one_step(case: int) -> None:
     """Assert every root of up to 40 detectors inside its bracket, at a cost that does not grow with how many there are."""
