@@ -199,7 +199,7 @@ TOUCHED = {
         "test_variational.py -k resets or jumps or matrix or drives",
     ),
     "march/events/enclosures.py": (ENCLOSED,),
-    "march/events/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
+    "march/events/interval_operations.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "kernels/program.py": ("test_loops.py",),
     "kernels/llvm_places.py": ("test_loops.py",),
     "kernels/llvm_program.py": ("test_loops.py", "test_intervals.py"),
@@ -379,7 +379,7 @@ TOUCHED = {
     ),
     "record/conformity.py": ("test_conformity.py",),
     "record/run_identity.py": ("test_march_identity.py",),
-    "record/kinds.py": ("test_kinds.py",),
+    "record/partial_records.py": ("test_kinds.py",),
     "record/arguments.py": (
         "test_provenance.py",
         "test_record.py",
@@ -469,7 +469,7 @@ TOUCHED = {
         "test_target.py -k name or links",
         "test_archive.py -k no_path or is_no",
     ),
-    "archive/bounds.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
+    "archive/declared_sizes.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
     "archive/values.py": (
         "test_values.py",
         "test_archive.py -k opened_equals or dask",

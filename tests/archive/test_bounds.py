@@ -16,7 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator
 from xdynamics.archive import sandboxed_reading
-from xdynamics.archive.bounds import foreign, oversize
+from xdynamics.archive.declared_sizes import foreign, oversize
 from xdynamics.archive.sandboxed_reading import _Examiner
 from xdynamics.archive.seals import seal_file, tail_of
 

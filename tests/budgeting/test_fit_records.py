@@ -15,8 +15,8 @@ from scipy.stats import t as student
 
 import xdynamics as xd
 from cases.command_line import call
+from xdynamics.budgeting.fit_intervals import quantile
 from xdynamics.budgeting.fit_problem import Asked
-from xdynamics.budgeting.intervals import quantile
 from xdynamics.budgeting.losses import Loss, loss_named
 from xdynamics.budgeting.multistart import search
 from xdynamics.documenting.summary import summary

@@ -9,7 +9,7 @@ from unittest import mock
 
 import xarray as xr
 
-from xdynamics.evidence.memory import REMEMBERED
+from xdynamics.evidence.remembered_results import REMEMBERED
 from xdynamics.march import March
 
 KNOWN_LATER = {"runs", "companion_digest", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}

@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.documenting.blocks import TextTable, drawn
+from xdynamics.documenting.document_blocks import TextTable, drawn
 from xdynamics.documenting.equations import of_model
 from xdynamics.expressions import latex, parse
 

@@ -12,10 +12,10 @@ from cases.command_line import call
 from cases.problems import MODELS, ROOT
 from xdynamics.documenting.guide import SAID, STARTER, guide
 from xdynamics.documenting.shapes_page import MEANINGS, MODEL
-from xdynamics.expressions.lines import MOST_PIECES
 from xdynamics.expressions.parser import FORMS
 from xdynamics.expressions.reductions import LARGEST_DENSE, MOST_DIAGONALS
 from xdynamics.expressions.traced_arrays import LARGEST_SOLVED, MOST_KINKS
+from xdynamics.expressions.traced_rows import MOST_PIECES
 from xdynamics.expressions.tracing import MOST_NODES
 from xdynamics.expressions.tree import ALONG, FUNCTIONS
 from xdynamics.model.grammar import SECTIONS

@@ -17,7 +17,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
-from xdynamics.evidence.memory import LIMIT, Memory, most_megabytes
+from xdynamics.evidence.remembered_results import LIMIT, Memory, most_megabytes
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import computed
 

@@ -15,8 +15,8 @@ from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, digest_o
 from xdynamics.archive.seals import letters, slabs
 from xdynamics.faults import InputError, numbered
 from xdynamics.record import own_attributes, plain
-from xdynamics.record.kinds import is_selection
 from xdynamics.record.laziness import is_chunked
+from xdynamics.record.partial_records import is_selection
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import ATOL_RULE, LEFT_OUT_ATOL, ORIGIN, ROOT_DIGEST, SELECTION, SELECTION_OF
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.bounds import declared, foreign, oversize
+from xdynamics.archive.declared_sizes import declared, foreign, oversize
 from xdynamics.archive.inventory import Inventory, inventory
 from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
 from xdynamics.archive.netcdf_library import attributes as attributes_of

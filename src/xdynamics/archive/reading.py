@@ -23,7 +23,7 @@ from xdynamics.archive.stores import store_of
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
-from xdynamics.record.kinds import is_evidence, kind_description
+from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ROOT_DIGEST, SEALED

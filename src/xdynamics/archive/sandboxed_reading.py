@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from xdynamics.archive.bounds import MOST_PACKED
+from xdynamics.archive.declared_sizes import MOST_PACKED
 from xdynamics.archive.integrity_checks import Examination, compare, examine
 from xdynamics.archive.sandbox import READY
 from xdynamics.archive.seals import Tail

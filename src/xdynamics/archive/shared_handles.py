@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, ref
 
-from xdynamics.archive.bounds import oversize
+from xdynamics.archive.declared_sizes import oversize
 from xdynamics.archive.netcdf_library import alone, close_left, file_at, leave
 from xdynamics.archive.store import Held
 from xdynamics.faults import ArchiveError, numbered

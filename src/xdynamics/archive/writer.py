@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.bounds import packed
+from xdynamics.archive.declared_sizes import packed
 from xdynamics.archive.netcdf_library import alone
 from xdynamics.archive.place import Place
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, root_digest, volatile_digest
 from xdynamics.archive.text_encoding import EncodedTexts, numbers_of
 from xdynamics.march.outcomes import GOOD
-from xdynamics.record.kinds import is_evidence
+from xdynamics.record.partial_records import is_evidence
 from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import (
     BOUNDS,

@@ -27,7 +27,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.text_limits import parsed
-from xdynamics.record.kinds import is_evidence, left_out_atols
+from xdynamics.record.partial_records import is_evidence, left_out_atols
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     AT,

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.budgeting.fit_intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
 from xdynamics.budgeting.fit_problem import Asked, Fitting
 from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of, with_offsets
 from xdynamics.budgeting.fit_variables import estimates_as, records_as, residuals_as, searches_as
-from xdynamics.budgeting.intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
 from xdynamics.budgeting.losses import LINEAR, loss_named, spread_of
 from xdynamics.budgeting.multistart import Search, search, searches
 from xdynamics.budgeting.residuals import Tested

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xdynamics.cli import budgeting, judging, looking, marching, proving, sweeping, writing  # noqa: F401 - the verbs
+from xdynamics.cli import budgeting, judging, looking, marching, model_writing, proving, sweeping  # noqa: F401 - the verbs
 from xdynamics.cli.command import main
 
 EXAMPLES = {

@@ -20,7 +20,7 @@ def verify(archives: tuple[str, ...], key: str | None) -> None:
     from xdynamics.archive.place import placed
     from xdynamics.archive.stores import is_folder
     from xdynamics.faults import ArchiveError, InputError
-    from xdynamics.record.kinds import is_derived, is_selection, kind_description
+    from xdynamics.record.partial_records import is_derived, is_selection, kind_description
 
     damaged = wrong = False
     verdicts: list[dict[str, str]] = []

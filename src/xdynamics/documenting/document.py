@@ -11,9 +11,9 @@ from xdynamics.archive.place import Given, Place, placed, real
 from xdynamics.archive.stores import check_target, store_of, taking_name
 from xdynamics.budgeting.budget_summary import doubt_of, with_doubt
 from xdynamics.budgeting.certificate import FAILED, GATES, NOT_CHECKED, reasons
-from xdynamics.documenting import blocks
-from xdynamics.documenting.blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
+from xdynamics.documenting import document_blocks
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
+from xdynamics.documenting.document_blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
 from xdynamics.documenting.equations import of_model
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.evidence.refining.verdict_words import in_words
@@ -27,7 +27,7 @@ from xdynamics.units.digits import digits, known_to
 if TYPE_CHECKING:
     import xarray as xr
 
-FORMATS = {".html": blocks.html, ".htm": blocks.html, ".md": blocks.markdown}
+FORMATS = {".html": document_blocks.html, ".htm": document_blocks.html, ".md": document_blocks.markdown}
 MOST_EVENTS = 30
 MOST_BYTES = 50_000_000  # of a figure
 

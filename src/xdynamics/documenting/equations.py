@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xdynamics.documenting.blocks import Block, Formula, TextTable, Words
+from xdynamics.documenting.document_blocks import Block, Formula, TextTable, Words
 from xdynamics.expressions import Name, Node, latex, text_of
 from xdynamics.model import Model
-from xdynamics.model.arrays import Values
+from xdynamics.model.given_values import Values
 from xdynamics.model.parts import Function, Parameter
 from xdynamics.model.statement import Statement
 from xdynamics.model.whole import acting

@@ -16,7 +16,7 @@ from xdynamics.evidence.modes import modes
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
-from xdynamics.record.kinds import is_whole
+from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import AT, EVIDENCE, ORIGIN, STEPS
 
 # kinds beside those of evidence

@@ -13,7 +13,7 @@ from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import escaped
 from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
-from xdynamics.record.kinds import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
+from xdynamics.record.partial_records import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
 from xdynamics.schema import (
     AT_REST,
     CHOSEN,

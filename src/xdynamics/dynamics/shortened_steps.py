@@ -25,7 +25,7 @@ from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.record.arguments import scales_of
-from xdynamics.record.kinds import RARE, log_description, rows_apart
+from xdynamics.record.partial_records import RARE, log_description, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders
 from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.cached_properties import cached_property

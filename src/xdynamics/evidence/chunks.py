@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
-from xdynamics.evidence.memory import most_megabytes
+from xdynamics.evidence.remembered_results import most_megabytes
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions

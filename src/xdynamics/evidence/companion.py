@@ -27,7 +27,7 @@ from xdynamics.model import Model
 from xdynamics.record import check_kind, of_elements, shapes_of
 from xdynamics.record.arguments import asked_of
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.kinds import is_whole, kind_description
+from xdynamics.record.partial_records import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
 from xdynamics.units.digits import digits

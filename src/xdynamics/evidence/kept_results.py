@@ -21,7 +21,7 @@ from xdynamics.archive.place import Place, placed
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import made_folder, store_of, taking_name
 from xdynamics.evidence.cluster import environment
-from xdynamics.evidence.memory import REMEMBERED
+from xdynamics.evidence.remembered_results import REMEMBERED
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.cached_properties import cached_property

@@ -21,7 +21,7 @@ from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
 from xdynamics.model.reactions import NORMAL, holds, reactions, way
 from xdynamics.record.element_attributes import of_wholes
-from xdynamics.record.kinds import log_description
+from xdynamics.record.partial_records import log_description
 from xdynamics.record.run_columns import state_name
 from xdynamics.units import parse_unit
 

@@ -14,7 +14,7 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state
 from xdynamics.model.motion import variables
-from xdynamics.record.kinds import log_description
+from xdynamics.record.partial_records import log_description
 from xdynamics.schema import STEPS
 from xdynamics.units import parse_unit
 

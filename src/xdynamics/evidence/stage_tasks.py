@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import record
-from xdynamics.evidence.memory import REMEMBERED
+from xdynamics.evidence.remembered_results import REMEMBERED
 from xdynamics.evidence.runs import march
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for

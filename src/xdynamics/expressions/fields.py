@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.grid import Grid, IrregularError
-from xdynamics.expressions.lines import Line, combined, of_ufunc
 from xdynamics.expressions.numpy_rules import of_rows, split
 from xdynamics.expressions.reductions import product, reduced
+from xdynamics.expressions.traced_grid import Grid, IrregularError
+from xdynamics.expressions.traced_rows import Line, combined, of_ufunc
 from xdynamics.expressions.tracing import Traced
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.grid import ZERO, IrregularError
-from xdynamics.expressions.lines import Line, combined, lines_in, of_ufunc
 from xdynamics.expressions.reductions import product, reduced
+from xdynamics.expressions.traced_grid import ZERO, IrregularError
+from xdynamics.expressions.traced_rows import Line, combined, lines_in, of_ufunc
 from xdynamics.expressions.tracing import Traced, called, choice, node_of
 from xdynamics.expressions.tree import Along
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.grid import ZERO, Floats, IrregularError, varies
-from xdynamics.expressions.lines import Line, combined, of_ufunc
+from xdynamics.expressions.traced_grid import ZERO, Floats, IrregularError, varies
+from xdynamics.expressions.traced_rows import Line, combined, of_ufunc
 from xdynamics.expressions.tracing import Traced, choice
 from xdynamics.expressions.tree import Along, Call, Compare
 

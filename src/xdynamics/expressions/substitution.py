@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions.fields import Field
-from xdynamics.expressions.grid import Grid
 from xdynamics.expressions.reductions import product
 from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
+from xdynamics.expressions.traced_grid import Grid
 from xdynamics.expressions.tracing import Traced, called, rounded
 from xdynamics.expressions.tree import Number
 

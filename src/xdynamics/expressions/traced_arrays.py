@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.lines import lines_in
 from xdynamics.expressions.numpy_rules import of_rows
+from xdynamics.expressions.traced_rows import lines_in
 from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError

@@ -9,7 +9,7 @@ import xarray as xr
 
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import drawn, energy_changes
-from xdynamics.figures.lines import DASHES, over_the_run, straight
+from xdynamics.figures.line_panels import DASHES, over_the_run, straight
 from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
 from xdynamics.schema import ENERGIES
 from xdynamics.units.digits import known_part, short_number

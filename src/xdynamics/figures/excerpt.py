@@ -19,7 +19,7 @@ from xdynamics.evidence.stages import computed
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
 from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes, spread
 from xdynamics.figures.lattice import moments_of
-from xdynamics.figures.lines import strobes
+from xdynamics.figures.line_panels import strobes
 from xdynamics.figures.marks import MOST_BANDS
 from xdynamics.figures.plane import positions, read_by
 from xdynamics.model import Model

@@ -13,7 +13,7 @@ import xarray as xr
 from xdynamics.faults import escaped
 from xdynamics.figures.placing import EVENT
 from xdynamics.record.flag_words import words_of
-from xdynamics.record.kinds import is_whole
+from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import contact_force, friction_force
 from xdynamics.shapes import parted, spoken
 from xdynamics.units import SECONDS, unit_suffix

@@ -17,7 +17,7 @@ from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, between, is_long, unjoined
-from xdynamics.figures.lines import DASHES, MOST_NAMED, straight
+from xdynamics.figures.line_panels import DASHES, MOST_NAMED, straight
 from xdynamics.figures.marks import COLOURS, INK, counted, words
 from xdynamics.model import Model
 from xdynamics.model.motion import constants

@@ -10,13 +10,13 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.faults import InputError
-from xdynamics.figures import control, energy, lattice, lines, plane, space
+from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, space
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
 from xdynamics.record import check
-from xdynamics.record.kinds import is_whole, log_description, rows_apart
+from xdynamics.record.partial_records import is_whole, log_description, rows_apart
 from xdynamics.schema import STEPS, velocity
 from xdynamics.shapes import parted
 
@@ -132,7 +132,9 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
     ranks = []
     has_plane = any(kind == "plane" for kind, _, _ in panels)
     for place, (kind, names, _) in enumerate(panels):
-        is_map = has_plane and len(names) > lines.MOST_LINES  # bodies are seen better in the plane, from each side
+        is_map = (
+            has_plane and len(names) > line_panels.MOST_LINES
+        )  # bodies are seen better in the plane, from each side
         seen[kind] = seen.get(kind, 0) + 1
         if kind in FIRST:
             ranks.append((is_map, seen[kind], FIRST.index(kind), place))
@@ -177,7 +179,7 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     for kind, names in kinds.items():
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
             what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
-            yield kind, group, partial(lines.against_time, run, group, what, beside)
+            yield kind, group, partial(line_panels.against_time, run, group, what, beside)
     for names, panel in lattice.profiles(run):
         yield "profile", names, panel
 
@@ -189,18 +191,18 @@ def _of_forces(
     coordinates = _with_role(run, "coordinate")
     pressed = [name for name in _with_role(run, "reaction") if run[name].values.any()]
     for names in _by_unit(run, _wanted_names("contact", pressed, wanted)):
-        yield "contact", names, partial(lines.against_time, run, names, lines.CONTACTS, beside)
-    for names in _by_unit(run, lines.impulses(run, coordinates)):
-        yield "contact", [], partial(lines.impact_needles, run, names, beside)
+        yield "contact", names, partial(line_panels.against_time, run, names, line_panels.CONTACTS, beside)
+    for names in _by_unit(run, line_panels.impulses(run, coordinates)):
+        yield "contact", [], partial(line_panels.impact_needles, run, names, beside)
     for names in _drives(run):
-        yield "drive", names, partial(lines.driven, run, names, beside)
+        yield "drive", names, partial(line_panels.driven, run, names, beside)
     for view in plane.of_states(run):
         yield "phase", [], partial(plane.draw, run, view, beside)
     for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
-        if len(names) <= lines.MOST_LINES:
-            yield "phase", [], partial(lines.phase, run, names, beside)
+        if len(names) <= line_panels.MOST_LINES:
+            yield "phase", [], partial(line_panels.phase, run, names, beside)
             if _is_driven(run):
-                yield "section", [], partial(lines.section, run, names, beside, transient=transient)
+                yield "section", [], partial(line_panels.section, run, names, beside, transient=transient)
 
 
 def _of_march(run: xr.Dataset, beside: Beside) -> Iterator[Keyed]:
@@ -208,11 +210,11 @@ def _of_march(run: xr.Dataset, beside: Beside) -> Iterator[Keyed]:
     if _drawn(run, "total_energy"):
         yield "energy", ["total_energy"], partial(energy.draw, run, beside)
     if _drawn(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
-        yield "steps", ["step_size"], partial(control.steps, run, beside)
+        yield "steps", ["step_size"], partial(march_panels.steps, run, beside)
     if _drawn(run, "error_norm"):
-        yield "errors", ["error_norm"], partial(control.errors, run, beside)
-    if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*control.PARTS} <= set(run.variables):
-        yield "events", [], partial(control.locations, run)
+        yield "errors", ["error_norm"], partial(march_panels.errors, run, beside)
+    if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*march_panels.PARTS} <= set(run.variables):
+        yield "events", [], partial(march_panels.locations, run)
 
 
 def _wanted_names(kind: str, names: list[str], wanted: Sequence[str] | None) -> list[str]:

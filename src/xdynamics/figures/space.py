@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
-from xdynamics.figures.lines import MOST_NAMED
+from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.plane import MOST_BODIES, BodyPath, left_out
 from xdynamics.figures.sheet import Panel

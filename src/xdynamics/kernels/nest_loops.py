@@ -12,7 +12,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
 from xdynamics.kernels.program import Line, Loop, Operand, Place, StoreTo
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.parts import Parts
+from xdynamics.shapes.distinct_parts import Parts
 
 SMALL = 4  # elements up to which a dimension is written out
 LARGEST_LOCAL = 20_000_000  # numbers of all arrays of a program

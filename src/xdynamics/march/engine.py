@@ -10,7 +10,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array, returning
-from xdynamics.march import entries, loop, trial_step
+from xdynamics.march import engine_entries, loop, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.assembly import holding
 from xdynamics.march.contacts import dispatch as contact_dispatch
@@ -23,7 +23,7 @@ from xdynamics.march.step_parts import parts_of_steps
 
 
 class Engine(NamedTuple):
-    """The compiled entries, called with a run: `loop.march`, and those of `march.entries`."""
+    """The compiled entries, called with a run: `loop.march`, and those of `march.engine_entries`."""
 
     march: Callable[..., None]
     march_many: Callable[..., int]
@@ -45,8 +45,8 @@ class Lanes(NamedTuple):
 class Solvers(NamedTuple):
     """Addresses of the steps that solve equations."""
 
-    newton: int  # `entries.step_by_newton`
-    radau: int  # `entries.step_by_radau`
+    newton: int  # `engine_entries.step_by_newton`
+    radau: int  # `engine_entries.step_by_radau`
 
 
 class Watchers(NamedTuple):
@@ -107,18 +107,18 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         12,
         (
             (loop.march, returning(NOTHING, INTEGER, INTEGER)),
-            (entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
-            (entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 5, FLAG, FLAG)),
-            (entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
-            (entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
-            (entries.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
+            (engine_entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
+            (engine_entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 5, FLAG, FLAG)),
+            (engine_entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
+            (engine_entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
+            (engine_entries.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
         ),
     ),
     EnginePart(
         "solvers",
         "the solvers of implicit methods",
         9,
-        ((entries.step_by_newton, _STEP), (entries.step_by_radau, _STEP)),
+        ((engine_entries.step_by_newton, _STEP), (engine_entries.step_by_radau, _STEP)),
     ),
     EnginePart(
         "watchers",
@@ -165,8 +165,13 @@ def engine() -> Engine:
 
 
 def _plain_engine() -> Engine:
-    march_many = entries.march_many
-    others = (entries.states_inside, entries.fastest_rates, entries.growths, entries.rows_of_times)
+    march_many = engine_entries.march_many
+    others = (
+        engine_entries.states_inside,
+        engine_entries.fastest_rates,
+        engine_entries.growths,
+        engine_entries.rows_of_times,
+    )
     return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)
 
 

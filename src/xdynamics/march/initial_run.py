@@ -16,7 +16,7 @@ from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.step_polynomial import curve_degree
-from xdynamics.march.assembly.tables import assembled
+from xdynamics.march.assembly.assembly_arrays import assembled
 from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import Log, allocate

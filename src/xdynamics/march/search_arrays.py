@@ -14,7 +14,7 @@ from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.engine import assemblies as meeting
 from xdynamics.march.engine import contacts, watchers
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
-from xdynamics.march.events.intervals import rules
+from xdynamics.march.events.interval_operations import rules
 from xdynamics.march.run import BALANCE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model

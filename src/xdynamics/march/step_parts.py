@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.program import T1, H, T
 from xdynamics.march.calls import run_at, strode_by
-from xdynamics.march.entries import stand
+from xdynamics.march.engine_entries import stand
 from xdynamics.march.lane_memory import lend
 from xdynamics.march.run import Run
 

@@ -14,9 +14,9 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.arrays import unit_of
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.given_values import unit_of
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
 from xdynamics.model.name_consistency import check_names

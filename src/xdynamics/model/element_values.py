@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.model.arrays import Values
 from xdynamics.model.elements import Elements
 from xdynamics.model.elementwise import Elementwise
+from xdynamics.model.given_values import Values
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
 from xdynamics.shapes import Shapes, written

@@ -15,9 +15,9 @@ from xdynamics.expressions import Along, Node, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.arrays import Values, unit_of
 from xdynamics.model.drives import Table
 from xdynamics.model.elementwise import Elementwise, Numbers, always
+from xdynamics.model.given_values import Values, unit_of
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (

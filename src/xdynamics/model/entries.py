@@ -8,8 +8,8 @@ from typing import Any
 
 from xdynamics.expressions import Node, text_of
 from xdynamics.faults import InputError
-from xdynamics.model.arrays import dims_key
 from xdynamics.model.drives import REFUSE, Table
+from xdynamics.model.given_values import dims_key
 from xdynamics.model.instruments import KEYS as READING_KEYS
 from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source

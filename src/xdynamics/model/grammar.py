@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model import entries
-from xdynamics.model.arrays import dims_key
 from xdynamics.model.closed_forms import BOUND
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
+from xdynamics.model.given_values import dims_key
 from xdynamics.model.kinds import (
     COEFFICIENT,
     COMPONENT,

@@ -11,8 +11,8 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
-from xdynamics.model.arrays import Values, is_of_elements, values_of
 from xdynamics.model.file_access import FileAccess
+from xdynamics.model.given_values import Values, is_of_elements, values_of
 from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.kinds import Source, description
 from xdynamics.model.lagrangian import TERMS, motion_of

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.arrays import is_expression
 from xdynamics.model.file_access import ANYWHERE, FileAccess
+from xdynamics.model.given_values import is_expression
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Parameter

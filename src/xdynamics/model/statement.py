@@ -9,7 +9,7 @@ from typing import Any, get_args
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import Ledger, ModelError
-from xdynamics.model.arrays import Values
+from xdynamics.model.given_values import Values
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links, related

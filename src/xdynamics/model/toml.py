@@ -9,8 +9,8 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.model.arrays import Values, written_values
 from xdynamics.model.entries import written_parameter
+from xdynamics.model.given_values import Values, written_values
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Parameter

@@ -15,7 +15,7 @@ from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods.scheme import STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
-from xdynamics.record.kinds import left_out_atols
+from xdynamics.record.partial_records import left_out_atols
 from xdynamics.record.unfolding import unfold
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, parse_unit
 

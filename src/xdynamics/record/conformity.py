@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.kinds import is_run, is_whole
+from xdynamics.record.partial_records import is_run, is_whole
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     ATOL_EFFECT,

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import every
+from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.parts import Parts
 from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_of
 
 Whole = NDArray[np.int64]

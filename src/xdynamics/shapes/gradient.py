@@ -13,8 +13,8 @@ from dataclasses import replace
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain
 from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, rate_of
 from xdynamics.expressions.tree import children
+from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.parts import Parts
 from xdynamics.shapes.trees import at, element_numbers, end_of
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from xdynamics.expressions import Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.expressions.fields import Field, unknown
-from xdynamics.expressions.grid import Grid, IrregularError, moved
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
 from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
+from xdynamics.expressions.traced_grid import Grid, IrregularError, moved
 from xdynamics.expressions.tracing import Traced, name, node_of, traced
 from xdynamics.expressions.tree import Along, Binary
 from xdynamics.faults import InputError

@@ -14,7 +14,7 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import rows_apart
+from xdynamics.record.partial_records import rows_apart
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
 from xdynamics.simulation.records import kept_run
 from xdynamics.simulation.single_run import simulate

@@ -23,7 +23,7 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies, bodies
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, evaluated_many, tables_of
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import log_description
+from xdynamics.record.partial_records import log_description
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,

@@ -12,7 +12,7 @@ from xdynamics.archive.stores import is_same
 from xdynamics.evidence.runs import record_of
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
-from xdynamics.record.kinds import kind_description
+from xdynamics.record.partial_records import kind_description
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -15,7 +15,7 @@ from xdynamics.march import March, Settings
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.record.arguments import asked_of
-from xdynamics.record.kinds import is_run, kind_description
+from xdynamics.record.partial_records import is_run, kind_description
 from xdynamics.record.size import check_room
 from xdynamics.simulation.records import check_destination, marched_record
 from xdynamics.simulation.stability_warnings import warn_of_instability

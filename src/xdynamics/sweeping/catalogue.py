@@ -21,11 +21,11 @@ from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests
 from xdynamics.sweeping.additions import Additions, additions
-from xdynamics.sweeping.blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.member_files import RUNS, archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
+from xdynamics.sweeping.stored_blocks import Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.tasks import blocks_of
 
 if TYPE_CHECKING:

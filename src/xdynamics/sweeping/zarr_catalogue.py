@@ -23,12 +23,12 @@ from xdynamics.march.outcomes import WORDS
 from xdynamics.record.element_names import listed
 from xdynamics.record.folding import labelled, unlabelled
 from xdynamics.schema import EVIDENCE, ORIGIN, ROOT_DIGEST, SWEEP
-from xdynamics.sweeping.blocks import CUT, Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.kept_quantities import Kept
 from xdynamics.sweeping.member_files import RUNS, archived
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import FILE, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
+from xdynamics.sweeping.stored_blocks import CUT, Progress, alone_in, begun, said, watching
 from xdynamics.sweeping.tasks import Chunks, blocks_of
 from xdynamics.sweeping.zarr_digests import (
     DIGESTS,

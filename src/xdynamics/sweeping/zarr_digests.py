@@ -24,8 +24,8 @@ from xdynamics.archive.stores import store_of
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.runtime.files import synced
 from xdynamics.schema import RUN_SEAL
-from xdynamics.sweeping.blocks import said
 from xdynamics.sweeping.members import Block
+from xdynamics.sweeping.stored_blocks import said
 
 Values = NDArray[Any]
 

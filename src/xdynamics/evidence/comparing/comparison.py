@@ -19,7 +19,7 @@ from xdynamics.evidence.stages import task_of
 from xdynamics.faults import InputError
 from xdynamics.record import check, of_elements
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.kinds import is_evidence, kind_description
+from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.runtime.files import shown
 from xdynamics.schema import STEPS
 

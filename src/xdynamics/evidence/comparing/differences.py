@@ -23,7 +23,7 @@ from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.record.flag_words import time_unit
-from xdynamics.record.kinds import rows_apart
+from xdynamics.record.partial_records import rows_apart
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
 from xdynamics.units import parse_unit, unit_suffix
 

@@ -32,7 +32,7 @@ from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
 from xdynamics.faults import InputError, written
 from xdynamics.record import check, check_kind, of_elements
-from xdynamics.record.kinds import check_every_column, check_every_row
+from xdynamics.record.partial_records import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import UNESTIMATED, UNKNOWN, digits

@@ -31,7 +31,7 @@ from xdynamics.march.assembly.touching import (
     slip_of,
 )
 from xdynamics.march.contacts.delassus import NOISE
-from xdynamics.march.contacts.phases import (
+from xdynamics.march.contacts.energetic_phases import (
     COMPRESSION,
     ENDED,
     MOST_PHASES,

@@ -1,4 +1,4 @@
-"""Impacts by the energetic coefficient of restitution, whose phases `march.contacts.phases` solves in closed form.
+"""Impacts by the energetic coefficient of restitution, whose phases `march.contacts.energetic_phases` solves in closed form.
 
 Several contacts at once are struck one by one where none acts on another that approaches. Where they do act on each
 other, the distribution of impulses depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464, 2008, 3193,
@@ -11,7 +11,7 @@ from math import sqrt
 
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.contacts.delassus import ABSENT, NOISE, PRESSING, add_impulses, gained
-from xdynamics.march.contacts.phases import (
+from xdynamics.march.contacts.energetic_phases import (
     COMPRESSION,
     ENDED,
     MOST_PHASES,

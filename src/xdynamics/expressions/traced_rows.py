@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from xdynamics.expressions.grid import Grid, IrregularError, element, moved
+from xdynamics.expressions.traced_grid import Grid, IrregularError, element, moved
 from xdynamics.expressions.tracing import Row, Traced, applied, choice
 from xdynamics.expressions.tree import Along, Compare, Number
 from xdynamics.faults import InputError

@@ -18,7 +18,7 @@ from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
-from xdynamics.record.kinds import is_whole
+from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.shapes import parted
 from xdynamics.units import parse_unit

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.lines import over_the_run
+from xdynamics.figures.line_panels import over_the_run
 from xdynamics.figures.marks import COLOURS, timed, words
 
 if TYPE_CHECKING:
