@@ -18,7 +18,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.sweeping import member_files, zarr_catalogue, zarr_digests
+from xdynamics.sweeping import member_files, zarr_blocks, zarr_digests
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -69,7 +69,7 @@ def test_plain_xarray_opens_it(stored: Path, whole: xr.Dataset) -> None:
 
 def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
     """Assert that a sweep which broke off is told, goes on with the blocks that are missing or hurt, and is whole then."""
-    folder, keep, kept = tmp_path / "grid.zarr", zarr_catalogue._keep, []
+    folder, keep, kept = tmp_path / "grid.zarr", zarr_blocks._keep, []
 
     def broken(plan: Any, block: Any, where: Any) -> None:
         if len(kept) == 4:
@@ -78,7 +78,7 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
         keep(plan, block, where)
 
     one_by_one = dask.config.set(scheduler="synchronous")
-    with mock.patch.object(zarr_catalogue, "_keep", broken), one_by_one, pytest.raises(KeyboardInterrupt):
+    with mock.patch.object(zarr_blocks, "_keep", broken), one_by_one, pytest.raises(KeyboardInterrupt):
         xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
     with pytest.raises(xd.InputError, match="grid.zarr' is not finished; call the same sweep again, and it goes on"):
         xd.open_sweep(folder)
@@ -86,7 +86,7 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
     note = folder / ".xdynamics" / f"{first}.json"
     note.write_text(note.read_text().replace('"end_x": "', '"end_x": "0'))
     again = []
-    with mock.patch.object(zarr_catalogue, "_keep", lambda *given: again.append(given[1]) or keep(*given)):
+    with mock.patch.object(zarr_blocks, "_keep", lambda *given: again.append(given[1]) or keep(*given)):
         sweep = xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
     assert len(again) == 3
     assert sweep.end_x.values.tolist() == whole.end_x.values.tolist()
@@ -115,10 +115,8 @@ def test_damage_is_named(stored: Path) -> None:
 
 
 def test_what_a_store_does_not_take(stored: Path) -> None:
-    """Assert that another sweep and further members are refused with the remedy."""
-    with pytest.raises(
-        xd.InputError, match="grid.zarr' holds another sweep, and members are not added to a Zarr store"
-    ):
+    """Assert that another sweep is refused with the remedy, and that where there is none that is said."""
+    with pytest.raises(xd.InputError, match=r"grid.zarr' holds another sweep, (?s:.*)'until' is 1\.0 there, here 2\.0"):
         xd.sweep(MODEL, **(ASKED | {"until": 2.0}), path=stored)
     with pytest.raises(xd.InputError, match="none.zarr' holds no sweep: there is no '.xdynamics/digests.json' in it"):
         xd.open_sweep(stored.with_name("none.zarr"))

@@ -69,7 +69,8 @@ STORES = (
     "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is read: its seal is of",
     "every byte, and nothing is believed before. Of a Zarr store each chunk is read alone when it is used; xd.verify compares",
     "all of them with their digest, which does not depend on how members were cut into chunks. With keep=['log'] whole runs",
-    "stand beside its arrays, in runs/. Members are added by sweeps into folders; not to a Zarr store.",
+    "stand beside its arrays, in runs/. Members are added to a folder anywhere; to a Zarr store behind the last values of its",
+    "axes, in blocks as large as those that it was begun with. Until all are there, whoever opens it sees what was before.",
     "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
     "the second is refused in words, and nothing is lost. A lock that its process does not renew is free after a minute, one that a dead",
     "process of this machine left at once.",
@@ -188,8 +189,8 @@ Kubernetes: pip install dask-kubernetes; the image has to have xdynamics in it.
   cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10); client = Client(cluster)
   kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
 Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
-the verb ends with a line for each. The finest level of a study begins first. A worker that is lost loses what it was
-marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
+the verb ends with a line for each. The finest level of a study begins first, and of several studies one ends before the next
+one's coarse levels begin. A worker that is lost loses what it was marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
 The same command goes on: a sweep from its folder, refine --keep FOLDER with the levels that are whole there (a folder that all
 machines see, or s3://bucket/levels), budget, validate and certify --keep FOLDER with the numbers, terms, blocks of draws and
 cases that are known there; what is of another version, or damaged, is made again.

@@ -74,7 +74,8 @@ Uncertainties stand in the model: vt = { value = "30 m s-1", uncertainty = 1 }, 
 u_common(pull) [N]; [discrepancy] y = "1 mm". Words: `xdynamics help words`.
 With compute=False a stage, sample too, is described at once, dask arrays behind, and nothing is marched; the first number
 computed marches each level once, dask.compute of several studies what they share once (events need occurrences=10). 256 MB of
-results are remembered in a process, or XDYNAMICS_REMEMBERED_LIMIT.
+results are remembered in a process, or XDYNAMICS_REMEMBERED_LIMIT. Studies and budgets march without samples of the forces, and
+so share a march with simulate where that has force_samples="none": samples are a part of the record, and of its digest.
 """
 GRIDS_PAGE = """\
 A sweep is a lazy Dataset on its axes' own dimensions, computed by dask's threads or on a cluster (`xdynamics help cluster`):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive
 from xdynamics.archive.place import Place
 from xdynamics.faults import InputError, numbered
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of
@@ -39,12 +38,15 @@ class Additions:
         For each dimension the index of every value in the existing sweep, `NONE` where it lacks the value.
     along : tuple of str
         The dimensions that the existing sweep has too.
+    opens : callable
+        Opens the catalogue, given its path.
     """
 
     catalogue: str
     dims: tuple[str, ...]
     places: tuple[Places, ...]
     along: tuple[str, ...]
+    opens: Callable[[str], xr.Dataset]
 
     def there(self, block: Block) -> NDArray[np.bool_]:
         """Return which members of a block exist, in the block's shape."""
@@ -61,19 +63,18 @@ class Additions:
                 dim: np.maximum(places[part], 0)
                 for dim, places, part in zip(self.dims, self.places, block, strict=True)
             }
-            with archive.open_run(self.catalogue, check=False) as existing:
+            with self.opens(self.catalogue) as existing:
                 for variable in plan.variables:
-                    part = (
-                        existing[variable.name].isel({dim: indices[dim] for dim in self.along}).load()
-                    )  # texts can only be transposed in memory
+                    lazy = existing[variable.name].isel({dim: indices[dim] for dim in self.along})
+                    part = lazy.load(scheduler="synchronous")  # texts can only be transposed in memory
                     new_sizes = {dim: places.size for dim, places in indices.items() if dim not in self.along}
                     values = part.expand_dims(new_sizes).transpose(*self.dims, *variable.dims).values
                     arrays[variable.name][present] = values[present]
         return present
 
 
-def additions(plan: Plan, there: xr.Dataset, catalogue: Place) -> Additions:
-    """Find out which members of a sweep a folder already holds.
+def additions(plan: Plan, there: xr.Dataset, catalogue: Place, opens: Callable[[str], xr.Dataset]) -> Additions:
+    """Find out which members of a sweep a folder already holds, whose catalogue is opened so.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def additions(plan: Plan, there: xr.Dataset, catalogue: Place) -> Additions:
         where = f"'{catalogue.parent}' holds another sweep, '{there.attrs['title']}', to which this one does not add"
         raise InputError(f"{where}:{numbered(faults)}\nname another folder, or remove it", tuple(faults))
     along = tuple(dim for dim in plan.grid.dims if dim in existing.grid.dims)
-    return Additions(str(catalogue.absolute()), plan.grid.dims, tuple(places), along)
+    return Additions(str(catalogue.absolute()), plan.grid.dims, tuple(places), along, opens)
 
 
 def _conflicts(plan: Plan, existing: Plan) -> Iterator[str]:

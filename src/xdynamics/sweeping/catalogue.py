@@ -19,7 +19,7 @@ from xdynamics.archive.stores import is_folder, made_folder, store_of
 from xdynamics.evidence.evidence_dataset import exhibit
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.schema import EVIDENCE, SWEEP
-from xdynamics.sweeping import zarr_catalogue, zarr_digests
+from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
 from xdynamics.sweeping.member_files import RUNS, archived, digests_of
@@ -66,7 +66,7 @@ def open_sweep(path: Given) -> xr.Dataset:
     """
     folder = placed(path)
     if zarr_catalogue.is_one(folder):
-        return zarr_catalogue.opened(folder)
+        return zarr_opening.opened(folder)
     file = folder / CATALOGUE
     is_there = _is_file(file)
     if not is_there and is_folder(folder / UNFINISHED):
@@ -210,7 +210,7 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
     """
     if zarr_catalogue.is_one(folder):
         zarr_catalogue.fill(plan, members, folder, progress)
-        return zarr_catalogue.opened(folder)
+        return zarr_opening.opened(folder)
     store = store_of(folder)
     for place in (store.made_folder(folder), folder / RUNS):
         store.clear(place)
@@ -220,7 +220,7 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
         _forget(folder, str(sweep.attrs[DIGEST]))  # left by a process that was stopped after saving the catalogue
         if sweep.attrs[DIGEST] == plan.digest:
             return sweep
-        existing = additions(plan, sweep, folder / CATALOGUE)
+        existing = additions(plan, sweep, folder / CATALOGUE, partial(archive.open_run, check=False))
         sweep.close()
         archive.check_target(folder / CATALOGUE)  # nobody may be reading the file to be replaced
     work = folder / UNFINISHED / _work(plan.digest)
@@ -229,7 +229,7 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
             f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
             f" it up by removing '{others[0]}'"
         )
-    with alone_in(store.made_folder(work)):
+    with alone_in(store.made_folder(work), folder):
         blocks = [block for _, block in blocks_of(begun(plan, members, work))]
         parts = [work / f"{said(block)}.nc" for block in blocks]
         _march(plan, blocks, parts, progress, existing)
@@ -259,7 +259,9 @@ def _whole(folder: Place) -> xr.Dataset:
 
 
 def unfinished(folder: Place) -> list[Place]:
-    """List the folders of unfinished sweeps in a folder."""
+    """List the folders of unfinished sweeps in a folder, or of what is being added to a Zarr store."""
+    if zarr_catalogue.is_one(folder):
+        return zarr_digests.growths(folder)
     return [place for place in store_of(folder).names(folder / UNFINISHED) if is_folder(place)]
 
 

@@ -19,8 +19,8 @@ Progress = Callable[[float, float, int], None]
 
 
 @contextmanager
-def alone_in(work: Place) -> Iterator[None]:
-    """Lock a folder against other processes while this one marches into it.
+def alone_in(work: Place, folder: Place) -> Iterator[None]:
+    """Lock what is written while this process marches into a folder against other processes.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def alone_in(work: Place) -> Iterator[None]:
             stack.enter_context(store_of(work).locked(work))
         except LockedError as error:
             raise InputError(
-                f"another process marches into '{work.parent.parent}'; wait for it, or name another folder ({error})"
+                f"another process marches into '{folder}'; wait for it, or name another folder ({error})"
             ) from None
         yield
 

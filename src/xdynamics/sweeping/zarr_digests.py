@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from itertools import pairwise, product
 from math import prod
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
-from xdynamics.archive.stores import store_of
+from xdynamics.archive.stores import is_folder, store_of
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.runtime.files import synced
 from xdynamics.schema import RUN_SEAL
@@ -59,10 +59,15 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def arrays_in(folder: Place, mode: str = "r") -> Any:
-    """Open the arrays of a store."""
+def arrays_in(folder: Place, mode: str = "r", metadata: Place | None = None) -> Any:
+    """Open the arrays of a store, where they are given in sizes that other metadata tell than its own."""
+    zarr = zarr_package()
     with quietly():
-        return zarr_package().open_group(str(folder), mode=mode)
+        group = zarr.open_group(str(folder), mode=mode)
+        if metadata is None or metadata == folder / METADATA:
+            return group
+        told = json.loads(store_of(metadata).content(metadata, MOST))
+        return zarr.Group(zarr.AsyncGroup.from_dict(group.store_path, told))
 
 
 def digest_of(values: Values) -> str:
@@ -72,9 +77,9 @@ def digest_of(values: Values) -> str:
     return sha256(f"{values.shape}".encode() + content).hexdigest()
 
 
-def digest_of_array(folder: Place, name: str, members: int) -> str:
+def digest_of_array(folder: Place, name: str, members: int, metadata: Place | None = None) -> str:
     """Return the digest of an array along members, whose first dimensions, so many, are the axes of the sweep."""
-    array = arrays_in(folder)[name]
+    array = arrays_in(folder, metadata=metadata)[name]
     dtype = np.dtype(array.dtype).newbyteorder("<")
     digest = sha256(f"{dtype.str}{tuple(array.shape)}".encode())
     for stretch in stretches(array.shape[:members], array.chunks[:members]):
@@ -93,9 +98,9 @@ def stretches(shape: Sequence[int], widths: Sequence[int]) -> Iterator[Block]:
             yield (*(slice(i, i + 1) for i in before), slice(begin, end), *(slice(0, size) for size in shape[k + 1 :]))
 
 
-def digests_of_axes(folder: Place) -> dict[str, str]:
+def digests_of_axes(folder: Place, metadata: Place | None = None) -> dict[str, str]:
     """Return digests of the arrays that are not along members: axis values, times, parameters."""
-    arrays = arrays_in(folder)
+    arrays = arrays_in(folder, metadata=metadata)
     kept = set(arrays.attrs[KEPT])
     return {name: digest_of(np.asarray(array[...])) for name, array in sorted(arrays.arrays()) if name not in kept}
 
@@ -138,11 +143,19 @@ def facts_of(folder: Place) -> dict[str, Any]:
         metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
     except (ValueError, OSError) as error:
         raise ArchiveError(f"'{file}' is damaged: {error}") from None
+    for grown in growths(folder) if metadata != facts.get("metadata") else ():
+        with suppress(ArchiveError, InputError, ValueError, OSError):  # members are still being marched there
+            facts = json.loads(store.content(grown / DIGESTS, MOST))
     if metadata != facts.get("metadata"):
         raise ArchiveError(
             f"'{folder / METADATA}' differs from its digest; remove '{folder}', and march the sweep again"
         )
     return facts
+
+
+def growths(folder: Place) -> list[Place]:
+    """List the folders of members that are being added to a sweep, or were when a process was stopped."""
+    return [place for place in store_of(folder).names(folder / NOTES) if is_folder(place)]
 
 
 def content_digest(facts: dict[str, Any]) -> str:
@@ -187,9 +200,11 @@ def _is_intact(folder: Place, name: str, facts: Mapping[str, Any], digest: str) 
         return False
 
 
-def faults_of_block(folder: Place, block: Block, digests: Mapping[str, str]) -> list[str]:
+def faults_of_block(
+    folder: Place, block: Block, digests: Mapping[str, str], metadata: Place | None = None
+) -> list[str]:
     """Compare the chunks of a block with its digests; describe every difference."""
-    arrays, faults = arrays_in(folder), []
+    arrays, faults = arrays_in(folder, metadata=metadata), list[str]()
     for name, digest in digests.items():
         try:
             same = digest_of(np.asarray(arrays[name][tuple(block)])) == digest

@@ -1,0 +1,201 @@
+"""Members added to a Zarr store: the same as a sweep that was made at once, and whole whenever it is stopped."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import dask
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+import xdynamics as xd
+from cases.problems import oscillator
+from xdynamics.cli import main
+from xdynamics.sweeping import members, zarr_blocks, zarr_growth
+
+pytest.importorskip("zarr")
+MODEL = oscillator().model
+ASKED: dict[str, Any] = {"step": 0.1, "until": 1.0, "keep": ["end", "x"], "times": [0.5], "members_per_task": 2}
+BEFORE: dict[str, Any] = {"k": [1.0, 1.25, 1.5], "method": ["rk4", "heun"]}
+STIFFER, THIRD = {"k": [*BEFORE["k"], 1.75, 1.1]}, {"method": [*BEFORE["method"], "midpoint"]}
+
+
+@pytest.fixture
+def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many members were marched, call by call."""
+    counts: list[int] = []
+    march_many = members.march_many
+
+    def counted(*given: Any, **more: Any) -> Any:
+        runs = march_many(*given, **more)
+        counts.append(len(runs.ends))
+        return runs
+
+    monkeypatch.setattr(members, "march_many", counted)
+    return counts
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep of six members in a store, that stays as it is."""
+    folder = tmp_path_factory.mktemp("growth") / "grid.zarr"
+    xd.sweep(MODEL, BEFORE, path=folder, **ASKED)
+    return folder
+
+
+@pytest.fixture
+def stored(whole: Path, tmp_path: Path) -> Path:
+    """The same, to be added to."""
+    return Path(shutil.copytree(whole, tmp_path / "grid.zarr"))
+
+
+@pytest.mark.parametrize("more", [THIRD, STIFFER | THIRD])
+def test_added_members_are_as_if_made_at_once(
+    more: dict[str, Any], stored: Path, tmp_path: Path, marched: list[int]
+) -> None:
+    """Assert bits and digests, along one axis, another and both, and that no member that was there was marched again."""
+    after, there = BEFORE | more, len(BEFORE["k"]) * len(BEFORE["method"])
+    marched.clear()
+    grown = xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert sum(marched) == grown.end_x.size - there
+    once = xd.sweep(MODEL, after, path=tmp_path / "once.zarr", **ASKED)
+    assert xd.verify(stored) == xd.verify(tmp_path / "once.zarr") == grown.attrs["content_digest"]
+    xr.testing.assert_identical(grown.drop_attrs().load(), once.drop_attrs().load())
+    for consolidated in (True, False):
+        plain = [xr.open_zarr(path, consolidated=consolidated) for path in (stored, tmp_path / "once.zarr")]
+        xr.testing.assert_equal(*plain)
+        assert plain[0].k.attrs == plain[1].k.attrs
+    marched.clear()
+    xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert not marched
+    assert [path.name for path in sorted((stored / ".xdynamics").iterdir())] == [
+        "blocks.json",
+        "digests.json",
+        "zarr.json",
+    ]
+    further = xd.sweep(MODEL, after | {"k": [*after["k"], 3.0]}, path=stored, **ASKED)
+    assert sum(marched) == further.sizes["method"]
+    assert xd.verify(stored)
+
+
+def test_whole_runs_are_added(tmp_path: Path) -> None:
+    """Assert that archives of members that are there stay, and that what was kept of them is found."""
+    asked = ASKED | {"keep": ["log", "end"], "times": None, "method": "rk4", "path": tmp_path / "grid.zarr"}
+    xd.sweep(MODEL, {"k": BEFORE["k"]}, **asked)
+    there = {place: place.stat().st_mtime_ns for place in (tmp_path / "grid.zarr" / "runs").iterdir()}
+    grown = xd.sweep(MODEL, STIFFER, **asked)
+    assert {place: place.stat().st_mtime_ns for place in there} == there
+    for k in STIFFER["k"]:
+        assert float(xd.member(grown, k=k).x[-1]) == float(grown.end_x.sel(k=k))
+    assert xd.verify(tmp_path / "grid.zarr") == grown.attrs["content_digest"]
+
+
+def broken(times: int, function: Any) -> Any:
+    """Return a function that is stopped when it is called after so many times."""
+    calls: list[Any] = []
+
+    def stopped(*given: Any) -> Any:
+        if len(calls) == times:
+            raise KeyboardInterrupt
+        calls.append(given)
+        return function(*given)
+
+    return stopped
+
+
+@pytest.mark.parametrize("blocks", [1, 5])
+def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
+    blocks: int, stored: Path, marched: list[int]
+) -> None:
+    """Assert the old sweep for us and for plain xarray, what `verify` says, that another addition waits, and the end of this one."""
+    before, after = xd.verify(stored), BEFORE | STIFFER | THIRD
+    marched.clear()
+    old = xr.open_zarr(stored).load()
+    with (
+        mock.patch.object(zarr_blocks, "_keep", broken(blocks, zarr_blocks._keep)),
+        dask.config.set(scheduler="synchronous"),
+        pytest.raises(KeyboardInterrupt),
+    ):
+        xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert xd.verify(stored) == before
+    for consolidated in (True, False):
+        xr.testing.assert_identical(xr.open_zarr(stored, consolidated=consolidated).load(), old)
+    assert xd.sweep(MODEL, BEFORE, path=stored, **ASKED).attrs["content_digest"] == before
+    said = CliRunner().invoke(main, ["verify", str(stored)])
+    assert (said.exit_code, "members were being added to it: the same sweep, called again" in said.output) == (0, True)
+    with pytest.raises(
+        xd.InputError, match=r"the same call goes on with it, and removing '.*\.xdynamics/.*' gives it up"
+    ):
+        xd.sweep(MODEL, BEFORE | STIFFER, path=stored, **ASKED)
+    done = sum(marched)
+    grown = xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert (done > 0, sum(marched)) == (True, 9)
+    assert grown.end_x.values.tolist() == xd.sweep(MODEL, after, **ASKED).end_x.values.tolist()
+    assert xd.verify(stored) == grown.attrs["content_digest"] != before
+
+
+def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
+    """Assert a sweep that is verified, whichever file was to be replaced when it was stopped, and that the call goes on."""
+    after, exchange, replace, given = BEFORE | STIFFER, zarr_growth._exchange, zarr_growth._replace, []
+    with mock.patch.object(zarr_growth, "_exchange", lambda *about: given.extend(about)):
+        xd.sweep(MODEL, after, path=stored, **ASKED)
+    plan, _, work = given
+    most = len(zarr_growth.arrays_in(stored, metadata=work / "zarr.json").attrs["sweep_variables"]) + 4
+    digests = {}
+    for moment in (0, 1, most - 2, most - 1, most):
+        folder = Path(shutil.copytree(stored, tmp_path / f"{moment}.zarr"))
+        with mock.patch.object(zarr_growth, "_replace", broken(moment, replace)):
+            stopped = stops(exchange, plan, folder, folder / ".xdynamics" / work.name)
+        assert stopped == (moment < most)  # the metadata of every array and of one axis, the blocks, metadata, digests
+        digests[moment] = xd.verify(folder)
+        assert xd.open_sweep(folder).sizes["k"] == xr.open_zarr(folder).sizes["k"] == (3, 5)[moment > most - 2]
+        assert bool(zarr_growth.growths(folder)) == stopped
+    assert digests[0] == digests[1] == digests[most - 2] != digests[most - 1] == digests[most]
+    for moment in (1, most - 1):
+        folder = tmp_path / f"{moment}.zarr"
+        assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == digests[most]
+        assert xd.verify(folder) == digests[most]
+        assert zarr_growth.growths(folder) == []
+
+
+def stops(function: Any, *given: Any) -> bool:
+    """Call a function; return whether it was stopped."""
+    try:
+        function(*given)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"axes": {"k": [1.0, 1.1, 1.25, 1.5]}}, "the values of 'k' that it has are not the first ones here"),
+        ({"axes": {"k": [1.0, 1.25]}}, "it has k = 1.5, which this sweep has not; give them too"),
+        ({"axes": {"method": ["heun", "rk4"]}}, "the values of 'method' that it has are not the first ones here"),
+        ({"axes": {"m": [1.0, 2.0]}}, "its axes are k, method there, here k, method, m"),
+        ({"until": 2.0}, "setting 'until' is 1.0 there, here 2.0"),
+        ({"keep": ["end"], "times": None}, "keep is end, x there, here end"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, whole: Path) -> None:
+    """Assert one clear error with the remedy, and the store as it was."""
+    before, axes = xd.open_sweep(whole).attrs["content_digest"], BEFORE | changed.get("axes", {})
+    more = {name: value for name, value in changed.items() if name != "axes"}
+    with pytest.raises(xd.InputError, match=words) as told:
+        xd.sweep(MODEL, axes, path=whole, **ASKED | more)
+    assert "name another folder" in str(told.value) or "xarray sorts" in str(told.value)
+    assert xd.open_sweep(whole).attrs["content_digest"] == before
+    assert not zarr_growth.growths(whole)
+
+
+def test_damage_is_found_before_members_are_added(stored: Path) -> None:
+    """Assert that a store whose chunk is hurt grows no member, and that the chunk is named."""
+    chunk = stored / "end_x" / "c" / "0" / "0"
+    chunk.write_bytes(chunk.read_bytes()[:-3])
+    with pytest.raises(xd.ArchiveError, match="array 'end_x' cannot be read in block 0-2_0-1"):
+        xd.sweep(MODEL, BEFORE | STIFFER, path=stored, **ASKED)
