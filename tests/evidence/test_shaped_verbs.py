@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 
@@ -146,3 +149,77 @@ def test_more_time_is_the_longer_run(tmp_path: Path) -> None:
     with xd.open_run(tmp_path / "pair.nc") as read:
         for found in (extended, read):
             np.testing.assert_array_equal(found.x.sel(body="b"), longer.x.sel(body="b"))
+
+
+def test_certificates_are_of_elements(chain: xd.Model, tmp_path: Path) -> None:
+    """Assert the terms, gates and value of one element's certificate, and that a file of it is checked again."""
+    found = xd.certify(chain, "u[b]", at="1 s", draws=0)
+    terms = found.term_name.values.tolist()
+    assert terms[4:] == ["c", "m[a]", "m[b]", "m[c]"]
+    assert set(found.gate_verdict.values.tolist()) <= {0, 2}
+    fine = xd.simulate(chain, method="dop853", rtol=1e-12, step=None)
+    assert abs(float(found.value) - float(fine.u.sel(site="b")[-1])) <= float(found.numerical_bound)
+    xd.save(found, tmp_path / "certificate.nc")
+    assert xd.recheck(tmp_path / "certificate.nc").attrs["result"] == found.attrs["result"]
+
+
+def test_whole_quantities_have_no_certificate(chain: xd.Model) -> None:
+    """Assert that one of several elements is asked for, and which there are, where a block or none is named."""
+    for quantity in ("u", "u[q]"):
+        with pytest.raises(xd.InputError, match=re.escape("; 'u' has the elements u[a], u[b], u[c]: name one")):
+            xd.certify(chain, quantity, at="1 s", draws=0)
+    data = xd.sample(xd.simulate(chain), times=[0.5, 1.0])
+    with pytest.raises(xd.InputError, match=re.escape("; 'k' has the elements k[0], k[1]: name one")):
+        xd.fit(chain, xr.Dataset({"u": (("time", "site"), data.u.values, {"units": "m"})}), ["k[7]"])
+
+
+def test_links_and_masses_are_fitted(chain: xd.Model) -> None:
+    """Assert that the stiffness of one link and the mass of one site are found again from motions of all, or of one."""
+    asked = {"method": "dop853", "rtol": 1e-10, "step": None}
+    moments = np.linspace(0.0, 1.0, 11)
+    seen = xd.sample(xd.simulate(chain, **asked), times=moments).u.values
+    data = xr.Dataset(
+        {"u": (("time", "site"), seen, {"units": "m"})},
+        {"time": ("time", moments, {"units": "s"}), "site": ["a", "b", "c"]},
+    )
+    away = chain.replace(parameters={"k[0]": "3 N m-1", "m[a]": "1.3 kg"})
+    found = xd.fit(away, data, ["m[a]", "k[0]"], **asked)
+    assert found.parameter_name.values.tolist() == ["m[a]", "k[0]"]
+    assert found.estimate.values == pytest.approx([1.0, 4.0], rel=1e-6)
+
+
+BALLS = """
+name = "balls"
+[dimensions]
+ball = 25
+[coordinates]
+y = { unit = "m", dims = ["ball"] }
+[mass]
+y = "1*kilogram"
+[forces.weight]
+y = "-9.81*newton"
+[contacts.floor]
+gap = "y"
+restitution = 0.5
+[initial]
+y = "(1 + index(ball))*0.01*metre"
+"""
+
+
+@pytest.mark.parametrize(("text", "until"), [(CHAIN, "20 s"), (BALLS, "0.4 s")], ids=["chain", "balls"])
+def test_runs_of_elements_are_resumed(text: str, until: str, tmp_path: Path) -> None:
+    """Assert that a run of elements, and one of many contacts, that was stopped goes on from its file to the same bits."""
+    model, path = xd.Model.from_text(text), tmp_path / "run.nc"
+    method, step = ("rk4", "1 ms") if text == CHAIN else ("velocity_verlet", "20 us")
+    asked = {"method": method, "step": step, "until": until}
+    whole = xd.simulate(model, **asked)
+
+    def interrupt(*_told: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    stopped = xd.simulate(model, **asked, path=path, progress=interrupt)
+    assert stopped.attrs["run_outcome"] == "interrupted"
+    assert 1 < stopped.sizes["step"] < whole.sizes["step"]
+    stopped.close()
+    resumed = xd.simulate(model, **asked, path=path, resume=True)
+    assert resumed.attrs["content_digest"] == xd.content_digest(whole)

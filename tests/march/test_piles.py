@@ -317,3 +317,31 @@ def test_contacts_of_bodies_have_their_forces_along_them() -> None:
         points(heights, "y"), method="velocity_verlet", step="10 ms", until="50 ms", log="full", keep_every=2
     )
     assert np.array_equal(thin.contact_force_floor.values, force.values[thin.step_number.values])
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_contacts_of_bodies_have_their_gaps_along_them(unit: str) -> None:
+    """Assert the gap of every body in every row, open ones too, from the record's own states, in the unit of the floor."""
+    heights = np.where(np.arange(25) % 2 == 0, 0.0, 5.0)
+    model = xd.Model(
+        name="points",
+        dimensions={"ball": 25, "axis": ["x", "y"]},
+        coordinates={"r": {"unit": unit, "dims": ["ball", "axis"]}},
+        parameters={"m": "1 kg", "g": f"{G} m s-2", "rise": "0.1 m s-1"}
+        | {"up": {"dims": ["axis"], "value": [0, 1], "unit": "1"}}
+        | {"width": {"dims": ["ball"], "value": [1e-3 * k for k in range(25)], "unit": "m"}},
+        mass={"r": "m"},
+        forces={"weight": {"r": "-m*g*index(axis)"}},
+        contacts={"floor": {"gap": "r - width + rise*t*up", "restitution": 0.5}},
+        initial={
+            "r": {"unit": "m", "value": (heights[:, None] + 1e-3 * np.arange(25.0)[:, None] + [[1.0, 0.0]]).tolist()}
+        },
+    )
+    run = xd.simulate(model, method="velocity_verlet", step="10 ms", until="50 ms", log="full")
+    gap, t = run.contact_gap_floor, run.time.values[:, None, None]
+    assert (gap.dims, gap.attrs["units"], gap.attrs["role"]) == (("step", "ball", "axis"), "m", "gap")
+    places = run.r.values * (1e-3 if unit == "mm" else 1.0)
+    wanted = places - run.width.values[:, None] + 0.1 * t * np.array([0.0, 1.0])
+    assert np.abs(gap.values - wanted).max() < 1e-15
+    closed = gap.values[run.closed_step.values, run.closed_ball.values, run.closed_axis.values]
+    assert np.abs(closed - run.closed_gap.values).max() < 1e-17

@@ -16,7 +16,7 @@ from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, written
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
-from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.record.run_columns import columns_of
 from xdynamics.sweeping.axis_values import numbers_of
 from xdynamics.units import Unit, parse_unit, unit_suffix
@@ -118,7 +118,10 @@ def names_of(model: Model, named: Any, what: str, *, some: bool = False) -> tupl
         )
     for name in names:
         if name not in available and name != OFFSET:
-            raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(of_wholes(available))}")
+            raise InputError(
+                f"'{name}' is no parameter or initial value; there are"
+                f" {', '.join(of_wholes(available))}{elements_of(str(name), available)}"
+            )
     return names
 
 

@@ -21,7 +21,7 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_attributes import elements_of, of_wholes
 from xdynamics.record.flag_words import words_of
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.shapes.naming import written
@@ -99,6 +99,7 @@ class Target:
             raise InputError(
                 f"quantity is {quantity!r}; there are {', '.join(of_wholes(quantities))}, at an event {TIME}, and without a"
                 f" time or event {LARGEST}_… and {LEAST}_… of these and of forces, like '{extremes[0]}'"
+                f"{elements_of(quantity, quantities) if isinstance(quantity, str) else ''}"
             )
         if isinstance(occurrence, bool) or not isinstance(occurrence, int) or occurrence < 1:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")

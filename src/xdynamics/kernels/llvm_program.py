@@ -17,6 +17,7 @@ from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
 from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece
 from xdynamics.elementary.text import struct_of, written_intervals
+from xdynamics.kernels.heap_arrays import MOST_ON_STACK, refusal
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.operations import RULES
 from xdynamics.kernels.program import (
@@ -46,7 +47,6 @@ from xdynamics.kernels.program import (
 
 UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
-MOST_ON_STACK = 10_000  # numbers of an array; larger ones are on the heap
 UNSOUND = "unsound"
 LOOKED_UP = ("piece_of", "find_piece", *POLYNOMIALS)  # in tables: the piece of a drive of time, of an argument, …
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
@@ -95,6 +95,10 @@ class ProgramText:
                 f"call ptr @malloc(i64 {8 * numbers})" if name in on_heap else f"alloca double, i64 {numbers}, align 8"
             )
             self._put(f"%{name} = {where}")
+        if on_heap:
+            unsound = self._places.pointer(Place("at", AT.index(UNSOUND)))
+            self._lines.lines += refusal(on_heap, unsound, self._runs)
+            self._lines.begin("given")
         self._print(self._program.body)
         if self._program.sound:
             self._answer(*self._program.sound)

@@ -7,6 +7,7 @@ from collections.abc import Container, Iterable
 
 from xdynamics.elementary import NAME
 from xdynamics.elementary.text import called_in, declarations, definition, definitions
+from xdynamics.kernels.heap_arrays import DECLARED
 from xdynamics.kernels.llvm_program import ProgramText
 from xdynamics.kernels.program import ARRAYS, TABLE, WORDS, Program, ProgramCall, When, While, size
 
@@ -46,7 +47,7 @@ def llvm_of(
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
     bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}
     if any("@malloc(" in body for body in bodies.values()):
-        text.append("declare noalias ptr @malloc(i64)\ndeclare void @free(ptr)")
+        text.append(DECLARED)
     used = {name: called_in(body) for name, body in bodies.items()}
     sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
     inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}

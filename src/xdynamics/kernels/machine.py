@@ -15,6 +15,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from xdynamics.kernels import cache
+from xdynamics.kernels.heap_arrays import LACKING, lack
 
 # what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
@@ -31,6 +32,12 @@ def provide_helpers() -> None:
     library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
     for symbol, name in HELPERS.items():
         llvm.add_symbol(symbol, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+
+
+@lru_cache
+def provide_refusal() -> None:
+    """Make known to LLVM what a program calls that was given no memory."""
+    llvm.add_symbol(LACKING, ctypes.cast(lack, ctypes.c_void_p).value)
 
 
 def address_of(array: Any) -> int:
@@ -57,6 +64,7 @@ class Code:
     """
 
     def __init__(self, content: bytes, names: Iterable[str]) -> None:
+        provide_refusal()
         module = llvm.parse_assembly("")
         module.triple = llvm.get_process_triple()
         self._engine = llvm.create_mcjit_compiler(module, _machine())

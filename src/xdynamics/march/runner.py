@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.engine_part import is_being_made
+from xdynamics.kernels.heap_arrays import is_lacking
 from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import engine
@@ -149,7 +150,7 @@ class March:
             rows = min(most, max(1, RECYCLED_NUMBERS // self.layout.row.size))
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
-        with self._watching_keyboard():
+        with self._watching_keyboard(), self._memory():
             while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
                 if rows is None or len(kept) < 2:
                     log = self._log(size)
@@ -164,6 +165,17 @@ class March:
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
+
+    @contextmanager
+    def _memory(self) -> Iterator[None]:
+        """Say in one sentence that the system gives no memory."""
+        try:
+            yield
+        except MemoryError as fault:
+            raise InputError(
+                f"the system gave no memory for the log of the model '{self.model.name}', or for what is read from it:"
+                " keep less, by log = 'states' or keep_every, or give the process more memory (ulimit -v)"
+            ) from fault
 
     def _log(self, rows: int) -> Log:
         """Return an empty log."""
@@ -248,6 +260,12 @@ class March:
             before = counts
             log.make_ready(counts[0] - first[0], pause, sampled)
             march(self.run, pause)
+            if is_lacking():
+                raise InputError(
+                    f"the system gave no memory for what one evaluation of the model '{self.model.name}' needs, at"
+                    f" t = {self.now.t * self.settings.scales.of(TIME):.6g} {self.model.time_unit}: nothing of the run is"
+                    " kept; march fewer elements, or give the process more memory (ulimit -v)"
+                )
             looked, took = clock(), clock() - looked
             pause = _rows_to_come(pause, counts[0], took)
             if self.progress:

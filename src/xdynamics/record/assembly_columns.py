@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import dimension_of, text_of
+from xdynamics.expressions import dimension_of, free_names, text_of
+from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.march import LogBlock
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.model import Model
@@ -25,11 +27,12 @@ from xdynamics.schema import (
     Variable,
     at_closed,
     contact_force,
+    contact_gap,
     flags,
     friction_force,
     velocity,
 )
-from xdynamics.units import Unit, spell
+from xdynamics.units import TIME, Unit, constant, spell
 
 Array = NDArray[Any]
 
@@ -42,7 +45,7 @@ def assembly_columns(about: About) -> list[Column]:
 
 
 def _of_bodies(about: About) -> list[Column]:
-    """Return the forces of contacts that are of bodies, not of pairs of them: for every body, 0 where it is open."""
+    """Return gaps and forces of contacts that are of bodies, not of pairs of them: for every body, no force where it is open."""
     model, every = about.model, assemblies(about.model)
     begins = np.cumsum([0, *(assembly.links for assembly in every)])
     force, drag, collected = _unit_of_force(model), _unit_of_friction(model), []
@@ -50,6 +53,9 @@ def _of_bodies(about: About) -> list[Column]:
         dims, shape = (STEPS, *assembly.dims), model.shapes.shape(assembly.dims)
         if assembly.relation is not None:
             continue
+        gap = spell(dimension_of(assembly.contact.gap, model.dimensions))
+        apart = Variable(contact_gap(assembly.name), dims, "f8", gap.text, f"gap of contact {assembly.name}", "gap")
+        collected.append(Column(apart, _gaps(about, assembly, gap, shape)))
         words = f"normal force of contact {assembly.name}, positive where it pushes; 0 where it is open"
         pressing = Variable(contact_force(assembly.name), dims, "f8", force.text, words, "reaction")
         collected.append(Column(pressing, _spread(3, about.units.factor(force), begin, shape)))
@@ -73,6 +79,35 @@ def _spread(row: int, factor: float, begin: int, shape: tuple[int, ...]) -> Call
         steps = closed[0, own].astype(np.int64) - int(block.log.base[0]["rows"])
         values[steps, closed[1, own].astype(np.int64) - begin] = times(closed[row, own], factor)
         return values.reshape(block.rows, *shape)
+
+    return take
+
+
+def _gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
+    """Take the gaps of all links of a contact, computed from the coordinates of each row."""
+    model, links = assembly.model, np.arange(assembly.links)
+    tree, own, numbers = model.expanded(assembly.contact.gap), assembly.ends(links), assembly.numbers(links)
+    read, leaves = free_names(tree), {leaf.name: leaf for leaf in assembly.leaves}
+    elements = {name: assembly.elements(leaf, *own, numbers) for name, leaf in leaves.items() if name in read}
+    moving = {leaf.name: leaf.quantity for leaf in assembly.leaves[: assembly.coordinates] if leaf.name in read}
+    known: dict[str, Any] = {"pi": math.pi}
+    for name in read - {*moving, "t", "pi"}:
+        if name in elements:
+            every = model.shapes.elements(leaves[name].quantity)
+            known[name] = np.array([model.parameters[every[k]].quantity.si for k in elements[name].tolist()])
+        else:
+            known[name] = (
+                model.parameters[name].quantity.si if name in model.parameters else float(constant(name).factor)
+            )
+
+    def take(block: LogBlock) -> Array:
+        rows, place = block.log.rows[:, : block.rows], about.layout.row.place
+        values = known | {"t": times(rows[place("time")], about.scales.of(TIME))[:, None]}
+        for name, quantity in moving.items():
+            factor = about.scales.of(model.dimensions[name])
+            values[name] = times(rows[place(quantity) + elements[name]].T, factor)
+        found = np.broadcast_to(evaluate_many(tree, values), (block.rows, assembly.links))
+        return times(found, 1.0 / float(unit.factor)).reshape(block.rows, *shape)
 
     return take
 

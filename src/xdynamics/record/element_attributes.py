@@ -16,7 +16,7 @@ from xdynamics.schema import (
     ELEMENTS,
     OF_ELEMENTS,
 )
-from xdynamics.shapes.naming import DOT
+from xdynamics.shapes.naming import DOT, parted, spoken
 
 _LABELS = re.compile(rf"(?<=\w)(?:{DOT}\w+)+")
 
@@ -35,6 +35,15 @@ def of_whole(text: str) -> str:
 def of_wholes(names: Iterable[str]) -> tuple[str, ...]:
     """Return names with those of quantities in the place of their elements'."""
     return tuple(dict.fromkeys(map(of_whole, names)))
+
+
+def elements_of(name: str, known: Iterable[str]) -> str:
+    """Say of a name that is not known how its elements are named, where it is a quantity with dimensions; else nothing."""
+    members = [spoken(entry) for entry in known if parted(entry)[1] and of_whole(entry) == of_whole(name)]
+    if not members:
+        return ""
+    few = ", ".join(members[:3]) + (f", … {members[-1]}" if len(members) > 3 else "")
+    return f"; '{of_whole(name)}' has the elements {few}: name one"
 
 
 def attributes_of_whole(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], size: int) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 
 import xdynamics as xd
 from cases.shaped_laws import MODELS
@@ -14,6 +15,7 @@ from xdynamics.kernels import jacobian_pattern, layout_of
 from xdynamics.kernels.jacobian_pattern import pattern_of
 from xdynamics.march import March, equation_solvers
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.run import ARRAYS
 from xdynamics.model import Model
 
 HEAT = """
@@ -145,3 +147,42 @@ def test_brusselator_of_more_cells_takes_as_many_steps() -> None:
             [run.sizes["step"], *(run.attrs[f"run_{name}"] for name in ("jacobian_evaluations", "factorisations"))]
         )
     assert np.abs(np.diff(counts, axis=0)).max() <= 4
+
+
+def spread_out(cells: int, until: float) -> np.ndarray:
+    """Return the end of a Brusselator by scipy's DOP853, which is explicit and knows nothing of bands, at 1e-12."""
+    places, factor = np.arange(1, cells + 1) / (cells + 1), 0.02 * (cells + 1) ** 2
+
+    def rates(_t: float, y: np.ndarray) -> np.ndarray:
+        u, w = y[:cells], y[cells:]
+        wide_u, wide_w = np.concatenate([[1.0], u, [1.0]]), np.concatenate([[3.0], w, [3.0]])
+        du = 1 + u**2 * w - 4 * u + factor * (wide_u[:-2] - 2 * u + wide_u[2:])
+        return np.concatenate([du, 3 * u - u**2 * w + factor * (wide_w[:-2] - 2 * w + wide_w[2:])])
+
+    start = np.concatenate([1 + np.sin(2 * np.pi * places), np.full(cells, 3.0)])
+    return solve_ivp(rates, (0.0, until), start, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+
+
+@pytest.mark.parametrize(("cells", "until"), [(50, 10.0), (100, 2.0), (200, 0.5)])
+def test_brusselators_have_the_digits_of_another_program(cells: int, until: float) -> None:
+    """Assert both fields of 50, 100 and 200 cells to 1e-9 against an explicit method of order 8."""
+    model = Model.from_text(BRUSSELATOR.format(cells=cells))
+    run = xd.simulate(model, **METHOD, rtol=1e-11, atol=1e-11, until=until)
+    found = np.concatenate([run.u.values[-1], run.w.values[-1]])
+    assert np.abs(found - spread_out(cells, until)).max() < 1e-9
+
+
+def test_fields_of_2000_cells_cost_in_proportion() -> None:
+    """Assert that a reaction-diffusion equation of more cells takes as many steps, and memory for every cell added."""
+    counts, sizes = [], []
+    for cells in (500, 1000, 2000):
+        model = Model.from_text(BRUSSELATOR.format(cells=cells))
+        march = March(model, settings_for(model, **METHOD, rtol=1e-4, atol=1e-6, until=0.1))
+        for _ in march.blocks():
+            pass
+        counts.append([int(march.accepted), int(march.now.evaluations)])
+        sizes.append(sum(getattr(march.run, name).nbytes for name in ARRAYS if not name.startswith("log_")))
+    assert np.ptp(counts, axis=0).max() <= 4
+    added = np.diff(sizes) / [500, 1000]
+    assert added[1] == pytest.approx(added[0], rel=0.01)
+    assert added[1] < 6000.0  # bytes a cell, of two unknowns and their bands

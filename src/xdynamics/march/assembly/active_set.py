@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import GRIPPING, LOSS, ROWS, STRAIN, STRAINED, TERMS, TOGETHER, WORK, blame
+from xdynamics.march.assembly.broad_phase import LOSS, ROWS, STRAIN, STRAINED, TERMS, TOGETHER, WORK, blame
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,
@@ -25,7 +25,7 @@ from xdynamics.march.assembly.closed_links import (
     list_ends,
     look_at_closed,
 )
-from xdynamics.march.assembly.friction import BREAKS, RESTLESS, solve_links
+from xdynamics.march.assembly.friction import RESTLESS, solve_links
 from xdynamics.march.assembly.holding import project, stop
 from xdynamics.march.assembly.impact import pose_slip
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
@@ -36,6 +36,7 @@ from xdynamics.march.assembly.touching import (
     AFTER,
     BIAS,
     BOUNCE,
+    BROKEN,
     CANDIDATE,
     DRAGS,
     EARLY,
@@ -65,7 +66,6 @@ from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 
 LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, unless the model says how low they are
-LOOSENED = 1.0 - 1e-9  # of the most that grips hold, where one has just broken and would not without
 ROUNDS = 4  # of examining again which links come to rest
 
 
@@ -73,7 +73,6 @@ ROUNDS = 4  # of examining again which links come to rest
 def rest(run: Run, t: float) -> bool:
     """Find out which links that touch are closed, and put the trial's state on them; whether their forces were found."""
     note_speeds(run)
-    run.tallies[GRIPPING] = run.closed[0]
     for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
         run.touching[a, SLIP_SLACK] += slip_falling(run, a) * resolution(run, a)  # with the forces of the motion so far
     run.closed[0] = 0
@@ -85,7 +84,8 @@ def rest(run: Run, t: float) -> bool:
     for _ in range(ROUNDS):
         if not solve_forces(run):
             return False
-        if not skip_bounces(run):
+        grips, skips = regrip(run), skip_bounces(run)
+        if not (grips or skips):
             break
     close(run)
     take_energy(run, t)
@@ -149,24 +149,35 @@ def solve_forces(run: Run) -> bool:
 
 @shared
 def pose_grip(run: Run, a: int, acts: bool) -> None:
-    """Write down whether a link grips, and within which bounds, or slides already."""
+    """Write down whether a link grips, and within which bounds, or slides already, or since its grip has just broken."""
     row = 2 * a + 1
     pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
     if run.touching[a, RUBS] == 1.0:
         slip = slip_of(run, a)
-        if abs(slip) <= run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a):
-            run.vectors[GRIP, row] = run.touching[a, STATIC] * (LOOSENED if any_breaks(run) else 1.0)
-        else:
+        if abs(slip) > run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a):
             run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
+        elif run.touching[a, BROKEN] != 0.0:
+            run.vectors[DRAG, row] = run.touching[a, BROKEN] * run.touching[a, KINETIC]
+        else:
+            run.vectors[GRIP, row] = run.touching[a, STATIC]
 
 
 @shared
-def any_breaks(run: Run) -> bool:
-    """Whether a grip breaks at the end of the trial."""
-    breaks = False
-    for a in range(run.tallies[GRIPPING]):
-        breaks = breaks or run.lifted[a] == BREAKS
-    return breaks
+def regrip(run: Run) -> bool:
+    """Take back what broke or lifted where slips would go with their friction, or gaps close; whether any is.
+
+    Where several links change at one time, what one alone would do is not what it does with the others.
+    """
+    any_holds, force = False, largest(run, X, 0, 2 * run.tallies[TOGETHER]) if run.tallies[ROWS] == 2 else 0.0
+    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
+        size = slip_falling(run, a) + force * sqrt(run.touching[a, SLIP_OWN])
+        slides = run.touching[a, RUBS] == 1.0 and run.vectors[GRIP, 2 * a + 1] == 0.0
+        if slides and run.touching[a, BROKEN] * run.touching[a, SLIP_AFTER] > 4.0 * RESTLESS * size:
+            run.touching[a, BROKEN], any_holds = 0.0, True
+        size = falling(run, a) + force * sqrt(run.touching[a, OWN])
+        if run.touching[a, LIFTS] == 1.0 and run.touching[a, AFTER] < -4.0 * RESTLESS * size:
+            run.touching[a, LIFTS], run.touching[a, ACTS], any_holds = 0.0, 1.0, True
+    return any_holds
 
 
 @shared

@@ -29,9 +29,10 @@ from xdynamics.march.run import Run
 # arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses, where the
 # trial was to land
 # whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
-# links closed before the event; how many events followed each other within what times are located to
+# steps in a row in which forces of closed links hardly changed; events that followed each other within what times are
+# located to
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
-ROWS, GRIPPING, HASTE = range(12, 15)
+ROWS, QUIET, HASTE = range(12, 15)
 OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED = range(1, 11)  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
 # gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms

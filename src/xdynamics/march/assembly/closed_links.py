@@ -132,8 +132,8 @@ def look_along_slip(run: Run, a: int, state: State) -> None:
     run.vectors[OWN_SCALE, row] = scale
     run.vectors[RATES, row], run.vectors[STEEP, row] = pattern.links[1].rate, steep
     run.vectors[ROUGHLY, row] = total
-    run.vectors[GRIP, row] = pattern.links[1].most
     if grip == STICKS:
+        run.vectors[GRIP, row] = pattern.links[1].most
         run.vectors[SCALE, row], run.vectors[RIGHT, row] = scale, -total * scale
     else:
         run.vectors[DRAG, row] = (-1.0 if grip == SLIDES_ON else 1.0) * pattern.links[1].coefficient

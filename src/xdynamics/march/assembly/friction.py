@@ -1,9 +1,10 @@
 """Coulomb's friction of many links: a force along each slip, at most a fraction of the normal force of the same link.
 
 A link that grips has any force within its bounds and no slip, or that at a bound, against the slip; one that slides has
-that of its sliding. Bounds follow normal forces: these are solved for with bounds as they are, then bounds are made
-anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital. B 17, 1980, 796; Acary and Brogliato,
-Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
+that of its sliding. One link is solved for after the other, and now and then all of those are that seem to press, to hold
+and to slide. Where that does not settle, as with masses that differ by many powers of ten, normal forces are solved for
+with bounds as they are, then bounds are made anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital.
+B 17, 1980, 796; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
 """
 
 from __future__ import annotations
@@ -46,9 +47,11 @@ from xdynamics.march.assembly.normal_forces import (
     solve_equations,
     solve_unilateral,
 )
+from xdynamics.march.assembly.sweeps import sweep
 from xdynamics.march.run import Run
 
 MOST_BOUNDS = 300  # turns of making bounds anew
+MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 HELD = 1e-10  # of the largest term: an acceleration that is no motion
 LIFTING = 1e-10  # of the largest force: a pull, or a drag beyond its bound, that is smaller may be rounding
@@ -58,14 +61,32 @@ LIFTS, BREAKS, STOPS = range(1, 4)  # what happens to a closed link: its force, 
 @shared
 def solve_links(run: Run, first: int, count: int) -> float:
     """Find forces, or impulses, of links within their bounds; return the residual over the size of the terms."""
+    rows = 2 * count
     if run.tallies[ROWS] == 1:
         return solve_unilateral(run, first, count)
-    rows, left, change, before, turn, attempt = 2 * count, 0.0, 0.0, inf, 0, 2
+    for row in range(first, first + rows):
+        run.vectors[X, row] = 0.0
+    return solve_from(run, first, count)
+
+
+@shared
+def solve_from(run: Run, first: int, count: int) -> float:
+    """Do so from the forces that are there, of links with friction."""
+    rows = 2 * count
     for row in range(first, first + rows):
         run.vectors[GIVEN, row], run.vectors[OWN_SCALE, row] = run.vectors[RIGHT, row], run.vectors[SCALE, row]
-        run.vectors[X, row], run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, 0.0, inf
+        run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, inf
+    left = sweep_all(run, first, rows)
+    return left if left <= RESTLESS else follow_bounds(run, first, rows)
+
+
+@shared
+def follow_bounds(run: Run, first: int, rows: int) -> float:
+    """Solve with bounds as they are, then make these anew, until nothing changes; return the residual, as above."""
+    left, change, before, turn, attempt = 0.0, 0.0, inf, 0, 2
     for row in range(first + 1, first + rows, 2):
         grips = run.vectors[GRIP, row] > 0.0 and run.vectors[SCALE, row] > 0.0
+        run.vectors[X, row - 1], run.vectors[X, row] = 0.0, 0.0
         run.vectors[LEAST, row], run.vectors[MOST, row] = (-inf, inf) if grips else (0.0, 0.0)
     while turn < MOST_BOUNDS:
         turn += 1
@@ -79,6 +100,28 @@ def solve_links(run: Run, first: int, count: int) -> float:
                 break
         before = change
     return outside(run, first, rows)
+
+
+@shared
+def sweep_all(run: Run, first: int, rows: int) -> float:
+    """Improve forces of one link after the other; return the residual over the size of the terms."""
+    attempt = 8
+    for turn in range(1, MOST_SWEEPS + 1):
+        if sweep(run, first, rows) <= ENOUGH:
+            break
+        if turn == attempt:
+            attempt = 2 * turn
+            bound_all(run, first, rows)
+            if settle(run, first, rows):
+                attempt = 0
+    return outside(run, first, rows)
+
+
+@shared
+def bound_all(run: Run, first: int, rows: int) -> None:
+    """Give all friction the bounds that normal forces set."""
+    for row in range(first + 1, first + rows, 2):
+        bound_row(run, row)
 
 
 @shared
@@ -180,7 +223,7 @@ def solve_sets(run: Run, first: int, rows: int) -> float:
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
     left, share, best = press_along(run, LOAD, 1.0, first, rows), amiss(run, first, rows), inf
-    while share > ENOUGH and share < best / 2.0 and left <= ALLOWED:
+    while share > ENOUGH and share < 0.9 * best and left <= ALLOWED:
         best = share
         improve(run, ENOUGH * largest(run, X, first, rows), first, rows)
         left = press_along(run, LOAD, 1.0, first, rows)
@@ -302,7 +345,7 @@ def share_forces(run: Run) -> None:
     for row in range(first, first + rows):
         run.vectors[RIGHT, row] = run.vectors[GIVEN, row]
         run.vectors[FIRST_X, row] = run.vectors[X, row]
-    if solve_links(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
+    if solve_from(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
         for a in range(run.closed[0]):
             row = row_of(run, a)
             run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]

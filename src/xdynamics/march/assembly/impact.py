@@ -22,7 +22,7 @@ from xdynamics.march.assembly.broad_phase import (
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.single_impacts import each_alone, reverse, sweep
+from xdynamics.march.assembly.single_impacts import each_alone, reverse
 from xdynamics.march.assembly.touching import (
     ACTS,
     BEFORE,
@@ -55,7 +55,6 @@ from xdynamics.march.run import Run
 
 MOST_LEMKE = 32  # links that Lemke's method solves for
 MOST_ROUNDS = 1000
-MOST_SWEEPS = 500  # over links with friction, where gradients find no impulses
 
 
 @shared
@@ -160,9 +159,6 @@ def solve(run: Run) -> bool:
         if rubs:
             run.touching[a, SLIP_AFTER], run.touching[a, PULL] = slip_of(run, a), 0.0
     solved = by_lemke(run, count) if count <= MOST_LEMKE and not rubs else by_gradients(run)
-    for _ in range(MOST_SWEEPS):
-        if rubs and solved and not unsolved(run) <= largest_slack(run):
-            sweep(run)
     for a in range(run.tallies[TOGETHER]):
         if run.touching[a, ACTS] == 1.0:
             run.touching[a, TOTAL] += run.touching[a, IMPULSE]

@@ -144,7 +144,8 @@ def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
     before, after = gap_at(run, run.near, run.now[0].t + start, k), gap_at(run, run.far, run.now[0].t + end, k)
     if smooth and up < 0.0:
         return FREE if after > 0.0 else MEETS
-    if smooth and clears(before, after, down, up, end - start):
+    # a gap that begins below zero, by what rounding left, and stays there is no free one
+    if smooth and before > 0.0 and clears(before, after, down, up, end - start):
         return FREE
     if finest or end - start <= resolution_of(run, k, end):
         return MEETS if after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack else FREE

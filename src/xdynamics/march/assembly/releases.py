@@ -3,7 +3,8 @@
 Forces within a step are looked at on the cubic that its states and velocities leave: at its middle, for a method of many
 stages at more places, and where a parabola through a force, or what is left of a grip, at start, middle and end falls to
 zero. What is found there is found again in a shortened step before it counts. What passes zero and returns between these
-places, by more than a parabola shows, is not found.
+places, by more than a parabola shows, is not found. Where nothing changed by more than a twentieth in several steps, nor
+at their middles, only every sixteenth step is looked into, and those in which something changes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import STRAIN
+from xdynamics.march.assembly.broad_phase import QUIET, STRAIN
 from xdynamics.march.assembly.closed_links import (
     FRICTIONLESS,
     OWN_SCALE,
@@ -31,6 +32,7 @@ from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy, keep, substep, take
 
 FIRST, MIDDLE, LAST, SINCE = range(4)  # rows of `margins`: at start, middle and end of a step, and its start
+STEADY, STEADY_STEPS, SIXTEENTH = 0.05, 3, 16  # what is no change; steps in a row after which few are looked into
 STAGES_FOR_ONE = 8  # of a method, for each two further places at which forces are looked at
 
 
@@ -83,12 +85,40 @@ def happens(run: Run, a: int, size: float) -> int:
 @shared
 def within(run: Run, h: float) -> float:
     """A part of a step by whose end something seems to happen to a closed link; 0 where nothing does."""
-    strain, count = run.spans[STRAIN], 1 + 2 * (run.plan[0].stages // STAGES_FOR_ONE)
+    strain, found = run.spans[STRAIN], 0.0
     note_margins(run, LAST)
     if run.margins[SINCE, 0] != run.now[0].t:
         forces_at(run, run.y, run.now[0].t)
         note_margins(run, FIRST)
-    found = 0.0
+        run.tallies[QUIET] = 0
+    steady, quiet = is_steady(run, LAST), run.tallies[QUIET]
+    if not steady or quiet < STEADY_STEPS or quiet % SIXTEENTH == 0:
+        found = first_inside(run, h)
+        steady = steady and is_steady(run, MIDDLE)
+    run.tallies[QUIET] = quiet + 1 if steady else 0
+    for i in range(run.margins.shape[1]):
+        run.margins[FIRST, i] = run.margins[LAST, i]
+    run.margins[SINCE, 0] = run.trial[0].t
+    run.spans[STRAIN] = strain
+    for a in range(run.closed[0]):
+        run.lifted[a] = 0
+    return found * h
+
+
+@shared
+def is_steady(run: Run, place: int) -> bool:
+    """Whether nothing of a closed link has changed much since the step's start."""
+    steady = True
+    for i in range(2 * run.closed[0]):
+        start, now = run.margins[FIRST, i], run.margins[place, i]
+        steady = steady and (start == now or abs(now - start) <= STEADY * min(start, now))
+    return steady
+
+
+@shared
+def first_inside(run: Run, h: float) -> float:
+    """The part of a step at which something seems to happen: one of those looked at, or the lowest; 0 where nothing does."""
+    found, count = 0.0, 1 + 2 * (run.plan[0].stages // STAGES_FOR_ONE)
     for k in range(count):
         if found == 0.0:
             share = (k + 1.0) / (count + 1.0)
@@ -98,13 +128,7 @@ def within(run: Run, h: float) -> float:
     share = lowest(run) if found == 0.0 else 0.0
     if 0.0 < share < 1.0 and seems_to_happen(run, share, h):
         found = share
-    for i in range(run.margins.shape[1]):
-        run.margins[FIRST, i] = run.margins[LAST, i]
-    run.margins[SINCE, 0] = run.trial[0].t
-    run.spans[STRAIN] = strain
-    for a in range(run.closed[0]):
-        run.lifted[a] = 0
-    return found * h
+    return found
 
 
 @shared

@@ -13,17 +13,13 @@ from xdynamics.march.assembly.touching import (
     ACTS,
     BOUNCE,
     CANDIDATE,
-    GIVES_BACK,
-    IMPULSE,
     KINETIC,
     LOST,
     OWN,
-    PULL,
     RATE,
     RUBS,
     SLACK,
     SLIP_OWN,
-    TARGET_RATE,
     TOTAL,
     TOTAL_PULL,
     apply,
@@ -79,7 +75,7 @@ def refuse(run: Run, a: int, fault: int) -> bool:
 @shared
 def reverse(run: Run, a: int) -> bool:
     """Reverse the rate of one link by Newton's law, with friction that ends its slip or is at its bound against it."""
-    solved, impulse, pull = answer_of(run, a, (1.0 + run.touching[a, BOUNCE]) * rate_of(run, a), slip_at(run, a), 0.0)
+    solved, impulse, pull = answer_of(run, a, (1.0 + run.touching[a, BOUNCE]) * rate_of(run, a), slip_at(run, a))
     if not solved:
         return refuse(run, a, UNSOLVED)
     give(run, a, impulse, pull)
@@ -87,56 +83,26 @@ def reverse(run: Run, a: int) -> bool:
 
 
 @shared
-def answer_of(run: Run, a: int, rate: float, slip: float, more: float) -> tuple[bool, float, float]:
-    """Whether a link alone has impulses, and these: normal, along its slip; of rates without them, for a gap not to close.
-
-    Friction is bounded by a share of the normal impulse and what is given more.
-    """
+def answer_of(run: Run, a: int, rate: float, slip: float) -> tuple[bool, float, float]:
+    """Whether a link alone has impulses, and these: normal, along its slip; of rates without them, for a gap not to close."""
     own = run.touching[a, OWN]
-    if not rubs(run, a):
+    if rate >= 0.0 or not rubs(run, a):
         return True, max(0.0, -rate / own), 0.0
     across, along, most = run.touching[a, ACROSS], run.touching[a, SLIP_OWN], run.touching[a, KINETIC]
-    pull = min(max(-most * more, -slip / along), most * more)
-    if rate + across * pull >= 0.0:
-        return True, 0.0, pull
     determinant = own * along - across * across
     if determinant > NOISE * own * along:
         impulse, pull = (across * slip - along * rate) / determinant, (across * rate - own * slip) / determinant
-        if impulse >= 0.0 and abs(pull) <= most * (impulse + more):
+        if impulse >= 0.0 and abs(pull) <= most * impulse:
             return True, impulse, pull
     for k in range(2):
         way = 1.0 - 2.0 * k
-        reply, rest = own - way * most * across, rate - way * most * across * more
-        if reply > 0.0 and rest <= 0.0:
-            impulse = -rest / reply
-            pull = -way * most * (impulse + more)
+        reply = own - way * most * across
+        if reply > 0.0:
+            impulse = -rate / reply
+            pull = -way * most * impulse
             if way * (slip + across * impulse + along * pull) >= 0.0:
                 return True, impulse, pull
     return False, 0.0, 0.0
-
-
-@shared
-def sweep(run: Run) -> None:
-    """Solve for one link after the other, those of all others as they are (nonlinear block Gauss-Seidel).
-
-    M. Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235. Links that act on no other one need one turn.
-    """
-    for a in range(run.tallies[TOGETHER]):
-        if run.touching[a, ACTS] == 1.0:
-            impulse, pull = run.touching[a, IMPULSE], run.touching[a, PULL] if rubs(run, a) else 0.0
-            across = run.touching[a, ACROSS] if rubs(run, a) else 0.0
-            rate = rate_of(run, a) + run.touching[a, TARGET_RATE] - run.touching[a, OWN] * impulse - across * pull
-            slip = slip_at(run, a)
-            if rubs(run, a):
-                slip -= across * impulse + run.touching[a, SLIP_OWN] * pull
-            solved, normal, along = answer_of(run, a, rate, slip, run.touching[a, GIVES_BACK])
-            if solved:
-                row = int(run.tallies[ROWS]) * a
-                apply(run, row, normal - impulse)
-                run.touching[a, IMPULSE] = normal
-                if rubs(run, a):
-                    apply(run, row + 1, along - pull)
-                    run.touching[a, PULL] = along
 
 
 @shared

@@ -19,6 +19,7 @@ from xdynamics.march.assembly.broad_phase import (
     blame,
 )
 from xdynamics.march.assembly.closed_links import FRICTIONLESS, closed_index
+from xdynamics.march.assembly.friction import BREAKS
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, member, pattern_at, touch
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
 from xdynamics.march.run import Run
@@ -35,9 +36,10 @@ REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
 # impulse and all at the time, its force and acceleration, and what it did before and does after
 RUBS, KINETIC, STATIC, SLIP, SLIP_EARLY, SLIP_BIAS, SLIP_SLACK, SLIP_OWN = range(23, 31)
 PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
-# the impulse that it gives back by Poisson's law, and what its slip answers to a normal impulse
-GIVES_BACK, ACROSS = range(37, 39)
-NUMBERS = 39  # of a link that touches
+# the impulse that it gives back by Poisson's law, what its slip answers to a normal impulse, and the direction of the
+# friction of a grip that has just broken
+GIVES_BACK, ACROSS, BROKEN = range(37, 40)
+NUMBERS = 40  # of a link that touches
 OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
 
@@ -95,6 +97,8 @@ def admit(run: Run, k: int, t: float, is_closed: bool) -> bool:
     run.touching[place, LIFTS] = 1.0 if held >= 0 and run.lifted[held] == 1 and run.loads[held] <= 0.0 else 0.0
     if run.tallies[ROWS] == 2:
         run.touching[place, GRIPPED] = run.grips[held] if held >= 0 else FRICTIONLESS
+        if held >= 0 and run.lifted[held] == BREAKS:
+            run.touching[place, BROKEN] = 1.0 if run.pulls[held] > 0.0 else -1.0
     run.tallies[TOGETHER] = count + 1
     return True
 

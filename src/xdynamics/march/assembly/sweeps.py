@@ -1,0 +1,100 @@
+"""Forces, or impulses, of links with friction, one link after the other.
+
+M. Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235 (nonlinear block Gauss-Seidel). Each link is solved for exactly,
+with those of all others as they are; a turn costs as much as one product with W.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.closed_links import DRAG, GRIP, RETURNED, RIGHT, SCALE, X
+from xdynamics.march.assembly.normal_forces import largest
+from xdynamics.march.run import Run
+
+
+@shared
+def sweep(run: Run, first: int, rows: int) -> float:
+    """Solve for one link after the other; return the largest change of a force, over the largest one."""
+    most = 0.0
+    add_up(run, first, rows)
+    for row in range(first, first + rows, 2):
+        if run.vectors[SCALE, row] > 0.0 or run.vectors[SCALE, row + 1] > 0.0:
+            old, drag = run.vectors[X, row], run.vectors[X, row + 1]
+            solve_alone(run, row, slope(run, row), slope(run, row + 1))
+            change, other = run.vectors[X, row] - old, run.vectors[X, row + 1] - drag
+            answer(run, row, change)
+            answer(run, row + 1, other)
+            most = max(most, abs(change), abs(other))
+    return most / largest(run, X, first, rows) if most > 0.0 else 0.0
+
+
+@shared
+def add_up(run: Run, first: int, rows: int) -> None:
+    """Sum what the solution changes of everything that links read."""
+    for row in range(first, first + rows):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[row, i]] = 0.0
+    for row in range(first, first + rows):
+        answer(run, row, run.vectors[X, row])
+
+
+@shared
+def answer(run: Run, row: int, change: float) -> None:
+    """Add what a change of one unknown does."""
+    amount = change * run.vectors[SCALE, row]
+    for i in range(run.reads.shape[1]):
+        run.swing[run.reads[row, i]] += run.replies[row, i] * amount
+
+
+@shared
+def slope(run: Run, row: int) -> float:
+    """The gradient W x - b along one unknown."""
+    total = 0.0
+    for i in range(run.reads.shape[1]):
+        total += run.normals[row, i] * run.swing[run.reads[row, i]]
+    return float(total * run.vectors[SCALE, row] - run.vectors[RIGHT, row])
+
+
+@shared
+def solve_alone(run: Run, row: int, opening: float, slipping: float) -> None:
+    """Solve for the force of one link and its friction, of gradients; they stay where these two have no solution.
+
+    Scaled, each answers itself with one: opening + x + across*t is zero, or positive where x is zero, and the friction t
+    is -slipping - across*x, or at a bound, which is `ratio` times what the link presses with.
+    """
+    scale, along = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
+    across, x, t = across_of(run, row), run.vectors[X, row], run.vectors[X, row + 1]
+    opening, slipping = opening - (x + across * t), slipping - (across * x + t)
+    low, high = run.vectors[DRAG, row + 1] - run.vectors[GRIP, row + 1], run.vectors[DRAG, row + 1]
+    high += run.vectors[GRIP, row + 1]
+    load = run.vectors[RETURNED, row] / along if along > 0.0 else 0.0
+    share = scale / along if along > 0.0 else 0.0
+    t = min(max(low * load, -slipping), high * load)
+    if opening + across * t >= 0.0 or scale == 0.0:
+        run.vectors[X, row], run.vectors[X, row + 1] = 0.0, t
+        return
+    determinant = 1.0 - across * across
+    x = (across * slipping - opening) / determinant
+    t = (across * opening - slipping) / determinant
+    if x >= 0.0 and low * (share * x + load) <= t <= high * (share * x + load):
+        run.vectors[X, row], run.vectors[X, row + 1] = x, t
+        return
+    for k in range(2):
+        ratio = high if k == 0 else low
+        reply, rest = 1.0 + across * ratio * share, opening + across * ratio * load
+        if reply > 0.0 and rest <= 0.0:
+            x = -rest / reply
+            t = ratio * (share * x + load)
+            against = slipping + across * x + t
+            if low == high or (against <= 0.0 if k == 0 else against >= 0.0):
+                run.vectors[X, row], run.vectors[X, row + 1] = x, t
+                return
+
+
+@shared
+def across_of(run: Run, row: int) -> float:
+    """What the slip of a link answers to its own normal force, scaled."""
+    total = 0.0
+    for i in range(run.reads.shape[1]):
+        total += run.normals[row + 1, i] * run.replies[row, i]
+    return float(total * run.vectors[SCALE, row] * run.vectors[SCALE, row + 1])
