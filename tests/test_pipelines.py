@@ -77,6 +77,7 @@ def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> Non
     assert all(f"]({figure.name})" in kept and figure.stat().st_size > 10_000 for figure in figures)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", [name for name in PIPELINES if name not in MARCHED_BEFORE])
 def test_nothing_is_marched_before_the_report(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that all stages are described while every march fails."""

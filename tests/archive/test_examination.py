@@ -89,6 +89,7 @@ HARM: dict[str, tuple[Callable[[Any], object], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("what", HARM)
 def test_what_was_harmed_is_named(archived: Path, tmp_path: Path, what: str) -> None:
     """Assert the faults of a file with a seal that nobody doubts, and behind the fault of one that is doubted."""

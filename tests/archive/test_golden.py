@@ -54,7 +54,7 @@ def test_version_0_2_is_reproduced_to_the_bit(path: Path) -> None:
     assert xd.reproduce(path).attrs["identical"] == 1
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(4)
 @pytest.mark.parametrize("path", ARCHIVES + SECOND[::4], ids=lambda path: path.stem)
 def test_they_are_read_by_everything(path: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that an old archive is verified, shown and sampled, and every third drawn; with --whole, all."""

@@ -102,6 +102,7 @@ def test_folders_and_stores_take_one_list(folder: ObjectName, tmp_path: Path) ->
     assert [xd.verify(path) for path in paths] == contents(made[:4])
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("where", ["uploads", "partNumber=1"])
 def test_if_one_cannot_be_sent_none_changes(store: Way, folder: ObjectName, where: str) -> None:
     """Assert the old files, nothing begun that is left, and one line with the file's name and how many have theirs."""
@@ -126,6 +127,7 @@ def test_if_one_cannot_be_sent_none_changes(store: Way, folder: ObjectName, wher
     assert left_in(folder) == []
 
 
+@pytest.mark.dear
 def test_a_store_that_fails_between_names_is_told(store: Way, folder: ObjectName) -> None:
     """Assert that all but the one that failed are new, that it is the old one, whole, and that the line counts them."""
     old, new = runs(), runs(0.2)
@@ -184,6 +186,7 @@ def test_what_another_writes_meanwhile_stays(folder: ObjectName) -> None:
     assert digests(folder) == expected
 
 
+@pytest.mark.dear
 def test_uploads_under_way_are_not_cleared_away(folder: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that who clears a folder leaves what a living process is sending, and drops it and its lock when it is dead."""
     made, send = runs(), object_upload.Upload.send

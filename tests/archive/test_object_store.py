@@ -372,6 +372,7 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
 STORES = {"500 InternalError": "failed 2 times", "503 SlowDown": "failed 2 times", "507 StorageFull": "is full"}
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("what", STORES)
 def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectName, what: str) -> None:
     """Assert that cases which were kept before a store broke off, or was full, are read, and the others found then."""
@@ -400,6 +401,7 @@ def test_a_sweep_into_a_full_store_goes_on(store: Way, place: ObjectName, name: 
     assert xd.verify(folder) == sweep.attrs["content_digest"]
 
 
+@pytest.mark.dear
 def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
     """Assert the numbers of a sweep in memory, verified, and opened by plain xarray."""
     pytest.importorskip("zarr")

@@ -437,6 +437,7 @@ REVERSED = xd.Model(
 )
 
 
+@pytest.mark.every(4)
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")
 @pytest.mark.parametrize("method", [name for name, one in xd.METHODS.items() if not one.refusals(REVERSED)])
 def test_symmetric_methods_march_back(method: str) -> None:

@@ -322,6 +322,7 @@ def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, 
             xd.recheck(copy)
 
 
+@pytest.mark.dear
 def test_a_bundle_with_other_sums_is_found_out(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert that who writes the digests anew still does not get another model or run past."""
     import hashlib

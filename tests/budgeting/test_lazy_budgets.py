@@ -23,6 +23,7 @@ BUDGETS: dict[str, tuple[xd.Model, str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("case", BUDGETS)
 def test_a_lazy_budget_has_the_bits_of_the_eager_one(case: str) -> None:
     """Assert the description while every march fails, one graph, and the bits of the eager budget."""

@@ -31,6 +31,7 @@ MAKE: dict[str, Callable[..., xr.Dataset]] = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("what", ["budget", "ledger"])
 def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> None:
     """Assert that what was known before an interrupt is read, every other task done once, and the bits those of one go."""

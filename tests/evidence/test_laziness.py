@@ -137,6 +137,7 @@ def test_a_stage_of_a_run_reads_each_chunk_once(name: str) -> None:
     assert {*reads.values()} == {1}
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", OF_RUNS)
 def test_a_file_behind_a_stage_may_be_closed_and_replaced(name: str, tmp_path: Path) -> None:
     """Assert the numbers of the run that was described, whatever has taken the name of its file."""

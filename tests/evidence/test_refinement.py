@@ -27,6 +27,7 @@ def verdict(study: Any, name: str, k: int = 0) -> str:
     return VERDICTS[int(study[f"verdict_{name}"][k])]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", [name for name, one in xd.METHODS.items() if one.stepper.locates])
 def test_orders_and_uncertainties_of_every_method(method: str) -> None:
     """Assert that asymptotic numbers have the method's order or a whole one above, and no error is beyond its uncertainty."""

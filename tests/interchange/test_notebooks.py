@@ -64,6 +64,7 @@ def test_pictures_and_films_are_shown(shown: dict[str, dict[str, str]]) -> None:
     assert film.startswith('<img src="data:image/gif;base64,R0lGOD')
 
 
+@pytest.mark.dear
 def test_an_interactive_figure_is_in_its_cell(shown: dict[str, dict[str, str]]) -> None:
     """Assert the figure's data and all that draws it in the output of the cell, and no address to be fetched from."""
     page = shown["interactive"]["text/html"]

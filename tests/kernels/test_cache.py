@@ -78,6 +78,7 @@ def put_in_place(path: Path, damage: str) -> None:
         path.symlink_to(path)
 
 
+@pytest.mark.dear
 def test_a_second_process_compiles_nothing(kept: tuple[Path, str]) -> None:
     """Assert that engine and law are loaded, and nothing is said."""
     digest, compiled, said = told(kept[0])
@@ -155,6 +156,7 @@ def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeyp
     assert len(loaded.entries()) == len(ENGINE.functions)
 
 
+@pytest.mark.dear
 def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], known: str, tmp_path: Path) -> None:
     """Assert that a file in the place of the folder, as good as a read-only disk to root, costs time and one line of advice."""
     (tmp_path / "cache").write_text("no folder")

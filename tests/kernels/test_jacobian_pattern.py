@@ -56,7 +56,7 @@ def of_elements(model: Model) -> Floats:
     return linearise(model, state).jacobian[layout.coordinates.size :]
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(8)
 @pytest.mark.parametrize("machine", [True, False])
 @pytest.mark.parametrize("name", MODELS)
 def test_entries(name: str, machine: bool) -> None:

@@ -133,7 +133,7 @@ CASES: Mapping[str, list[Node]] = {
 }
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(6)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("abreast", [0, 1, 4, 8, 16])
 def test_bits_of_elements(name: str, abreast: int) -> None:

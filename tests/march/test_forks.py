@@ -94,6 +94,7 @@ def test_a_property_is_computed_once_and_holds_no_lock() -> None:
     assert (first.value, first.value, first.calls, Slow.value.__doc__) == (1.0, 1.0, 1, "A number.")
 
 
+@pytest.mark.dear
 def test_a_fork_waits_for_a_lock() -> None:
     """Assert that a child can take a lock that another thread held when it was forked, in whatever order of two."""
     one, other = waited_for(threading.RLock()), waited_for(threading.RLock())

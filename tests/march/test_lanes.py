@@ -45,6 +45,7 @@ def duffing(*, damped: bool = True) -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", [name for name, one in METHODS.items() if not one.solves and one.stepper.locates])
 @pytest.mark.parametrize("lanes", [2, 8])
 def test_every_explicit_method(method: str, lanes: int) -> None:
@@ -58,6 +59,7 @@ def test_every_explicit_method(method: str, lanes: int) -> None:
         assert_same(march_many(model, settings, lanes=lanes, **given), alone)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("name", "varied", "more"),
     [

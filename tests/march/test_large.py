@@ -103,6 +103,7 @@ def test_outer_solar_system_keeps_energy_and_angular_momentum() -> None:
     assert early == pytest.approx(late, rel=2e-4)  # it swings and does not drift
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("method", ["velocity_verlet", "dop853"])
 def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     """Assert that a long chain is one record of all its coordinates, from Python and from its file alike."""
@@ -136,6 +137,7 @@ def test_a_chain_is_stable_without_eigenvalues(step: float, sure: bool) -> None:
     assert not surely_stable(jacobian, xd.METHODS["velocity_verlet"], CHAINED, step)
 
 
+@pytest.mark.dear
 def test_rows_longer_than_the_stack_holds() -> None:
     """Assert that 150,000 sites of a chain are marched as NumPy marches them: arrays of a law this long are on the heap."""
     n, steps, h = 150_000, 3, 0.05

@@ -49,6 +49,7 @@ def times_of(run: xr.Dataset, kind: str) -> np.ndarray:
 STEPS = [("velocity_verlet", 0.05), ("velocity_verlet", 0.033), ("rk4", 0.05), ("dop853", 0.049)]
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("height", [1.0, 0.0])
 @pytest.mark.parametrize("count", [0, 30])
 @pytest.mark.parametrize(("method", "step"), STEPS)

@@ -52,6 +52,7 @@ def at_rest_or_pushed(push: float) -> xd.Model:
     return springs().replace(parameters={"F": push})
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_zero_force_keeps_velocity(method: object) -> None:
     """Assert that with zero force the velocity never changes and the position is linear to rounding."""

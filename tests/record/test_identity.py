@@ -142,7 +142,7 @@ SELECTIONS: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(4)
 @pytest.mark.parametrize("what", SELECTIONS)
 def test_a_part_of_a_run_is_saved_as_one(run: xr.Dataset, tmp_path: Path, what: str) -> None:
     """Assert that it names its run, and that every kept value is found in the run marched again."""

@@ -274,6 +274,7 @@ def in_terminal(*words: Any, until: bytes) -> tuple[int, str]:
     return os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]), shown.decode()
 
 
+@pytest.mark.dear
 def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request: pytest.FixtureRequest) -> None:
     """Assert one line and no traceback, and that nothing that was asked is left on the cluster, which works on."""
     if not request.config.getoption("--whole"):
