@@ -88,15 +88,17 @@ class InputError(ValueError):
     Parameters
     ----------
     message : str
-        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered`; whatever else names
-        and values of a file would do to a terminal is written out.
+        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered`, and one that may
+        follow them; whatever else names and values of a file would do to a terminal is written out.
     faults : tuple of str
         The single faults, when several were found in one input.
     """
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
-        listed = numbered(faults) if message.endswith(numbered(faults)) else ""
-        text = spoken(escaped(message.removesuffix(listed)) + listed)
+        listed = numbered(faults)
+        before, found, after = message.partition(listed) if listed else (message, "", "")
+        line = "\n" if found and after.startswith("\n") else ""
+        text = spoken(escaped(before) + found + line + escaped(after.removeprefix(line)))
         super().__init__(text)
         self.faults = tuple(spoken(escaped(fault)) for fault in faults) or (text,)
 

@@ -78,7 +78,8 @@ def open_sweep(path: Given) -> xr.Dataset:
     try:
         opened = archive.open_run(file)
     except ArchiveError as error:
-        raise ArchiveError(f"{error}\n{REMEDY}", error.faults) from None
+        between = "\n" if "\n" in str(error) else "; "
+        raise ArchiveError(f"{error}{between}{REMEDY}", error.faults) from None
     if opened.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
     sweep = with_axes(_with_words(opened))
