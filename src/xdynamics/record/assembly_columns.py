@@ -32,7 +32,7 @@ from xdynamics.schema import (
     friction_force,
     velocity,
 )
-from xdynamics.units import TIME, Unit, constant, spell
+from xdynamics.units import NONE, TIME, Unit, constant, spell
 
 Array = NDArray[Any]
 
@@ -114,7 +114,8 @@ def _gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) 
 
 def _unit_of_force(model: Model) -> Unit:
     """Return the unit of normal forces."""
-    return spell(energy_dimension(model) / dimension_of(assemblies(model)[0].contact.gap, model.dimensions))
+    gap = dimension_of(assemblies(model)[0].contact.gap, model.dimensions)
+    return spell(energy_dimension(model) / gap, angle=gap == NONE)
 
 
 def _unit_of_friction(model: Model) -> Unit:
