@@ -129,11 +129,14 @@ def test_units_that_pint_orders_otherwise(tmp_path: Path) -> None:
 
 
 def test_an_opened_run_has_its_accessor(run: xr.Dataset, tmp_path: Path) -> None:
-    """Assert that the first verb of a process may be open_run."""
+    """Assert that the first verb of a process may be open_run, and that pint's registry is not read for it."""
     path = xd.save(run, tmp_path / "ball.nc")
-    script = f"import xdynamics as xd; print(xd.open_run({str(path)!r}).dynamics.events('apex').sizes['event'])"
+    script = (
+        f"import pint, xdynamics as xd; print(xd.open_run({str(path)!r}).dynamics.events('apex').sizes['event'],"
+        " type(pint.application_registry.get()).__name__)"
+    )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["1"]
+    assert done.stdout.split() == ["1", "LazyRegistry"]
 
 
 def test_pint_xarray_needs_no_other_word() -> None:

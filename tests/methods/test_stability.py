@@ -15,6 +15,7 @@ from xdynamics.methods import Evaluation, Method
 from xdynamics.methods.lines import spread
 from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.stability import limits
 from xdynamics.stability.amplification import LinearSystem, amplification, factors
 from xdynamics.stability.limits import OSCILLATOR, decay_limit, oscillator_limit, stable_step, stiffness, treats_alike
 
@@ -238,3 +239,20 @@ def test_the_limit_of_a_model_with_dimensions_is_found_by_differences() -> None:
         assert "solver_stability_rule" not in record.attrs
     record = xd.simulate(large, method="velocity_verlet", step="10 ms", until="1 s")
     assert record.attrs["solver_stability_rule"] == "not looked at: the state has more than 240 numbers"
+
+
+@pytest.mark.parametrize("edge", [1.0, math.pi / 2.0, 1.999])
+def test_halvings_at_once_are_halvings(edge: float) -> None:
+    """Assert the bracket that halving one by one gives, bit for bit, in a quarter of the calls."""
+    calls = []
+
+    def growth(steps: np.ndarray) -> np.ndarray:
+        calls.append(steps.size)
+        return steps / edge
+
+    low, high = 0.9, 2.1
+    while high - low > 1e-13 * high:
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if middle / edge > 1.0 else (middle, high)
+    assert limits._bisected(growth, 0.9, 2.1) == (low, high)  # no public name shows the bits of a bracket
+    assert len(calls) <= 12
