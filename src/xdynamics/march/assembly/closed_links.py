@@ -26,7 +26,7 @@ State = NDArray[Any]
 SCALE, RIGHT, X, GAPS, RATES, ROUGHLY, STEEP, RESIDUE, WAY, IMAGE, WAY_IMAGE = range(11)
 LEAST, MOST, GRIP, DRAG, OWN_SCALE, LOAD, GIVEN, RATIO, AMISS, TRIED, TRIED_WAY, FIRST_X, RETURNED = range(11, 24)
 VECTORS = 24
-PATHS = 24  # directions in which friction of many links is solved for at once
+PATHS = 48  # directions in which forces of links that hold and drag are solved for at once
 FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link does along its slip
 
 

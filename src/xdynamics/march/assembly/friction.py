@@ -38,6 +38,7 @@ from xdynamics.march.assembly.closed_links import (
     row_of,
     rows_of_closed,
 )
+from xdynamics.march.assembly.drags import follow_path, solve_at_once
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
@@ -216,9 +217,28 @@ def solve_closed(run: Run) -> float:
 def solve_sets(run: Run, first: int, rows: int) -> float:
     """Find forces of links that press, and of rows that hold, where others drag as their links press.
 
-    The forces of those that drag are solved for by generalised conjugate residuals (Eisenstat, Elman, Schultz, SIAM J.
-    Numer. Anal. 20, 1983, 345): with each direction, equations of all that hold are solved. Rows that drag have their
-    own scale afterwards.
+    Rows that drag have their own scale afterwards.
+    """
+    any_drags = False
+    for row in range(first, first + rows):
+        any_drags = any_drags or run.vectors[RATIO, row] != 0.0
+    left = solve_at_once(run, first, rows) if any_drags else inf
+    if not left <= 8.0 * ENOUGH:
+        left = solve_in_turn(run, first, rows)
+    for row in range(first + 1, first + rows, 2):
+        if run.vectors[RATIO, row] != 0.0:
+            run.vectors[SCALE, row] = run.vectors[OWN_SCALE, row]
+            load = run.vectors[LOAD, row - 1] * run.vectors[SCALE, row - 1] + run.vectors[RETURNED, row - 1]
+            run.vectors[X, row] = run.vectors[RATIO, row] * load / run.vectors[SCALE, row]
+    return left
+
+
+@shared
+def solve_in_turn(run: Run, first: int, rows: int) -> float:
+    """Solve for forces with drags as they are supposed to be, then for drags, until both agree.
+
+    With each direction of generalised conjugate residuals, equations of all that hold are solved: where many hold more
+    than needs holding, this finds forces that `solve_at_once` does not.
     """
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
@@ -228,11 +248,6 @@ def solve_sets(run: Run, first: int, rows: int) -> float:
         improve(run, ENOUGH * largest(run, X, first, rows), first, rows)
         left = press_along(run, LOAD, 1.0, first, rows)
         share = amiss(run, first, rows)
-    for row in range(first + 1, first + rows, 2):
-        if run.vectors[RATIO, row] != 0.0:
-            run.vectors[SCALE, row] = run.vectors[OWN_SCALE, row]
-            load = run.vectors[LOAD, row - 1] * run.vectors[SCALE, row - 1] + run.vectors[RETURNED, row - 1]
-            run.vectors[X, row] = run.vectors[RATIO, row] * load / run.vectors[SCALE, row]
     return max(left, share)
 
 
@@ -282,31 +297,8 @@ def improve(run: Run, enough: float, first: int, rows: int) -> None:
             drags = (row - first) % 2 == 0 and run.vectors[RATIO, row + 1] != 0.0
             run.paths[2 * k, row] = own
             run.paths[2 * k + 1, row] = own - run.vectors[X, row] if drags else 0.0
-        for j in range(k):
-            across, along = 0.0, 0.0
-            for row in range(first, first + rows):
-                across += run.paths[2 * k + 1, row] * run.paths[2 * j + 1, row]
-                along += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
-            for row in range(first, first + rows):
-                run.paths[2 * k, row] -= across / along * run.paths[2 * j, row]
-                run.paths[2 * k + 1, row] -= across / along * run.paths[2 * j + 1, row]
         if not follow_path(run, k, first, rows):
             return
-
-
-@shared
-def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
-    """Go along the newest direction as far as what is amiss falls; whether it leads anywhere."""
-    across, along = 0.0, 0.0
-    for row in range(first, first + rows):
-        across += run.vectors[AMISS, row] * run.paths[2 * k + 1, row]
-        along += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
-    if not along > 0.0:
-        return False
-    for row in range(first, first + rows):
-        run.vectors[LOAD, row] += across / along * run.paths[2 * k, row]
-        run.vectors[AMISS, row] -= across / along * run.paths[2 * k + 1, row]
-    return True
 
 
 @shared

@@ -1,0 +1,106 @@
+"""Equations of all links that hold, where others drag as their links press: solved for at once.
+
+They are not symmetric, as a drag is a share of another force. Generalised conjugate residuals (Eisenstat, Elman, Schultz,
+SIAM J. Numer. Anal. 20, 1983, 345) need as many directions as there are forces at most, and a few at a time.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.march.assembly.closed_links import (
+    AMISS,
+    GIVEN,
+    IMAGE,
+    LOAD,
+    RATIO,
+    RESIDUE,
+    RETURNED,
+    SCALE,
+    TRIED_WAY,
+    X,
+)
+from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest
+from xdynamics.march.run import Run
+
+
+@shared
+def solve_at_once(run: Run, first: int, rows: int) -> float:
+    """Find the forces of all that hold, from zero on; return the residual over the size of the terms."""
+    share, best, given = inf, inf, 0.0
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] = 0.0
+        given = max(given, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
+    for _ in range(MOST_RESTARTS):
+        apply_all(run, LOAD, AMISS, 1.0, first, rows)
+        for row in range(first, first + rows):
+            if run.vectors[SCALE, row] > 0.0:
+                run.vectors[AMISS, row] = run.vectors[GIVEN, row] - run.vectors[AMISS, row]
+        size, left = max(given, largest(run, LOAD, first, rows)), largest(run, AMISS, first, rows)
+        share = left / size if left > 0.0 else left
+        if share <= ENOUGH or not share < best / 2.0:
+            break
+        best = share
+        follow_paths(run, ENOUGH * size / 4.0, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
+    return share
+
+
+@shared
+def apply_all(run: Run, source: int, target: int, given: float, first: int, rows: int) -> None:
+    """Compute what forces, their drags and a share of what is given back do along everything that holds."""
+    for row in range(first, first + rows):
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[row, i]] = 0.0
+    for row in range(first, first + rows):
+        amount, ratio = run.vectors[source, row] * run.vectors[SCALE, row], run.vectors[RATIO, row]
+        if ratio != 0.0:
+            load = run.vectors[source, row - 1] * run.vectors[SCALE, row - 1]
+            amount = ratio * (load + given * run.vectors[RETURNED, row - 1])
+        for i in range(run.reads.shape[1]):
+            run.swing[run.reads[row, i]] += run.replies[row, i] * amount
+    for row in range(first, first + rows):
+        total, scale = 0.0, run.vectors[SCALE, row]
+        for i in range(run.reads.shape[1]):
+            total += run.normals[row, i] * run.swing[run.reads[row, i]]
+        run.vectors[target, row] = total * scale if scale > 0.0 else 0.0
+
+
+@shared
+def follow_paths(run: Run, enough: float, first: int, rows: int) -> None:
+    """Improve forces along one direction after the other, until little is amiss or all directions are used up."""
+    for k in range(run.paths.shape[0] // 2):
+        if largest(run, AMISS, first, rows) <= enough:
+            return
+        for row in range(first, first + rows):
+            run.vectors[TRIED_WAY, row] = run.vectors[AMISS, row]
+        apply_all(run, TRIED_WAY, IMAGE, 0.0, first, rows)
+        for row in range(first, first + rows):
+            run.paths[2 * k, row], run.paths[2 * k + 1, row] = run.vectors[TRIED_WAY, row], run.vectors[IMAGE, row]
+        if not follow_path(run, k, first, rows):
+            return
+
+
+@shared
+def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
+    """Go along the newest direction, made to differ from all before, as far as what is amiss falls; whether it leads on."""
+    for j in range(k):
+        across, along = 0.0, 0.0
+        for row in range(first, first + rows):
+            across += run.paths[2 * k + 1, row] * run.paths[2 * j + 1, row]
+            along += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
+        for row in range(first, first + rows):
+            run.paths[2 * k, row] -= across / along * run.paths[2 * j, row]
+            run.paths[2 * k + 1, row] -= across / along * run.paths[2 * j + 1, row]
+    across, along = 0.0, 0.0
+    for row in range(first, first + rows):
+        across += run.vectors[AMISS, row] * run.paths[2 * k + 1, row]
+        along += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
+    if not along > 0.0:
+        return False
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] += across / along * run.paths[2 * k, row]
+        run.vectors[AMISS, row] -= across / along * run.paths[2 * k + 1, row]
+    return True

@@ -1,0 +1,153 @@
+"""Discs that fall into a box whose floor and walls rub, as they do on each other: laws that hold in every row."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+
+HEAP = """
+name = "Discs poured into a rough box"
+[dimensions]
+disc = {discs}
+[relations.pair]
+of = "disc"
+[coordinates]
+x = {{ unit = "m", dims = ["disc"] }}
+y = {{ unit = "m", dims = ["disc"] }}
+theta = {{ unit = "rad", dims = ["disc"] }}
+[parameters]
+g = "9.80665 m s-2"
+mu = "0.4"
+width = "0.7 m"
+pitch = "0.115 m"
+move = "8 mm"
+radius = {{ dims = ["disc"], value = "(45 + 5*sin(3*index(disc)))*0.001*metre" }}
+[definitions]
+m = "25*kilogram/metre**2*pi*radius**2"
+dx = "second(x, pair) - first(x, pair)"
+dy = "second(y, pair) - first(y, pair)"
+apart = "hypot(dx, dy)"
+across = "((second(v_y, pair) - first(v_y, pair))*dx - (second(v_x, pair) - first(v_x, pair))*dy)/apart"
+turning = "(first(radius, pair)*first(v_theta, pair) + second(radius, pair)*second(v_theta, pair))/radian"
+[mass]
+x = "m"
+y = "m"
+theta = "m*radius**2/2/radian**2"
+[forces.weight]
+potential = "m*g*y"
+[contacts.floor]
+gap = "y - radius"
+restitution = 0
+tangential = "coulomb"
+slip = "v_x + radius*v_theta/radian"
+friction = "mu"
+[contacts.left]
+gap = "x - radius"
+restitution = 0
+tangential = "coulomb"
+slip = "v_y - radius*v_theta/radian"
+friction = "mu"
+[contacts.right]
+gap = "width - x - radius"
+restitution = 0
+tangential = "coulomb"
+slip = "v_y + radius*v_theta/radian"
+friction = "mu"
+[contacts.discs]
+gap = "apart - first(radius, pair) - second(radius, pair)"
+restitution = 0
+tangential = "coulomb"
+slip = "across - turning"
+friction = "mu"
+[initial]
+x = "pitch*(mod(index(disc), 6) + 0.55) + move*sin(2.4*index(disc)**2)"
+y = "1.2*pitch*(floor(index(disc)/6) + 0.6) + move*cos(1.7*index(disc)**2)"
+theta = "0*radian*index(disc)"
+[run]
+method = "velocity_verlet"
+step = "2 ms"
+"""
+
+
+@lru_cache
+def heap() -> xr.Dataset:
+    """Return the run of twenty-four discs until several layers slide, roll and stick."""
+    return xd.simulate(xd.Model.from_text(HEAP.format(discs=24)), until="0.26 s", log="full", force_samples="none")
+
+
+def test_discs_do_not_sink_into_each_other() -> None:
+    """Assert, in every row, no overlap beyond rounding: one that lies on another and lets go is found when it comes back."""
+    run = heap()
+    x, y, radius = run.x.values, run.y.values, run.radius.values
+    first, second = run.pair_first.values, run.pair_second.values
+    gaps = np.hypot(x[:, second] - x[:, first], y[:, second] - y[:, first]) - radius[first] - radius[second]
+    assert run.attrs["run_outcome"] == "completed"
+    assert gaps.min() > -1e-11
+    assert min(run.contact_gap_floor.values.min(), run.contact_gap_left.values.min()) > -1e-11
+
+
+def test_friction_stays_within_its_cone() -> None:
+    """Assert at steps' ends that no link pulls, friction is at most mu times the force, and that many stick and many slide."""
+    run = heap()
+    of_steps = run.row_kind.values[run.closed_step.values] == 1  # at an event, bounds are what it is about
+    force, rubs = run.closed_force.values[of_steps], np.abs(run.closed_friction_force.values[of_steps])
+    size = force.max()
+    assert force.min() > -1e-9 * size
+    assert (rubs - 0.4 * force).max() < 1e-8 * size
+    slides = rubs > 0.4 * force - 1e-8 * size
+    assert min(np.count_nonzero(slides), np.count_nonzero(~slides)) > 100
+
+
+def test_discs_are_moved_by_what_is_recorded() -> None:
+    """Assert for every disc and row that weight, normal and friction forces make the acceleration across and upward."""
+    run = heap()
+    mass = 25 * np.pi * run.radius.values**2
+    total = np.stack([0 * run.x.values, 0 * run.x.values - mass * 9.80665], axis=2)
+    total[:, :, 0] += run.contact_force_left.values - run.contact_force_right.values + run.friction_force_floor.values
+    total[:, :, 1] += run.contact_force_floor.values + run.friction_force_left.values + run.friction_force_right.values
+    words = run.closed_contact.attrs["flag_meanings"].split()
+    of_pairs = run.closed_contact.values == words.index("discs")
+    row, one, other = (run[f"closed_{name}"].values[of_pairs] for name in ("step", "first", "second"))
+    along = np.stack([run[name].values[row, other] - run[name].values[row, one] for name in "xy"], axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    beside = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    push = run.closed_force.values[of_pairs][:, None] * along
+    push += run.closed_friction_force.values[of_pairs][:, None] * beside
+    np.add.at(total, (row, one), -push)
+    np.add.at(total, (row, other), push)
+    found = np.stack([run.a_x.values, run.a_y.values], axis=2) * mass[:, None]
+    steps = run.row_kind.values == 1  # a row before an event has the forces of what was closed until then
+    assert np.abs(total - found)[steps].max() < 1e-8 * np.abs(total).max()
+
+
+DIGEST = """
+import sys
+import xdynamics as xd
+print(xd.content_digest(xd.simulate(xd.Model.from_text(sys.stdin.read()), until="0.13 s", step="5 ms")))
+"""
+
+
+@pytest.mark.dear
+def test_compiled_heaps_have_the_bits_of_plain_python() -> None:
+    """Assert equal digests of six discs that strike a rough floor, and each other, with and without a compiler."""
+    digests = []
+    for switch in ("0", "1"):
+        known = os.environ | {"NUMBA_DISABLE_JIT": switch}
+        done = subprocess.run(
+            [sys.executable, "-c", DIGEST],
+            input=HEAP.format(discs=6),
+            capture_output=True,
+            text=True,
+            env=known,
+            check=True,
+        )
+        digests.append(done.stdout.strip())
+    assert digests[0] == digests[1]
