@@ -424,8 +424,8 @@ def test_a_budget_in_words_begins_with_the_largest_share() -> None:
         "result    time of apex = 3 s",
         "physical  g           0.02 s, -70.0% of the variance, -2.5 m-1 s2 times 0.008 m s-2",
         "physical  f           0.50 ± 0.06 s, 20.0% of the variance, 3 times 1",
-        "numerical truncation  0.0123 s, 10.0% of the variance",
-        "totals    numerical 0.0123 s, at most 0.03 s; physical 0.51 s; together 0.52 s",
+        "numerical truncation  0.012 s, 10.0% of the variance",
+        "totals    numerical 0.012 s, at most 0.03 s; physical 0.51 s; together 0.52 s",
         "linear    not checked: draw, with --draws 10000",
     ]
 
@@ -709,7 +709,7 @@ def test_fits_that_are_not_adequate_have_no_budget(
         raise xd.InputError("a march began")
 
     monkeypatch.setattr("xdynamics.budgeting.budget.results_of", begun)
-    said = "fitted to bench, and the fit is not adequate: residuals swing" if refused else "a march began"
+    said = "fitted to 'bench', and the fit is not adequate: residuals swing" if refused else "a march began"
     with pytest.raises(xd.InputError, match=said):
         xd.error_budget(model, "s", at="1 s", method="rk4", step="0.5 s", until="1 s", **asked)
 

@@ -396,7 +396,7 @@ def test_event_times_that_cannot_be_used_are_named() -> None:
     heard = clicks(0.8, 0.95, 3)
     for columns, said in (
         ({"t [s]": heard, "event_time_floor [s]": heard}, "give them as two records"),
-        ({"event_time_wall [s]": heard}, "column 'event_time_wall .s.' is nothing that is known"),
+        ({"event_time_wall [s]": heard}, "column 'event_time_wall .s.' is no quantity of the model"),
         ({"event_time_floor [s]": heard, "occurrence [1]": [0, 1, 2]}, "row 1: occurrence is 0, needs a whole number"),
         ({"event_time_floor [m]": heard}, "column of times is in 'm', needs a time"),
     ):

@@ -400,7 +400,7 @@ def test_what_cannot_be_fitted_is_named(names: list[str], more: dict[str, Any], 
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"time [s]": [1.0, 2.0], "phi [rad]": [1.0, 2.0]}, "column 'phi .rad.' is nothing that is known"),
+        ({"time [s]": [1.0, 2.0], "phi [rad]": [1.0, 2.0]}, "column 'phi .rad.' is no quantity of the model"),
         ({"time [s]": [1.0, 2.0], "theta [m]": [1.0, 2.0]}, "column 'theta' is in 'm'"),
         ({"time [s]": [1.0], "theta [rad]": [1.0]}, "has 1 numbers for 1 parameters"),
         ({"time [s]": [1.0, np.nan], "theta [rad]": [1.0, 2.0]}, "leave out rows with gaps"),

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS, ROOT
-from xdynamics.documenting.guide import SAID, STARTER, guide
+from xdynamics.documenting.guide import PAGES_ABOUT, SAID, STARTER, guide
 from xdynamics.documenting.shapes_page import MEANINGS, MODEL
 from xdynamics.expressions.parser import FORMS
 from xdynamics.expressions.reductions import LARGEST_DENSE, MOST_DIAGONALS
@@ -55,7 +55,7 @@ def test_the_guide_knows_the_language() -> None:
     text = "\n".join(guide("language"))
     assert all(name in text for name in FUNCTIONS)
     assert set(SAID) <= set(FUNCTIONS)
-    assert "topics" in call("help").output
+    assert all(f"  {name} " in call("help").output for name in PAGES_ABOUT)
     done = call("help", "drive")
     assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
 

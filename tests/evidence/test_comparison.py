@@ -226,7 +226,7 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
         ({"time [s]": [0.1, np.nan], "x [m]": [1, 2]}, "row 2 is nan, needs a number; leave out rows with gaps"),
         ({"time [s]": [0.1], "x [m]": ["high"]}, "row 1 is 'high', needs a number"),
         ({"time [s]": [0.1], "x [kg]": [1]}, "column 'x' is in 'kg', needs 'm' or a unit like it"),
-        ({"time [s]": [0.1], "q [m]": [1]}, "column 'q .m.' is nothing that is known; there are x, v_x"),
+        ({"time [s]": [0.1], "q [m]": [1]}, "column 'q .m.' is no quantity of the model, which has x, v_x"),
         ({"time [s]": [0.1], "x [m]": [1], "u(x) [m]": [0.0]}, r"u\(x\) is 0.0 in row 1, needs a positive number"),
         (
             {"time [s]": [0.1], "x [m]": [1], "u(v) [m]": [1]},

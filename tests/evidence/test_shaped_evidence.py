@@ -133,7 +133,7 @@ def test_columns_of_elements(springs: xd.Model, run: xr.Dataset, tmp_path: Path)
     found = xd.fit(springs, table, ["k[b]"])
     assert float(found.estimate[0]) == pytest.approx(4.0, rel=1e-7)
     table.write_text("time [s],x[c] [mm]\n0,1\n1,1", encoding="utf-8")
-    with pytest.raises(xd.InputError, match=r"column 'x\[c\] \[mm\]' is nothing that is known; there are x, v_x"):
+    with pytest.raises(xd.InputError, match=r"column 'x\[c\] \[mm\]' is no quantity of the model, which has x, v_x"):
         xd.compare(run, table)
 
 

@@ -11,6 +11,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.figures.refinement import telling
+from xdynamics.figures.vanishing import vanishing
 
 
 def test_a_refinement_draws_what_was_asked_for() -> None:
@@ -73,14 +74,16 @@ def test_the_distance_of_two_runs_is_on_a_logarithmic_scale() -> None:
     given = {"method": "dop853", "rtol": 1e-11, "until": "5 s"}
     near = hill.replace(initial={"x": "1.001e-3 m", "v_x": "1.001e-3 m s-1"})
     table = xd.compare(xd.simulate(hill, **given), xd.simulate(near, **given), times="0:5:11 s")
+    assert len(panels(xd.plot(table))) == 4  # of x, v_x, and energies
     axes = panels(xd.plot(table))["distance of the runs"]
     assert axes.get_yscale() == "log"
     time, apart = (np.asarray(one) for one in axes.lines[0].get_data())
     assert np.polyfit(time, np.log(apart), 1)[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_maps_have_contours_and_their_optimum() -> None:
-    """Assert lines of equal value, and the throw of greatest range near 45 degrees marked where it is."""
+@pytest.fixture(scope="module")
+def throws() -> xr.Dataset:
+    """Throws of 9 angles and 9 speeds, until they land."""
     throw = xd.Model(
         name="throw",
         coordinates={"x": "m", "y": "m"},
@@ -91,11 +94,40 @@ def test_maps_have_contours_and_their_optimum() -> None:
         events={"ground": {"function": "y", "direction": "falling", "action": "stop"}},
     )
     axes_of = {"angle": "25:65:9 degree", "v": "8:12:9 m s-1"}
-    grid = xd.sweep(throw, axes_of, keep=["end"], method="rk4", step="10 ms", until="5 s")
-    title, axes = next((title, axes) for title, axes in panels(xd.plot(grid)).items() if title.startswith("end_x"))
+    return xd.sweep(throw, axes_of, keep=["end", "event_count_ground"], method="rk4", step="10 ms", until="5 s")
+
+
+def test_maps_have_contours_and_their_optimum(throws: xr.Dataset) -> None:
+    """Assert lines of equal value, and the throw of greatest range near 45 degrees marked where it is."""
+    title, axes = next((title, axes) for title, axes in panels(xd.plot(throws)).items() if title.startswith("end_x"))
     assert "greatest ▲" in title
     assert "m at angle 45 degree, v 11.0 m s⁻¹" in title
     assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
+
+
+def test_what_rounding_leaves_of_zero_is_no_map(throws: xr.Dataset) -> None:
+    """Assert that heights at landing are said to be zero and not drawn, but for those of nanometres, which are none."""
+    drawn = xd.plot(throws)
+    assert np.ptp(throws["end_y"].values) > 0.0
+    assert {*panels(drawn)} & {"end_y", "end_v_y"} == {"end_v_y"}
+    assert drawn.get_supxlabel().endswith("; zero to rounding: end_y")
+    far = throws.assign(end_y=throws["end_y"] + 1e-9)
+    assert vanishing(far) == []
+    assert "end_y" in panels(xd.plot(far))
+
+
+def test_maps_of_whole_numbers_and_of_noise_have_no_contours(throws: xr.Dataset) -> None:
+    """Assert a map of counts, and no lines where all but one row is noise beside that row."""
+    count, speed = throws["event_count_ground"], throws["end_v_x"]
+    noise = np.random.default_rng(1).normal(0.0, 1e-6, speed.shape)
+    noise[:, 0] = 5.0 * (-1.0) ** np.arange(9)
+    given = {"event_count_ground": count.copy(data=np.arange(81).reshape(9, 9)), "end_v_x": speed.copy(data=noise)}
+    drawn = panels(xd.plot(throws.assign(given)))
+    lined = [
+        name for name, axes in drawn.items() if "QuadContourSet" in {type(item).__name__ for item in axes.collections}
+    ]
+    assert {name.split("\n")[0] for name in lined} == {"end_x", "end_v_y"}
+    assert "event_count_ground" in drawn
 
 
 def test_section_values_over_a_parameter_are_a_bifurcation_diagram() -> None:

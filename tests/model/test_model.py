@@ -52,7 +52,7 @@ def test_python_statement_equals_file() -> None:
             'direction = "down"',
             "direction 'down' is not known; there are rising, falling",
         ),
-        ('y = "0 m"', "", "initial value of 'y' is missing, in 'm'"),
+        ('y = "0 m"', "", "initial value of 'y' is missing; write .initial. y = .0 m., or what it is"),
         ('v_y = "20 m s-1"', 'v_y = "20 m"', "initial value 'v_y = 20.0 m' has units 'm', needs 'm s-1'"),
         ('action = "stop"', 'action = "impact"', "event 'ground': key 'restitution' is missing"),
         ('[mass]\ny = "m"', "[mass]", "mass: of coordinate 'y' is missing"),

@@ -187,7 +187,7 @@ def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
     assert float(fitted.estimate[0]) == pytest.approx(4.0, rel=1e-6)
     frame = pd.DataFrame({"time [s]": [0.5, 1.0], "x [m]": [np.cos(1.0), np.nan], "note": ["a", "b"]})
     assert xd.compare(run, frame, gaps="skip").sizes["at"] == 1
-    with pytest.raises(xd.InputError, match="column .q .m.. is nothing that is known; there are x, v_x"):
+    with pytest.raises(xd.InputError, match="column .q .m.. is no quantity of the model, which has x, v_x"):
         xd.compare(run, pd.DataFrame({"time [s]": [0.5], "q [m]": [1.0]}))
     with pytest.raises(xd.InputError, match="gaps is 'fill'; there are refuse, skip"):
         xd.compare(run, path, gaps="fill")

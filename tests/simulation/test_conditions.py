@@ -67,8 +67,11 @@ def test_a_first_step_is_not_a_fixed_one() -> None:
         (lambda _, x: np.where(x & 1, 1, 0), r"joins by & what is no comparison; put each in parentheses: \(a > 0\)"),
         (lambda _, x: np.where(~x, 1, 0), "takes ~ of what is no comparison"),
         (lambda t, _: np.interp(t, TIMES, FORCES, period=0), "period = 0, needs another number"),
-        (lambda t, _: CubicSpline(TIMES, FORCES)(t), r"numpy.interp\(t, x, y\) in that of an interpolator of scipy"),
-        (lambda t, _: interp1d(TIMES, FORCES)(t), r"numpy.interp\(t, x, y\) in that of an interpolator of scipy"),
+        (
+            lambda t, _: CubicSpline(TIMES, FORCES)(t),
+            r"numpy.interp\(t, x, y\) in the place of an interpolator of scipy",
+        ),
+        (lambda t, _: interp1d(TIMES, FORCES)(t), r"numpy.interp\(t, x, y\) in the place of an interpolator of scipy"),
     ],
 )
 def test_what_cannot_be_written_down_is_named(pull: Callable[..., Any], said: str) -> None:

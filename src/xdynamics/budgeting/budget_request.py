@@ -155,7 +155,7 @@ def budget_request(
 def _check_fit(model: Model, inadequate_fit: Any) -> None:
     if model.fit is not None and not model.fit.adequate and inadequate_fit is not True:
         raise InputError(
-            f"the model was fitted to {model.fit.data}, and the fit is not adequate: {model.fit.description}. Fit it"
+            f"the model was fitted to '{model.fit.data}', and the fit is not adequate: {model.fit.description}. Fit it"
             " again, from other starts or with another model, or ask for the budget all the same: inadequate_fit=True"
             " (--inadequate-fit)"
         )

@@ -11,7 +11,7 @@ from xdynamics.evidence.diagnosing.extremes import RULES, SAID
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.record.flag_words import words_of
 from xdynamics.units import SECONDS
-from xdynamics.units.digits import known_to, with_uncertainty
+from xdynamics.units.digits import known_to, uncertainty_alone, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,17 +28,17 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     for i in np.argsort(-np.abs(shares), kind="stable").tolist():
         name, standard = str(budget["term_name"].values[i]), float(budget["standard_uncertainty"][i])
         slope, slope_units = float(budget["sensitivity"][i]), str(budget["sensitivity_units"].values[i])
-        size = f"{float(budget['input_uncertainty'][i]):.3g}{_unit(budget['input_units'].values[i])}"
+        size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit(budget['input_units'].values[i])}"
         product = f", {slope:.4g}{_unit(slope_units)} times {size}" if np.isfinite(slope) else ""
         yield (
             f"{kinds[i]:<10}{name:<{width}}  {with_doubt(standard, doubt_of(budget, i))}{unit}, {shares[i]:.1%} of the"
             f" variance{product}"
         )
-    yield (
-        f"totals    numerical {float(budget['numerical_rss']):.3g}{unit}, at most"
-        f" {float(budget['numerical_bound']):.3g}{unit}; physical {float(budget['physical_rss']):.3g}{unit}; together"
-        f" {float(budget['total_rss']):.3g}{unit}"
+    numerical, bound, physical, total = (
+        uncertainty_alone(float(budget[name])) + unit
+        for name in ("numerical_rss", "numerical_bound", "physical_rss", "total_rss")
     )
+    yield f"totals    numerical {numerical}, at most {bound}; physical {physical}; together {total}"
     if "monte_carlo_standard_uncertainty" not in budget:
         yield "linear    not checked: draw, with --draws 10000"
         return
@@ -86,9 +86,9 @@ def with_doubt(size: float, doubt: float) -> str:
     Examples
     --------
     >>> with_doubt(0.0023642, 0.0), with_doubt(0.0023642, 3.1e-4)
-    ('0.00236', '0.0024 ± 0.0003')
+    ('0.0024', '0.0024 ± 0.0003')
     """
-    return with_uncertainty(size, doubt, 1) if doubt > 0.0 else f"{size:.3g}"
+    return with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)
 
 
 def _unit(units: object) -> str:

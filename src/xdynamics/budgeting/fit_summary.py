@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xdynamics.units import unit_suffix
 from xdynamics.units.digits import known_to, with_uncertainty
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
         yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
     else:
         yield (
-            f"fit       residuals of {float(fit.attrs['residual_variance']) ** 0.5:.3g}, by which the uncertainties"
+            f"fit       residuals of {float(fit.attrs['residual_variance']) ** 0.5:.3g}{_common_unit(fit)}, by which the uncertainties"
             f" are scaled; {freedom} degrees of freedom"
         )
     if "adequate" in fit.attrs:
@@ -58,6 +59,12 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
     )
     if not int(fit.attrs["converged"]):
         yield "doubt     the search did not come to an end: estimates are where it stopped"
+
+
+def _common_unit(fit: xr.Dataset) -> str:
+    """Return the unit of what was fitted, if all of it has one."""
+    units = {str(item.attrs["units"]) for name, item in fit.data_vars.items() if str(name).startswith("residual_")}
+    return unit_suffix(*units) if len(units) == 1 else ""
 
 
 def named(fit: xr.Dataset) -> list[tuple[str, str]]:

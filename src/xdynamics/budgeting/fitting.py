@@ -311,7 +311,7 @@ def _fitted_models(problem: Fitting, found: Found, test: Tested) -> list[Model]:
         problem.numbers
     )
     if alike and len(models) > 1:
-        mark = Fitted(_named(problem), test.adequate, test.text)
+        mark = Fitted(_named(problem).replace("'", ""), test.adequate, test.text)
         return [models[0].with_statement(replace(models[0].statement, fit=mark))]
     return models
 
@@ -342,7 +342,7 @@ def _fitted(
         for j in uncertain:
             if i < j:
                 correlations[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
-    mark = Fitted(asked.data.name, test.adequate, test.text)
+    mark = Fitted(asked.data.name.replace("'", ""), test.adequate, test.text)
     at_rest = tuple(name for name in statement.at_rest if name not in asked.names)
     numbers: dict[str, Any] = {"parameters": parameters, "starts": starts, "initial": initial, "at_rest": at_rest}
     return asked.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))

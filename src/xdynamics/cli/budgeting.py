@@ -29,7 +29,13 @@ OF_A_NUMBER = (
     click.option("--at", metavar="TIME", help="The time at which the number is wanted."),
     click.option("--event", metavar="NAME", help="The event at which the number is wanted, instead of a time."),
     click.option("--occurrence", type=int, default=1, show_default=True, help="Which occurrence of the event."),
-    click.option("--side", default="before", show_default=True, help="State before or after the event."),
+    click.option(
+        "--side",
+        type=click.Choice(["before", "after"]),
+        default="before",
+        show_default=True,
+        help="State before or after the event.",
+    ),
     click.option("--seed", type=int, default=0, show_default=True, help="Seed of all random draws."),
     click.option(
         "--coverage", type=float, default=0.95, show_default=True, help="Coverage probability of the intervals."
@@ -63,7 +69,7 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--without", multiple=True, metavar="TERM", help="Leave this term out, like roundoff or an input.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
 def budget(model_file: str, output: str | None, changes: tuple[str, ...], **named: Any) -> None:
-    """Estimate how far one number may be off, and why: xdynamics budget rocket.toml --quantity y --event apex --draws 10000."""
+    """Estimate how far one number may be off, and why: by the march, and by every uncertain input."""
     from xdynamics.budgeting.budget import error_budget
 
     named |= {name: named[name] or None for name in ("only", "without")}
@@ -79,7 +85,7 @@ def budget(model_file: str, output: str | None, changes: tuple[str, ...], **name
 @click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
 def certify(model_file: str, output: str, changes: tuple[str, ...], **named: Any) -> None:
-    """Certify one number with all that defends it: xdynamics certify ball.toml --quantity t --event ground -o C.nc."""
+    """Certify one number with all that defends it: budget, convergence, ledger, gates."""
     from xdynamics.budgeting.certificate import certify as certified
 
     certificate = _evidence(certified, model_file, changes, output, **_of_number_and_march(named))
@@ -208,7 +214,7 @@ def fit(
     changes: tuple[str, ...],
     **named: Any,
 ) -> None:
-    """Find parameters from measured data: xdynamics fit pendulum.toml bench.csv --parameter L --parameter c -o F.nc.
+    """Find parameters from measured data, with their uncertainties.
 
     Several files are several records, fitted at once. Columns are quantities of the model along a time, or times of events,
     event_time_floor [s], a row for each occurrence. Exit code 1 where the search did not come to an end, or the residuals are more than noise.

@@ -36,6 +36,10 @@ class _Verb(click.Command):
             )
         )
 
+    def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - it is wrapped, not cut
+        """Return the first sentence of what it does, whole."""
+        return " ".join((self.help or "").split("\n\n")[0].split()).removesuffix(".")
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the verb's own options, then those of the march, by what they belong to."""
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}

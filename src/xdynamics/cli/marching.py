@@ -89,7 +89,7 @@ def discard(archives: tuple[str, ...]) -> None:
 
 @main.command()
 @click.argument("archive", metavar="RUN.nc")
-@click.option("--until", required=True, help="The new end, like '20 s'.")
+@click.option("--until", required=True, metavar="TIME", help="The new end, like '20 s'.")
 @click.option("-o", "--output", required=True, metavar="LONGER.nc", help="The archive to write.")
 @click.option("--resume", is_flag=True, help="Continue from the segments that an interrupted process left.")
 @json_option

@@ -22,7 +22,7 @@ from xdynamics.model import Model
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import digits, known_to
+from xdynamics.units.digits import digits, known_to, uncertainty_alone
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -177,7 +177,8 @@ def _convergence(certificate: xr.Dataset) -> PageSection:
 
 
 def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
-    units, kinds = str(certificate["value"].attrs["units"]), words_of(certificate["term_kind"])
+    unit, kinds = unit_suffix(str(certificate["value"].attrs["units"])), words_of(certificate["term_kind"])
+    behind = f" ({unit.strip()})" if unit else ""
     order = np.argsort(-np.abs(certificate["share"].values), kind="stable").tolist()
     rows = [
         [
@@ -186,7 +187,7 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
             _with_unit(certificate, "sensitivity", "sensitivity_units", i),
             _with_unit(certificate, "input_uncertainty", "input_units", i),
             with_doubt(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
-            f"{float(certificate['bound'].values[i]):.3g}",
+            uncertainty_alone(float(certificate["bound"].values[i])),
             f"{float(certificate['share'][i]):.1%}",
             str(certificate["term_rule"].values[i]),
         ]
@@ -197,26 +198,26 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
         "kind",
         "sensitivity",
         "uncertainty of the input",
-        f"contributes ({units})",
-        f"at most ({units})",
+        f"contributes{behind}",
+        f"at most{behind}",
         "share",
         "how it was found",
     ]
     totals = [
-        ["numerical, sum of bounds", f"{float(certificate['numerical_bound']):.3g} {units}"],
-        ["numerical, root of squares", f"{float(certificate['numerical_rss']):.3g} {units}"],
-        ["physical, root of squares", f"{float(certificate['physical_rss']):.3g} {units}"],
-        ["together", f"{float(certificate['total_rss']):.3g} {units}"],
+        ["numerical, sum of bounds", f"{uncertainty_alone(float(certificate['numerical_bound']))}{unit}"],
+        ["numerical, root of squares", f"{uncertainty_alone(float(certificate['numerical_rss']))}{unit}"],
+        ["physical, root of squares", f"{uncertainty_alone(float(certificate['physical_rss']))}{unit}"],
+        ["together", f"{uncertainty_alone(float(certificate['total_rss']))}{unit}"],
     ]
     if "monte_carlo_shortest" in certificate:
         coverage = f"{float(certificate.attrs['coverage']):.0%}"
         for name in ("shortest", "symmetric"):
             low, high = certificate[f"monte_carlo_{name}"].values.tolist()
             doubt = float(certificate["monte_carlo_end_doubt"])
-            ends = f"{known_to(low, doubt)} to {known_to(high, doubt)} {units}, its ends ± {doubt:.1g} {units}"
+            ends = f"{known_to(low, doubt)} to {known_to(high, doubt)}{unit}, its ends ± {doubt:.1g}{unit}"
             totals.append([f"{name} {coverage} interval of {certificate.attrs['draws']} draws", ends])
         standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
-        totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)} {units}"])
+        totals.append(["standard uncertainty of the draws", f"{with_doubt(standard, doubt)}{unit}"])
         totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
     return PageSection(
         "The budget",

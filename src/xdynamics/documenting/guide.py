@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
@@ -50,10 +51,29 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("closed_step, closed_contact, closed_first, closed_second", "closed", "row, contact and bodies of a closed link"),
     ("closed_gap, closed_force", "closed", "its gap, held at zero, and its normal force; a row for each link and step"),
     ("closed_friction_force", "closed", "its friction along positive slip, where a contact has any"),
-    ("closed_force_residual", "closed", "acceleration with which its gap still opens: what equations are left with"),
+    ("closed_force_residual", "closed", "acceleration that its gap is left with, where 0 was solved for"),
     ("sample_x, sample_v_x, sample_force_<term>_x, sample_<drive>", "sample", "what a force evaluation used and gave"),
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
+PAGES_ABOUT = {  # pages that are of no section of a model file
+    "model": "What may stand in a model file; `xdynamics new MODEL.toml` writes one to begin with.",
+    "language": "Expressions: operators, functions, names of units.",
+    "shapes": "Quantities along named dimensions: bodies, lattices, fields.",
+    "units": "How units and uncertainties are spelled.",
+    "record": "Every dimension and variable of a run.",
+    "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
+    "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
+    "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
+    "grids": "Many runs: sweeps over parameters, starts, methods; bifurcation diagrams.",
+    "words": "Names that do not explain themselves, and every verdict.",
+    "cluster": "Threads, processes and machines of your own.",
+    "solve": "Right-hand sides as scipy's users write them.",
+    "archives": "Opening archives with xarray: rows by time, many at once.",
+    "files": "Tables, and files of phones, loggers, oscilloscopes as they come.",
+    "fits": "Parameters from measured data, event times and several records; outliers and intervals.",
+    "json": "What verbs print with --json.",
+    "stores": "Objects of S3, and Zarr stores.",
+}
 STORES = (
     "Whatever takes the name of a file or folder also takes that of an object: s3://bucket/runs/one.nc. It needs",
     "  pip install 'xdynamics[s3]'",
@@ -214,12 +234,24 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
     """
     pages = topics()
     if topic is None:
-        return iter(("topics    " + ", ".join(pages), "usage     xdynamics help TOPIC; xdynamics help VERB"))
+        return _contents(verbs)
     topic = topic_named(topic)
     if topic not in pages:
         raise InputError(f"help has no topic '{topic}'{near(topic, (*pages, *verbs))}")
     more = f"the verb of that name: xdynamics {topic} --help"
     return iter((*pages[topic](), *([more] if topic in verbs else ())))
+
+
+def _contents(verbs: Iterable[str]) -> Iterator[str]:
+    """List all pages: those on a subject with what they are about."""
+    yield "Pages: xdynamics help PAGE"
+    yield from (f"  {name:<9} {about}" for name, about in PAGES_ABOUT.items())
+    yield "Sections of a model file: xdynamics help SECTION"
+    yield from textwrap.wrap(", ".join(SECTIONS), 100, initial_indent="  ", subsequent_indent="  ")
+    if verbs:
+        yield "Verbs: xdynamics help VERB"
+        yield from textwrap.wrap(", ".join(sorted(verbs)), 100, initial_indent="  ", subsequent_indent="  ")
+    yield "All of it as a site, with methods, gallery and Python: xdynamics help --html manual"
 
 
 def topic_named(word: str) -> str:

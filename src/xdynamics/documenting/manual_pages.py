@@ -23,8 +23,9 @@ Same bits  A run has the same bits with any C library and with or without wide v
 Exit codes: 0 done, 1 ended badly, 2 wrong input, 143 ended by SIGTERM (as by Ctrl-C: what was marched is kept). --quiet prints
 nothing, --json numbers (`xdynamics help json`). Verbs and options are completed by the shell after
   eval "$(_XDYNAMICS_COMPLETE=bash_source xdynamics)"
-The first run of an installation compiles the engine, once for all models (10 s; events and contacts 12 and 15 s more, when first
-needed); a wheel carries it. Machine code is kept in ~/.cache/xdynamics, or in $XDYNAMICS_CACHE.
+The first run of an installation compiles the engine, once for all models (12 s of a free processor; events and contacts 15 and
+10 s more, when first needed), and can be interrupted; a wheel carries it. Machine code is kept in ~/.cache/xdynamics, or in
+$XDYNAMICS_CACHE.
 """
 MARCHING_PAGE = """\
 Steps  Fixed (--step), or chosen so that every component's estimated error stays below atol + rtol*|value| (--rtol, --atol).
@@ -61,14 +62,14 @@ Stages take runs and models, and return Datasets with units and the digests of t
   compare      two runs at any times, beside the interpolation error, and what differs by value; or a run and measured data
   validate     every method against 34 closed forms and the laws of impact, with derived bounds; or a model against the law of its
                contacts and its own [validation.x]
-  error_budget one number at a time or an event, or the largest load of a run: truncation, rounding, interpolation, event location,
-               and every input that has an uncertainty, with slope and share; by draws their distributions (JCGM 101), and
+  error_budget of one number, at a time or an event, or of the largest load of a run: truncation, rounding, interpolation, event
+               location, and every input that has an uncertainty, with slope and share; by draws their distributions (JCGM 101), and
                whether the linear budget is adequate; on the command line `budget`
   fit          parameters and starts from measured data, with covariance and tests of the residuals (`xdynamics help fits`)
   certify      a number with gates it has to pass; recheck makes it again from the file alone; bundle puts it with run, ledger and
-               figures in a folder (RO-Crate, needs xdynamics[report]); report, in Python document, as one page to hand out
+               figures in a folder (RO-Crate, needs xdynamics[report]), of which report (xd.document) makes one page to hand out
   manufactured the force that makes a wanted trajectory exact; limiting: one parameter moved to its limit
-  report       in Python the last stage: archives, figures and one page in a folder
+  xd.report    the last stage of a script: archives, figures and one page in a folder
 Uncertainties stand in the model: vt = { value = "30 m s-1", uncertainty = 1 }, or half_width = 1 with distribution = "normal",
 "rectangular", "triangular", "arcsine" or "t", starts alike; [correlations] m = { c = 0.3 }; a table's columns u(pull) [N],
 u_common(pull) [N]; [discrepancy] y = "1 mm". Words: `xdynamics help words`.

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 
 from xdynamics.archive.folder import taking_folder
-from xdynamics.documenting.guide import topics
+from xdynamics.documenting.guide import PAGES_ABOUT, topics
 from xdynamics.model.grammar import SECTIONS
 
 STYLE = """\
@@ -41,23 +41,7 @@ GUIDE, SECTIONS_OF, COMMANDS, FUNCTIONS = "The guide", "Sections of a model", "C
 INDEX, VERBS, METHODS, GALLERY, API = "index", "verbs", "methods", "gallery", "api"
 DATA = Path(__file__).parents[3] / "data"  # of a checkout; an installed package has none
 ABOUT = {
-    "model": "What may stand in a model file.",
-    "language": "Expressions: operators, functions, names of units.",
-    "shapes": "Quantities along named dimensions: bodies, lattices, fields.",
-    "units": "How units are spelled.",
-    "record": "Every dimension and variable of a run.",
-    "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
-    "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
-    "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
-    "grids": "Many runs: sweeps over parameters, starts, methods.",
-    "words": "Names that do not explain themselves, and every verdict.",
-    "cluster": "Threads, processes and machines of your own.",
-    "solve": "Right-hand sides as scipy's users write them.",
-    "archives": "Opening archives with xarray: rows by time, many at once.",
-    "files": "Tables, and files of phones, loggers, oscilloscopes as they come.",
-    "fits": "Parameters from measured data, event times and several records; outliers and intervals.",
-    "json": "What verbs print with --json.",
-    "stores": "Objects of S3, and Zarr stores.",
+    **PAGES_ABOUT,
     GALLERY: "What each model of the data folder does.",
     VERBS: "Every command with its options.",
     API: "Everything that import xdynamics has, with signatures.",
@@ -101,9 +85,10 @@ def site(path: str | Path, verbs: Mapping[str, str], methods: Mapping[str, str],
         If it cannot be written.
     """
     pages = [SitePage("", INDEX, "xdynamics", lambda: _index(pages))]
-    pages += [SitePage(SECTIONS_OF if name in SECTIONS else GUIDE, name, name, _topic(name)) for name in topics()]
+    pages += [SitePage(GUIDE, name, name, _topic(name)) for name in PAGES_ABOUT]
     if (DATA / "README.md").is_file():
         pages.append(SitePage(GUIDE, GALLERY, "gallery of models", _gallery))
+    pages += [SitePage(SECTIONS_OF, name, name, _topic(name)) for name in SECTIONS]
     pages += [
         SitePage(COMMANDS, VERBS, "verbs", lambda: _entries(verbs, "xdynamics {}")),
         SitePage(FUNCTIONS, API, "functions and classes", lambda: _entries(dict(_functions(public)), "xd.{}")),

@@ -143,7 +143,8 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
             value, doubt = float(variable), float(variable.attrs.get("uncertainty", 0.0))
             given = 1 if float(f"{doubt:.1g}") == doubt else OF_DOUBT  # "30 ± 1 m s-1" as it was written down
             known = with_uncertainty(value, doubt, given) if doubt > 0.0 else f"{value:.12g}"
-            lines.append(f"  {name} = {known} {variable.attrs['units']}   {first}")
+            described = "" if first == f"parameter {name}" else f"   {first}"
+            lines.append(f"  {name} = {known}{unit_suffix(str(variable.attrs['units']))}{described}")
             lines += [f"    {line}" for line in further]
     if not whole:
         return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]

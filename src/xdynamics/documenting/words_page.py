@@ -12,7 +12,7 @@ WIDTH = 130  # of a line
 OF_RECORDS = {
     "row": "an accepted state, along `step`; at an event there are two at one time, event_before and event_after",
     "row_kind": "how a row was reached; a node is a time to land on that was asked for, or a breakpoint of a table",
-    "trial": "a step that was rejected; trial_reason says why. An event_substep is none: the step was cut to find an event",
+    "trial": "a step that was rejected; trial_reason says why. An event_substep is not one: the step was cut to find an event",
     "sample": "an evaluation of the forces inside a step, with the state it used; `xdynamics sample` is something else, states at times",
     "error_…": "estimated error of the one step to this row, a local error; how far the row itself is off says `diagnose`",
     "error_norm": "error of a step over what the tolerances allow; steps above 1 are rejected",

@@ -19,7 +19,7 @@ from xdynamics.faults import InputError
 MOST_NODES = 200_000
 LARGEST_EXPONENT = 16
 REMEDY = "write numpy.where(condition, a, b) in the place of a branch"
-TABLE = "numpy.interp(t, x, y) in that of an interpolator of scipy"
+TABLE = "numpy.interp(t, x, y) in the place of an interpolator of scipy"
 
 
 class WholeNumberError(InputError):
@@ -170,7 +170,7 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - somebody else's code
-        hint = f"; {TABLE}" if "object arrays" in str(error) else ""
+        hint = f"; write {TABLE}" if "object arrays" in str(error) else ""
         raise InputError(f"the function ends with {type(error).__name__}: {error}{hint}") from None
 
 

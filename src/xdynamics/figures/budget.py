@@ -13,7 +13,7 @@ from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.flag_words import words_of
-from xdynamics.units.digits import with_uncertainty
+from xdynamics.units.digits import uncertainty_alone, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,8 +68,16 @@ def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: 
     if visible and doubt > 0.0:
         axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
     note = "" if visible or not size else " (left of the axis)"
-    label = f"{with_uncertainty(size, doubt, 1) if doubt > 0.0 else f'{size:.2g}'}{note}"
-    axes.annotate(f" {label}", (size + doubt if visible else least / 2.0, row), va="center", fontsize=7)
+    label = f"{with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)}{note}"
+    axes.annotate(
+        label,
+        (size + doubt if visible else least / 2.0, row),
+        (4.0, 0.0),
+        textcoords="offset points",
+        va="center",
+        fontsize=7,
+        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "pad": 0.5},  # over the line of what is together
+    )
 
 
 def _intervals(budget: xr.Dataset, axes: Axes) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_LINES = 6  # in the panel of distances
+MOST_APART = 3  # differences with a panel of their own, beside that of distances
 FEW = 100  # points up to which each is a dot
 
 
@@ -39,10 +40,11 @@ def panels_of(comparison: xr.Dataset) -> list[Panel]:
         raise InputError("there is nothing to draw: the comparison has no difference along 'at'")
     beside = [partial(_beside, comparison, name) for name in names if f"measured_{name}" in comparison]
     apart: list[Panel] = [partial(_apart, comparison, name) for name in names]
-    if not beside and any((np.abs(comparison[f"difference_{name}"]) > 0.0).any() for name in names):
-        apart.insert(0, partial(_distance, comparison, names))
-    # measurements are drawn left of their residuals
-    return [item for pair in zip(beside, apart, strict=True) for item in pair] if beside else apart
+    if beside:  # measurements are drawn left of their residuals
+        return [item for pair in zip(beside, apart, strict=True) for item in pair]
+    if not any((np.abs(comparison[f"difference_{name}"]) > 0.0).any() for name in names):
+        return apart[: MOST_APART + 1]
+    return [partial(_distance, comparison, names), *apart[:MOST_APART]]
 
 
 def foot_of(comparison: xr.Dataset) -> str:

@@ -21,7 +21,7 @@ from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.partial_records import is_whole
 from xdynamics.schema import STEPS, velocity
 from xdynamics.shapes import parted
-from xdynamics.units import parse_unit
+from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -223,7 +223,10 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, trans
         ylabel=words(f"{_joined(speed_names)} ({run[speed_names[0]].attrs['units']})"),
     )
     left_out = f" after {found.size - times.size}" if found.size > times.size else ""
-    axes.set_title(f"Poincare section, {times.size} periods of {_period(model):.6g}{left_out}", loc="left", fontsize=10)
+    second = unit_suffix(model.time_unit.text)
+    axes.set_title(
+        f"Poincare section, {times.size} periods of {_period(model):.4g}{second}{left_out}", loc="left", fontsize=10
+    )
     _legend(axes, names, beside=bool(beside.own))
 
 

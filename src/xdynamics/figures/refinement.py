@@ -34,7 +34,10 @@ def panels_of(study: xr.Dataset) -> list[Panel]:
 def foot_of(study: xr.Dataset) -> str:
     """Describe what is drawn, and what is left out."""
     omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
-    note = f"; {omitted} further numbers, at roundoff or limited by interpolation, are in the record" if omitted else ""
+    further = "1 further number, at roundoff or limited by interpolation, is"
+    if omitted > 1:
+        further = f"{omitted} further numbers, at roundoff or limited by interpolation, are"
+    note = f"; {further} in the record" if omitted else ""
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it"
         f" off, where that is not far below; dashed: order {study.attrs['formal_order']:g}{note}"

@@ -16,6 +16,7 @@ from xdynamics.archive.stores import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.figures.marks import typeset, words
 from xdynamics.figures.placing import settle
+from xdynamics.units import NUMBERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +43,7 @@ DARK: Any = {
     "xtick.color": "#cfd3da",
     "ytick.color": "#cfd3da",
 }
-_BEHIND = re.compile(r"\(([^()]*)\)$")  # the unit after a label
+_BEHIND = re.compile(r" ?\(([^()]*)\)$")  # the unit after a label
 
 
 @dataclass(frozen=True)
@@ -103,13 +104,18 @@ def sheet(
         axes.spines[["top", "right"]].set_visible(False)
         draw(axes)
         for axis in (axis for part in (axes, *axes.child_axes) for axis in (part.xaxis, part.yaxis)):
-            axis.set_label_text(_BEHIND.sub(lambda match: f"({typeset(match[1])})", axis.get_label_text()))
+            axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
     figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
     settle(figure)
     figure.stale = False  # until somebody changes it
     return figure
+
+
+def _unit(match: re.Match[str]) -> str:
+    """Return the unit after a label as it is typeset; nothing for a pure number."""
+    return "" if match[1] == NUMBERS.text else f" ({typeset(match[1])})"
 
 
 @contextmanager

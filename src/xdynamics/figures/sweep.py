@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from xdynamics.figures.curves import thinned
 from xdynamics.figures.marks import COLOURS, at_time, timed, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.transients import Transient, without
+from xdynamics.figures.vanishing import END_TIME, vanishing
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.sweeping.collection import AXIS, NUMBER, axes_said, settings_said
@@ -49,7 +50,10 @@ def panels_of(sweep: xr.Dataset, transient: Transient | None = None) -> list[Pan
     if transient is not None:
         sweep = without(sweep, transient)
     wide = _axes(sweep)
-    names = _names(sweep)
+    noise = vanishing(sweep)
+    names = _names(sweep, noise)
+    # where there is nothing else, noise is drawn as the zero that it is
+    sweep = sweep.assign({name: sweep[name].where(sweep[name].isnull(), 0.0) for name in names if name in noise})
     if len(wide) >= 2 and all(dim in sweep.coords for dim in wide[:2]):
         return [partial(_map, sweep, name, part, wide[:2]) for name, part in _parts(sweep, names, wide[:2])]
     if len(wide) == 1 and wide[0] in sweep.coords:
@@ -64,8 +68,10 @@ def foot_of(sweep: xr.Dataset) -> str:
     outcomes, counts = np.unique(ended(sweep).values.astype(str), return_counts=True)
     summary = ", ".join(f"{count} {word}" for word, count in zip(outcomes, counts, strict=True))
     uncontrolled = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    noise = ", ".join(vanishing(sweep))
+    zero = f"; zero to rounding: {noise}" if noise else ""
     note = f"; of {uncontrolled} absolute tolerances may have let pass 3 % of a variable" if uncontrolled else ""
-    return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}"
+    return f"{sweep[OUTCOME].size} runs: {summary}{note}; {settings_said(sweep)}{zero}"
 
 
 def _axes(sweep: xr.Dataset) -> list[str]:
@@ -76,10 +82,10 @@ def _axes(sweep: xr.Dataset) -> list[str]:
     return sorted(wide, key=lambda dim: (dim not in sweep.coords, axes.index(dim)))
 
 
-def _names(sweep: xr.Dataset) -> list[str]:
-    """Name the numbers worth a panel, those that vary; final values come last."""
-    names = [name for name in numbers(sweep) if not name.endswith("_time")] or ["end_time"]
-    telling = [name for name in names if _varies(np.asarray(sweep[name]))]
+def _names(sweep: xr.Dataset, noise: Sequence[str]) -> list[str]:
+    """Name the numbers worth a panel, those that vary by more than rounding; final values come last."""
+    names = [name for name in numbers(sweep) if not name.endswith("_time")] or [END_TIME]
+    telling = [name for name in names if name not in noise and _varies(np.asarray(sweep[name]))]
     leading = [name for name in telling if not name.startswith("end_")]
     return [*leading, *(name for name in telling if name not in leading)] or names
 
@@ -141,9 +147,10 @@ def _relief(
     """
     if values.dtype.kind != "f" or min(values.shape) < FEWEST_SIDE or not np.isfinite(values).all():
         return []
-    spread = float(np.ptp(values))
-    bends = [np.abs(np.diff(values, 2, axis=axis)).mean() for axis in (0, 1)]
-    if not spread > 0.0 or max(bends) > ROUGH * spread or len(np.unique(values)) <= FEW:
+    spread, of_most = float(np.ptp(values)), float(np.ptp(np.quantile(values, (0.05, 0.95))))
+    bend = max(np.abs(np.diff(values, 2, axis=axis)).mean() for axis in (0, 1))
+    # beside a few members that are far off any noise looks smooth
+    if not spread > 0.0 or bend > min(ROUGH * spread, of_most) or len(np.unique(values)) <= FEW:
         return []
     lines = axes.contour(across, up, values, levels=CONTOURS, colors="white", linewidths=0.6, alpha=0.8)
     axes.clabel(lines, fontsize=6, fmt="%.4g")
@@ -181,7 +188,8 @@ def _shades(values: Values) -> tuple[dict[str, Any], Any]:
 
 def _beyond(values: Values, norm: Any) -> str:
     """Return at which ends of a scale values lie outside of it."""
-    least, most = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+    sizes = values.astype(float)  # whole numbers know no infinity
+    least, most = np.nanmin(sizes, initial=np.inf), np.nanmax(sizes, initial=-np.inf)
     return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[
         bool(least < norm.vmin), bool(most > norm.vmax)
     ]

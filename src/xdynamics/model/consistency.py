@@ -27,6 +27,12 @@ from xdynamics.schema import acceleration, velocity
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 
+def _declared_unit(statement: Statement, name: str) -> str:
+    """Return the unit in which a coordinate, a state or the time is declared."""
+    part = statement.coordinates.get(name) or statement.states.get(name)
+    return part.unit.text if part else statement.time_unit.text
+
+
 def check(statement: Statement) -> dict[str, Dimension]:
     """Check names, initial values and the dimension of every term.
 
@@ -234,7 +240,9 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
                     ' unit = "…" beside the values'
                 )
         elif name not in statement.initial:
-            ledger.note(f"initial value of '{name}' is missing, in '{dimensions[name]}'")
+            ledger.note(
+                f"initial value of '{name}' is missing; write [initial] {name} = \"0 {_declared_unit(statement, name)}\", or what it is"
+            )
         elif statement.initial[name].unit.dimension != dimensions[name]:
             start = statement.initial[name]
             ledger.note(

@@ -77,7 +77,7 @@ def tds(lines: list[str], _: str) -> Cells | None:
     rows = [cells_of(line) for line in lines]
     said = {row[0]: row[1] for row in rows if row[0]}
     header = (
-        f"time [{said.get('Horizontal Units') or SECONDS.text}]",
+        f"time [{_seconds(said.get('Horizontal Units', ''))}]",
         f"{said.get('Source') or 'value'} [{said.get('Vertical Units') or 'V'}]",
     )
     return Cells(
@@ -164,9 +164,14 @@ def _of_channels(units: Sequence[str], said: Mapping[str, Sequence[str]]) -> lis
     return titles
 
 
+def _seconds(unit: str) -> str:
+    """Return the unit of an oscilloscope's times: some write seconds as ``S``, and none measures against siemens."""
+    return SECONDS.text if unit in ("", "S") else unit
+
+
 def _of_preamble(header: Sequence[str], said: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the titles of columns whose units are said in the lines above, the same for all or one for each."""
     vertical = [cell for cell in said["vertical units"] if cell] or ["V"]
-    horizontal = next((cell for cell in said.get("horizontal units", ()) if cell), SECONDS.text)
+    horizontal = _seconds(next((cell for cell in said.get("horizontal units", ()) if cell), ""))
     of = [vertical[min(k, len(vertical) - 1)] for k in range(len(header) - 1)]
     return [f"{name} [{unit}]" for name, unit in zip(header, [horizontal, *of], strict=True)]

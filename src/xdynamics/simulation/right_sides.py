@@ -167,7 +167,7 @@ def is_number(argument: Any) -> bool:
 
 def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
     if rates is None:
-        raise InputError(f"{called(fun)} returns nothing; it has to return {n} rates")
+        raise InputError(f"{called(fun)} returns nothing; it has to return rates, {n} of them")
     row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
     if len(row) != n:
         raise InputError(f"{called(fun)} returns {len(row)} rates, and y0 has {n} numbers")

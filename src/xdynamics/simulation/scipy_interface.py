@@ -224,7 +224,7 @@ def _check_numbers(
 
 def _method(method: Any) -> str:
     if method in NEAR:
-        raise InputError(f"method '{method}' is not here; for stiff equations there is '{NEAR[method]}'")
+        raise InputError(f"method '{method}' is not here; for stiff equations write method='Radau' ({NEAR[method]})")
     if method not in SAME and method not in METHODS:
         meant = unknown_method(str(method), METHODS)
         raise InputError(f"{meant}there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")

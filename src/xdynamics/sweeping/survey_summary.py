@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics.record.flag_words import words_of
+from xdynamics.units.digits import uncertainty_alone
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,7 +69,7 @@ def _convergence(survey: xr.Dataset) -> Iterator[str]:
         number = name.removeprefix("verdict_")
         uncertainty = survey[f"uncertainty_{number}"].values
         most = (
-            f", uncertain by up to {np.nanmax(uncertainty):.3g}{_unit(survey, f'uncertainty_{number}')}"
+            f", uncertain by up to {uncertainty_alone(float(np.nanmax(uncertainty)))}{_unit(survey, f'uncertainty_{number}')}"
             if np.isfinite(uncertainty).any()
             else ""
         )

@@ -85,6 +85,22 @@ def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) ->
     return f"({' ± '.join(scaled)})e{power}"
 
 
+def uncertainty_alone(size: float, shown: int = OF_DOUBT) -> str:
+    """Write an uncertainty whose number stands elsewhere: with the digits that it has beside one, or all, if it has fewer.
+
+    Examples
+    --------
+    >>> uncertainty_alone(0.0013462), uncertainty_alone(1343.0), uncertainty_alone(4.06e-11), uncertainty_alone(0.02)
+    ('0.0013', '1300', '4.1e-11', '0.02')
+    """
+    if not (isfinite(size) and size > 0.0):
+        return f"{size:g}"
+    shown = 1 if float(f"{size:.0e}") == size else shown
+    rounded = float(f"{size:.{shown - 1}e}")
+    power = floor(log10(rounded))
+    return _fixed(rounded, shown - 1 - power) if LEAST <= power <= GREATEST else scientific(rounded, shown - 1)
+
+
 def short_number(value: float, relative: float = 0.0) -> str:
     """Write a number that no uncertainty was estimated of: six digits at most, fewer where a relative uncertainty leaves fewer.
 

@@ -37,8 +37,9 @@ TIMES = ("time", "t")
 EVENT_TIMES, OCCURRENCES = "event_time_", "occurrence"  # columns of a table of events: one row is an occurrence
 ARRAYS = (".nc", ".nc4", ".netcdf", ".cdf")  # files that are read as a Dataset
 REMEDY = (
-    "how it is to be read is said by columns = x=Position (its name for x), skip (lines before the header), header = t [s],x [m] (titles in the place of its own),"
-    " units = t=s,x=m or decimal"
+    "what it does not say is said by --column x=Position (its name for x), --units x=m, --header 't [s],x [m]' (titles in the"
+    " place of its own), --skip 3 (lines before the header), --decimal , or in Python by reading={'columns': {'x': 'Position'}, …};"
+    " `xdynamics help files`"
 )
 
 
@@ -243,9 +244,16 @@ def _titles(name: str, header: Sequence[str], known: Sequence[str] | None) -> tu
     ledger.raise_faults()
     if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
         raise InputError(
-            f"{name}: column '{left_out[0]}' is nothing that is known; there are {', '.join(of_wholes(known))}"
+            f"{name}: column '{left_out[0]}' is no quantity of the model, which has {', '.join(of_wholes(known))}{_felt(left_out)}"
         )
     return titles, tuple(left_out)
+
+
+def _felt(left_out: Sequence[str]) -> str:
+    """Return how an acceleration is measured, if a column is one."""
+    if not any("acceleration" in name.lower() or name.startswith("a_") for name in left_out):
+        return ""
+    return '; an acceleration is measured as an observable: [observables] felt = { expression = "a_x", unit = "m s-2" }'
 
 
 def _element(cell: str, known: Sequence[str]) -> str:
@@ -301,7 +309,8 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
     ledger.raise_faults()
     if known is not None and left_out and not {*columns} & {*known}:
         raise InputError(
-            f"the Dataset: variable '{left_out[0]}' is nothing that is known; there are {', '.join(of_wholes(known))}"
+            f"the Dataset: variable '{left_out[0]}' is no quantity of the model, which has"
+            f" {', '.join(of_wholes(known))}{_felt(left_out)}"
         )
     return _counted(_sorted_out(f"the Dataset{remark}", columns, tuple(left_out)), reading)
 

@@ -1,0 +1,43 @@
+"""Numbers of a sweep that are what rounding leaves of zero, such as the height at a landing: noise, and no map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from xdynamics.sweeping.ensemble_analysis import EPS, numbers
+from xdynamics.units import TIME, Dimension, parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+END_TIME = "end_time"
+ROUNDINGS = 16.0  # spacings of the sizes passed on the way, which landing on zero leaves
+
+
+def vanishing(sweep: xr.Dataset) -> list[str]:
+    """Name the numbers that are zero to rounding in all members, and not exactly zero in one at least.
+
+    They are some spacings of what else has their dimension at most, or of the way that a rate of theirs leads until the end.
+    """
+    sizes = {name: _size(sweep, name) for name in numbers(sweep)}
+    span = sizes[END_TIME][0] if END_TIME in sizes else 0.0
+    ways = [(size, of) for size, of in sizes.values()] + [(size * span, of * TIME) for size, of in sizes.values()]
+    return [
+        name
+        for name, (size, dimension) in sizes.items()
+        if sweep[name].dtype.kind == "f"
+        and 0.0 < size <= ROUNDINGS * EPS * max(way for way, of in ways if of == dimension)
+    ]
+
+
+def _size(sweep: xr.Dataset, name: str) -> tuple[float, Dimension]:
+    """Return the largest size of a number, SI, and its dimension."""
+    unit = parse_unit(str(sweep[name].attrs["units"]))
+    values = np.asarray(sweep[name].values, float)
+    most = max(
+        np.nanmax(values, initial=0.0, where=np.isfinite(values)),
+        -np.nanmin(values, initial=0.0, where=np.isfinite(values)),
+    )
+    return float(most) * float(unit.factor), unit.dimension
