@@ -53,7 +53,8 @@ def stored(whole: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(whole, tmp_path / "grid.zarr"))
 
 
-@pytest.mark.parametrize("more", [THIRD, STIFFER | THIRD])
+@pytest.mark.every(2)
+@pytest.mark.parametrize("more", [STIFFER | THIRD, THIRD])
 def test_added_members_are_as_if_made_at_once(
     more: dict[str, Any], stored: Path, tmp_path: Path, marched: list[int]
 ) -> None:
@@ -107,6 +108,7 @@ def broken(times: int, function: Any) -> Any:
     return stopped
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("blocks", [1, 5])
 def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     blocks: int, stored: Path, marched: list[int]

@@ -32,7 +32,7 @@ from xdynamics.march.thinning import Around, Thinning
 from xdynamics.model import Model
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import EVENT_AFTER
-from xdynamics.units import TIME
+from xdynamics.units import TIME, unit_suffix
 
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
 LOOK = 0.5  # s between two checks where steps are slow
@@ -263,7 +263,7 @@ class March:
             if is_lacking():
                 raise InputError(
                     f"the system gave no memory for what one evaluation of the model '{self.model.name}' needs, at"
-                    f" t = {self.now.t * self.settings.scales.of(TIME):.6g} {self.model.time_unit}: nothing of the run is"
+                    f" t = {self.now.t * self.settings.scales.of(TIME):.6g}{unit_suffix(self.model.time_unit)}: nothing of the run is"
                     " kept; march fewer elements, or give the process more memory (ulimit -v)"
                 )
             looked, took = clock(), clock() - looked
