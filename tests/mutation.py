@@ -213,7 +213,7 @@ TOUCHED = {
     "methods/steppers.py": ("test_steppers.py", "test_coefficients.py"),
     "march/settings.py": ("test_settings.py",),
     "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
-    "elementary/intervals.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
+    "elementary/intervals.py": ("test_interval_rules.py", ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "march/events/transition.py": TRANSITIONS,
     "march/events/actions.py": TRANSITIONS,
     "march/events/arming.py": TRANSITIONS,
