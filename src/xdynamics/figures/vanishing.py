@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.sweeping.ensemble_analysis import EPS, numbers
+from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.sweeping.ensemble_analysis import numbers
 from xdynamics.units import TIME, Dimension, parse_unit
 
 if TYPE_CHECKING:
