@@ -58,6 +58,18 @@ def test_files_are_read_as_they_come(name: str, column: str, unit: str, times: A
     assert found.value.tolist() == [*map(float, values)]
 
 
+@pytest.mark.parametrize(
+    ("name", "column"), [("tektronix_tds.csv", ""), ("tektronix_mdo.csv", "CH2"), ("siglent.csv", "CH3")]
+)
+def test_seconds_of_an_oscilloscope_may_be_a_capital_letter(name: str, column: str) -> None:
+    """Assert that a record whose times are in ``S`` is that of one in ``s``: none is against siemens."""
+    text = (FILES / name).read_text()
+    assert "Horizontal Units,s" in text
+    capital = Table.parse(name, as_table(name, text.replace("Horizontal Units,s", "Horizontal Units,S")), column)
+    assert capital.argument_unit.text == "s"
+    assert capital.argument.tolist() == table(name, column).argument.tolist()
+
+
 def test_an_offset_is_no_part_of_an_uncertainty() -> None:
     """Assert that 273.15 is added to values in °C and not to their uncertainties, in tables, parameters and differences."""
     found = table("logger_pro.csv", "Temperature")
