@@ -126,6 +126,10 @@ def test_keys_of_openssl_sign(made: Path, signed: Path) -> None:
 
 def test_new_keys(tmp_path: Path) -> None:
     """Assert a private key that nobody else may read, its public one, and that no file is written over."""
+    missing = call("sign", tmp_path / "missing.nc", "--new-key", tmp_path / "own.pem")
+    assert missing.exit_code == 2
+    assert "missing.nc' does not exist" in missing.output
+    assert not [*tmp_path.glob("*.pem")]
     done = call("sign", "--new-key", tmp_path / "own.pem")
     assert done.exit_code == 0, done.output
     assert stat.S_IMODE((tmp_path / "own.pem").stat().st_mode) == 0o600

@@ -73,11 +73,14 @@ def _verified_sweep(folder: str) -> tuple[str, str]:
 def sign(archives: tuple[str, ...], key: str | None, new_key: str | None) -> None:
     """Sign archives: a file RUN.nc.sig beside each, for `verify --key PUBLIC.pem`."""
     from xdynamics.archive import signatures
+    from xdynamics.archive import verify as verify_archive
     from xdynamics.faults import InputError
 
     if (key is None) == (new_key is None) or not (archives or new_key):
         raise InputError("sign needs archives and one of --key KEY.pem and --new-key KEY.pem; --new-key goes alone too")
     if new_key:
+        for archive in archives:
+            verify_archive(archive)  # a key is made for what can be signed
         say([f"new key   {new_key} (keep it to yourself), {signatures.new_key(new_key)} (give it to others)"])
 
     def ask() -> str:
