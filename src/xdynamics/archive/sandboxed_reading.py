@@ -153,9 +153,8 @@ class _Examiner:
 
     def _answered(self, question: str, seconds: float) -> Any:
         """Return the answer; None without one, `READY` if there is no process to ask."""
-        for _ in range(
-            2
-        ):  # the process reads no file itself: its own end, for example after a long pause, is no fault of a file
+        # the process reads no file itself: its own end, for example after a long pause, is no fault of a file
+        for _ in range(2):
             process = self._started()
             if process is None:
                 return READY

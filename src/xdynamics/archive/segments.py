@@ -149,9 +149,8 @@ class Segments:
             self._number += 1
         except (OSError, InputError) as error:
             self.failed = True
-            contested = isinstance(error, FileExistsError) and is_folder(
-                self.folder
-            )  # which was not there when this one began
+            # it was not there when this march began
+            contested = isinstance(error, FileExistsError) and is_folder(self.folder)
             why = "another process marches into it too" if contested else getattr(error, "strerror", None) or error
             warn(f"no more segments of '{self.archive}' can be kept: {why}; the run goes on", ResumeWarning)
         self._kept, self._last = filled, time.monotonic()

@@ -105,9 +105,9 @@ class Asked:
     def within(self, share: float) -> NDArray[np.bool_]:
         """Return which measured values lie in the first share of the time, quantities concatenated."""
         first, last = float(self.data.times.min()), float(self.data.times.max())
-        selected = (self.data.times <= first + share * (last - first)) | (
-            share == 1.0
-        )  # regardless of rounding at the last
+        selected = self.data.times <= first + share * (last - first)
+        if share == 1.0:
+            selected[:] = True  # regardless of rounding at the last
         return np.tile(selected, len(self.quantities))
 
     def computed(self, values: Floats, *, whole: bool = True) -> Floats:

@@ -29,10 +29,8 @@ Whole = NDArray[np.int64]
 TOLERANCE = 1e-8  # of one piece of a step, relative to the tangent vectors
 CHUNK = 1024  # rows per call: between calls the computation can be interrupted
 PIECES, PIECES_PER_ROW = 5_000_000, 100  # largest number: with more, the equations are called too stiff
-MOST_VARIABLES, FEW = (
-    64,
-    16,
-)  # most variables of which all exponents are computed; number of vectors where there are more
+# most variables of which all exponents are computed; number of vectors where there are more
+MOST_VARIABLES, FEW = 64, 16
 
 
 @dataclass(frozen=True)

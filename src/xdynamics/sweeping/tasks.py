@@ -23,10 +23,7 @@ UNMEASURED = 16  # where it is not known what a member costs, and members may di
 ABREAST = 64  # members of a task, from which on they are marched abreast
 MOST = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
 NOTED = 500  # blocks under one topic of a cluster, which keeps the last thousand notes of each
-PROBED, FURTHER = (
-    8,
-    16,
-)  # members marched to measure the cost of one, and the growth factor while they cost little
+PROBED, FURTHER = 8, 16  # members marched to measure the cost of one, and the growth factor while they cost little
 
 Chunks = tuple[tuple[int, ...], ...]
 

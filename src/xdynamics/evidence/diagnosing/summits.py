@@ -19,10 +19,8 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 MOST_HUMPS = 1000  # of a run that are searched: those with the highest accepted states
-LOOKS, SWEEPS = (
-    9,
-    12,
-)  # where no rate is known: places evaluated at once; rounds, each between the neighbours of the best
+# where no rate is known: places evaluated at once; rounds, each between the neighbours of the best
+LOOKS, SWEEPS = 9, 12
 ROUNDS = 40  # where it is known: three are usual, a kink takes 4 to 39
 WIDE = 4.0  # times the height at which the tangents meet: how high a bracket may reach that bends up in a part of it
 SMOOTH_ROUNDS = 3  # after which one round in three bisects, and one in three takes the point where the tangents meet
