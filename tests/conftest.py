@@ -69,7 +69,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--whole",
         action="store_true",
-        help="all cases of each class, not every 23rd of random ones, and the dear tests too",
+        help="all cases of each class, not every 47th of random ones, and the dear tests too",
     )
 
 
@@ -94,11 +94,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give a test marked `cases(n)` the numbers of its random cases: every 23rd, or all with --whole.
+    """Give a test marked `cases(n)` the numbers of its random cases: every 47th, or all with --whole.
 
     A prime, so that a test which goes by `case % 2`, or by another small number, meets all of its kinds.
     """
     marker = metafunc.definition.get_closest_marker("cases")
     if marker is not None:
         count = marker.args[0]
-        metafunc.parametrize("case", range(0, count, 1 if metafunc.config.getoption("--whole") else 23))
+        metafunc.parametrize("case", range(0, count, 1 if metafunc.config.getoption("--whole") else 47))

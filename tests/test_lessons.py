@@ -75,6 +75,7 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.filterwarnings("ignore:no step of 'forward_euler' is stable")  # which the lesson is about
 @pytest.mark.parametrize("name", CHECKS)
 def test_a_lesson_computes_what_it_says(name: str, request: pytest.FixtureRequest, monkeypatch: Any) -> None:

@@ -229,7 +229,7 @@ def archived(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return path
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(6)
 def test_an_archive_reproduces(archived: Path) -> None:
     """Assert of every model: verified, and reproduced bit for bit."""
     assert xd.reproduce(archived).attrs["identical"] == 1

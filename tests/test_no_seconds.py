@@ -150,6 +150,7 @@ def test_no_stage_has_a_second(kind: str, tmp_path: Path) -> None:
             check(drawn(figure), f"{kind}, figure of {what}")
 
 
+@pytest.mark.dear
 def test_no_line_of_the_command_has_a_second(tmp_path: Path) -> None:
     """Assert check, run, extend, sample, compare, diagnose, refine, validate, modes and animate of a model without units."""
     from xdynamics.figures.animation import drawing

@@ -204,6 +204,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.dear
 def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that after kill -9 at 8 random moments of saving, with --whole 50, the name holds the old archive or the new."""
     path, moments = tmp_path / "run.nc", random.Random(2)

@@ -74,7 +74,7 @@ def _page() -> None:
     xd.report("page", **{name: xd.open_run(f"{name}.nc") for name in ("one", "other")})
 
 
-# the cheap ones first, which every 23rd case is of
+# the cheap ones first, which every 47th case is of
 VERBS: dict[str, Verb] = {
     "a new key": Verb(["sign", "--new-key", "key.pem"], "", "key.pem", ""),
     "a new model": Verb(["new", "model.toml"], "", "model.toml", ""),
@@ -377,7 +377,7 @@ def again(name: str, folder: Path, new: dict[str, str]) -> None:
 @pytest.mark.cases(300)
 def test_a_killed_verb_leaves_the_old_or_the_new(case: int, stages: Stages, tmp_path: Path) -> None:
     """Assert whole files under every name, each the old or the new one, and that the same call makes them all, without a rest."""
-    dice, turn = random.Random(case), case // 46  # of every 23rd case two in a row share a stage, of a cheap verb
+    dice, turn = random.Random(case), case // 46  # of every 47th case two in a row share a stage, of a cheap verb
     name = list(VERBS)[(case % 23 + turn) % len(VERBS)]
     stage = stages.of(name, over=bool(turn % 2))
     folder = tmp_path / "here"

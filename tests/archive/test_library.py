@@ -194,6 +194,7 @@ for _ in range(int(sys.argv[2])):
 """
 
 
+@pytest.mark.dear
 def test_an_interrupt_leaves_nothing_locked(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that after Ctrl-C at 6 moments of saving and reading, with --whole 20, the library is free, and the archive whole."""
     rounds = 20 if request.config.getoption("--whole") else 6

@@ -164,6 +164,7 @@ def test_an_answer_that_is_lost_is_understood(store: Way, folder: ObjectName) ->
     assert digests(folder) == contents(made)
 
 
+@pytest.mark.dear
 def test_what_another_writes_meanwhile_stays(folder: ObjectName) -> None:
     """Assert that the one name that another process took is not taken from it, and that its lock did not stop it."""
     old, new, other = runs(), runs(0.2), runs(0.3)[4]

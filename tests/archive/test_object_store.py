@@ -133,6 +133,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_is_refused_is_one_line(store: Way, place: ObjectName, what: str) -> None:
     """Assert one line that names the object and the remedy, no secret in it, and the old object untouched."""
@@ -349,6 +350,7 @@ def test_a_folder_is_whole_or_begun_anew(place: ObjectName) -> None:
         OBJECTS.taking_folder(folder).__enter__()
 
 
+@pytest.mark.dear
 def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
     """Assert that a sweep which its store broke off goes on, has the numbers of one in memory, and is verified."""
     folder = str(place.parent)

@@ -82,6 +82,7 @@ def test_kills_of_whole_processes(request: pytest.FixtureRequest) -> None:
     assert sum(int(line.split()[-4]) for line in done.stdout.splitlines()[:-1]) > 1
 
 
+@pytest.mark.dear
 def test_kills_between_segments() -> None:
     """Assert equal digests and nothing left of runs that are killed with segments, while these become archives too."""
     script = Path(__file__).parents[1] / "cases" / "killing.py"

@@ -70,7 +70,7 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
     assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == before
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(6)
 @pytest.mark.cases(200)
 def test_killed_at_any_moment(case: int, tmp_path: Path) -> None:
     """Assert the old file or the new one under every name, when a process is killed while it writes."""

@@ -65,6 +65,7 @@ def test_a_hurt_seal_is_named(hurt: Callable[..., Path], bit: int, read: Callabl
         read(hurt(flip(bit)))
 
 
+@pytest.mark.dear
 def test_every_cut_is_found(hurt: Callable[..., Path]) -> None:
     """Assert that 1 to 200 bytes less are found: what was sealed does not pass as never sealed."""
     for n in range(1, 201):

@@ -78,6 +78,7 @@ def test_a_catalogue_of_numbers_is_that_of_letters(tmp_path: Path, monkeypatch: 
     assert xd.verify(tmp_path / "copy.nc") == xd.verify(new)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("name", "said"),
     [

@@ -483,6 +483,7 @@ def test_what_steps_do_not_undo_is_not_marched_back() -> None:
         assert returned(xd.simulate(model, **how), Measurand(model, Target("x", 1.0), how)) is None
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("given", "si", "slope_units"),
     [

@@ -169,7 +169,7 @@ def test_lines_say_the_terms_from_the_largest_share_on() -> None:
     assert [line.split()[1] for line in lines[3:6]] == ["b", "a", "c"]
     assert "0.6 g, 83.7% of the variance, -3000 g kg-1 times 0.0002 kg" in lines[3]
     assert lines[-1] == "linear    not checked: draw, with --draws 10000"
-    assert "physical 0.656 g; together 0.656 g" in lines[-2]
+    assert "physical 0.66 g; together 0.66 g" in lines[-2]
 
 
 def test_a_periods_uncertainty_is_that_of_both_crossings() -> None:

@@ -100,6 +100,7 @@ MOST = {"dop853": 10.0}
 LOW = ("bogacki_shampine", "heun", "midpoint", "rk4")
 
 
+@pytest.mark.dear
 @pytest.mark.cases(20)
 def test_random_studies(case: int) -> None:
     """Assert for 15 random studies that 85 in 100 numbers at least are held (98 of all of them), and the median is as near the error as its method lets it."""

@@ -85,6 +85,7 @@ def test_a_second_process_compiles_nothing(kept: tuple[Path, str]) -> None:
     assert (digest, compiled, said) == (kept[1], 0, "")
 
 
+@pytest.mark.dear
 @pytest.mark.every(3)
 @pytest.mark.parametrize("damages", [("truncated", "flipped"), ("empty", "directory"), ("pipe", "link to itself")])
 def test_a_damaged_law_is_compiled_anew(kept: tuple[Path, str], damages: tuple[str, str], tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ LAWS_IN_LANES = [
 ]
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(6)
 @pytest.mark.parametrize(("name", "method"), LAWS_IN_LANES)
 def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
     """Assert that 2, 4, 8 and 16 lanes compute in each lane what one computes alone, in every program of a law."""

@@ -64,6 +64,7 @@ def test_a_floor_that_pulls_for_a_part_of_a_step_lets_go(method: str, step: floa
     assert np.abs(leave - asin(1 / 1.05) / OMEGA).max() < 1e-11
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("count", [0, 30])
 @pytest.mark.parametrize(("method", "step"), STEPS)
 def test_a_grip_that_breaks_for_a_part_of_a_step_slips(method: str, step: float, count: int) -> None:

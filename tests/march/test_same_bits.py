@@ -73,6 +73,7 @@ def here() -> str:
     return digests()
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("where", ELSEWHERE)
 def test_digests_are_the_same(where: str, here: str, request: pytest.FixtureRequest) -> None:
     """Assert equal digests of models with every function of the language."""

@@ -80,6 +80,7 @@ EDITS: dict[str, tuple[Change, str]] = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("edit", EDITS)
 def test_an_edited_record_is_refused(run: xr.Dataset, tmp_path: Path, edit: str) -> None:
     """Assert that one error names what differs, with both values, and the remedy, and nothing is written."""
@@ -208,6 +209,7 @@ def test_a_selection_without_its_model_is_not_reproduced(tmp_path: Path) -> None
         xd.reproduce(tmp_path / "part.nc")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "sent",
     [

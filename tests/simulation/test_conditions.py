@@ -18,6 +18,7 @@ FORCES = np.cos(TIMES)
 FINE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "pull",
     [

@@ -124,6 +124,7 @@ def test_a_cluster_that_is_gone_is_told(
     assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
+@pytest.mark.dear
 def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_path: Path) -> None:
     """Assert a lazy sweep, and one into a folder, on a cluster of two workers."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -133,6 +134,7 @@ def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_pat
     assert_same(computed(xd.sweep(model, AXES, **ASKED))[0], here)
 
 
+@pytest.mark.dear
 def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a sweep computed by xarray, by the client or by a report is known to be what was marched; an edit, too."""
     client.wait_for_workers(2, timeout=60)
@@ -246,6 +248,7 @@ def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: 
     assert (done.exit_code, "a cluster has its own workers, give one" in done.output) == (2, True)
 
 
+@pytest.mark.dear
 def test_a_verb_on_a_cluster_says_what_it_says_here(client: Any, tmp_path: Path) -> None:
     """Assert that a refinement by the command, on a scheduler that is running, prints what it prints without."""
     client.wait_for_workers(2, timeout=60)

@@ -179,6 +179,7 @@ def test_a_digest_says_nothing_of_the_machine() -> None:
         assert zarr_digests.content_digest(facts | {name: other}) != digest
 
 
+@pytest.mark.dear
 def test_a_digest_does_not_depend_on_how_members_are_cut(stored: Path, tmp_path: Path) -> None:
     """Assert one content digest of one sweep in blocks of one, two and all members, and another of another value."""
     digests = {xd.verify(stored)}
@@ -226,6 +227,7 @@ def test_zeros_with_a_sign_keep_it(tmp_path: Path) -> None:
     assert xd.verify(tmp_path / "still.zarr")
 
 
+@pytest.mark.dear
 def test_a_killed_sweep_goes_on(request: pytest.FixtureRequest) -> None:
     """Assert that kill -9 at random moments loses no finished block, and leaves nothing beside the digest of the whole."""
     script = Path(__file__).parents[1] / "cases" / "killed_sweeps.py"

@@ -319,6 +319,7 @@ def excess(name: str, seed: int, count: int) -> float:
     return float(np.quantile(found, 0.95))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", [name for name, operation in OPERATIONS.items() if operation[-1] is not None])
 def test_enclosures_are_tight(name: str) -> None:
     """Assert that an enclosure holds the tightest interval there is, and ends within a few roundings of it."""

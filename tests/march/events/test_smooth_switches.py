@@ -135,6 +135,7 @@ def test_an_extension_goes_on_counting(tmp_path: Path) -> None:
 METHODS = ("dop853", "radau_iia", "rk4", "dormand_prince", "bogacki_shampine", "midpoint")
 
 
+@pytest.mark.every(2)
 @pytest.mark.cases(240)
 def test_refinements_past_an_apex(case: int) -> None:
     """Assert that heights of random balls with drag are held by their uncertainty, by steps and by tolerances, against the closed form."""

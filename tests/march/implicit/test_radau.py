@@ -342,6 +342,7 @@ print(xd.content_digest(run), xd.sample(run, [0.1, 0.5]).to_array().values.tobyt
 """
 
 
+@pytest.mark.dear
 def test_compiled_equals_plain_python() -> None:
     """Assert the same digests without numba: chosen and given steps, events, step doubling, dense output."""
     folders = [str(Path(__file__).parents[2]), str(Path(__file__).parents[2] / "benchmarks")]
