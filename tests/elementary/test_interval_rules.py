@@ -55,6 +55,14 @@ def test_a_truth_is_known_where_no_number_decides_otherwise(
 @pytest.mark.parametrize(
     ("operation", "operands", "low", "high", "flaw"),
     [
+        ("negative", [Interval(-1.0, 2.0)], -2.0, 1.0, SMOOTH),
+        ("add", [LOW, Interval(-1.0, 3.0)], 0.0, 5.0, SMOOTH),
+        ("subtract", [LOW, Interval(-1.0, 3.0)], -2.0, 3.0, SMOOTH),
+        ("multiply", [Interval(-1.0, 2.0), Interval(-3.0, 5.0)], -6.0, 10.0, SMOOTH),
+        ("multiply", [Interval(0.0, 1.0), Interval(0.0, inf)], -inf, inf, SMOOTH),
+        ("square", [Interval(-3.0, 2.0)], 0.0, 9.0, SMOOTH),
+        ("least", [LOW, WIDE], 1.0, 2.0, SMOOTH),
+        ("greatest", [LOW, WIDE], 1.5, 2.5, SMOOTH),
         ("sign", [Interval(0.0, 0.0)], 0.0, 0.0, SMOOTH),
         ("sign", [Interval(0.0, 1.0)], 0.0, 1.0, BREAKS),
         ("sign", [Interval(-2.0, -1.0)], -1.0, -1.0, SMOOTH),
