@@ -1,32 +1,43 @@
 """Large arrays of a program, which are on the heap: the lines that ask for them, and what happens where there is no room.
 
 A program cannot raise. One that was given no memory calls a function of this module, and returns as if a number were
-missing; the march, which then ends or goes on with numbers that mean nothing, asks `is_lacking` and raises.
+missing. It is called on the thread on which the program runs, so what it notes belongs to one call of compiled code.
 """
 
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Sequence
 
 MOST_ON_STACK = 10_000  # numbers of an array; larger ones are on the heap
 LACKING = "xdynamics_lacking"  # what a program calls that was given no memory
 DECLARED = f"declare noalias ptr @malloc(i64)\ndeclare void @free(ptr)\ndeclare void @{LACKING}()"
 
-_LACKED: list[bool] = []
+
+class _Allocation(threading.local):
+    """What programs were given on one thread."""
+
+    refused = False
+
+
+_ALLOCATION = _Allocation()
 
 
 @ctypes.CFUNCTYPE(None)
-def lack() -> None:
+def refuse() -> None:
     """Note that a program was given no memory."""
-    _LACKED.append(True)
+    _ALLOCATION.refused = True
 
 
-def is_lacking() -> bool:
-    """Whether a program was given no memory since this was asked last."""
-    lacked = bool(_LACKED)
-    _LACKED.clear()
-    return lacked
+def forget_refusal() -> None:
+    """Begin anew on this thread, before a call of compiled code."""
+    _ALLOCATION.refused = False
+
+
+def was_refused() -> bool:
+    """Whether a program on this thread was given no memory since then."""
+    return _ALLOCATION.refused
 
 
 def refusal(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from xdynamics.kernels import cache
-from xdynamics.kernels.heap_arrays import LACKING, lack
+from xdynamics.kernels.heap_arrays import LACKING, refuse
 
 # what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
@@ -37,7 +37,7 @@ def provide_helpers() -> None:
 @lru_cache
 def provide_refusal() -> None:
     """Make known to LLVM what a program calls that was given no memory."""
-    llvm.add_symbol(LACKING, ctypes.cast(lack, ctypes.c_void_p).value)
+    llvm.add_symbol(LACKING, ctypes.cast(refuse, ctypes.c_void_p).value)
 
 
 def address_of(array: Any) -> int:

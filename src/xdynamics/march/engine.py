@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from xdynamics.faults import InputError
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array, returning
+from xdynamics.kernels.heap_arrays import forget_refusal, was_refused
 from xdynamics.march import engine_entries, loop, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.assembly import holding
@@ -20,6 +21,18 @@ from xdynamics.march.lane_rows import gather_rows
 from xdynamics.march.lanes import march_lanes
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 from xdynamics.march.step_parts import parts_of_steps
+
+R = TypeVar("R")
+
+
+class NoMemoryError(InputError):
+    """An evaluation of a model was given no memory by the system."""
+
+    def __init__(self, model: str = "the model", when: str = "") -> None:
+        super().__init__(
+            f"the system gave no memory for what one evaluation of {model} needs{when}: nothing of it is kept; march fewer"
+            " elements, or fewer runs at a time, or give the process more memory (ulimit -v)"
+        )
 
 
 class Engine(NamedTuple):
@@ -154,14 +167,27 @@ def engine() -> Engine:
     march, march_many, states_inside, fastest_rates, growths, rows_of_times = ENGINE.entries()
     call = march.call
     return Engine(
-        lambda run, rows: call(run.address, rows),
-        lambda run, *arguments: march_many(run.address, march.address, *arguments),
-        lambda run, *arguments: states_inside(run.address, *arguments),
-        lambda run, *arguments: fastest_rates(run.address, *arguments),
-        lambda run, *arguments: growths(run.address, *arguments),
+        _judged(lambda run, rows: call(run.address, rows)),
+        _judged(lambda run, *arguments: march_many(run.address, march.address, *arguments)),
+        _judged(lambda run, *arguments: states_inside(run.address, *arguments)),
+        _judged(lambda run, *arguments: fastest_rates(run.address, *arguments)),
+        _judged(lambda run, *arguments: growths(run.address, *arguments)),
         rows_of_times,
         march.address,
     )
+
+
+def _judged(call: Callable[..., R]) -> Callable[..., R]:
+    """Let a call of compiled code raise `NoMemoryError` where a program in it was given none."""
+
+    def judged(*arguments: Any) -> R:
+        forget_refusal()
+        result = call(*arguments)
+        if was_refused():
+            raise NoMemoryError
+        return result
+
+    return judged
 
 
 def _plain_engine() -> Engine:
@@ -219,9 +245,9 @@ def lanes() -> Lanes:
     march_at = engine().march_at
     march, gather, parts = LANES.entries()
     return Lanes(
-        lambda runs, *arguments: bool(march(runs, march_at, *arguments)),
+        _judged(lambda runs, *arguments: bool(march(runs, march_at, *arguments))),
         gather,
-        lambda run, *arguments: parts(run.address, *arguments),
+        _judged(lambda run, *arguments: parts(run.address, *arguments)),
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
-from xdynamics.march.engine import engine
+from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.ensemble_part import EnsemblePart, inputs_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, Room, allocate
@@ -184,7 +184,8 @@ def march_many(
     Raises
     ------
     InputError
-        If an array has a different length, an unknown name or invalid values; with every fault.
+        If an array has a different length, an unknown name or invalid values, with every fault; if the system gives no
+        memory.
     """
     settings.check(model)
     model.require_functions()
@@ -205,9 +206,12 @@ def march_many(
 
     def marched(part: slice) -> EnsemblePart:
         part_arrays = {key: array[part] for key, array in arrays.items()}
-        if side_by_side > 1:
-            return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
-        return _march(model, settings, law, part_arrays, logs=kept)
+        try:
+            if side_by_side > 1:
+                return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
+            return _march(model, settings, law, part_arrays, logs=kept)
+        except NoMemoryError:
+            raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
     if len(parts) == 1:
         return _joined(law, settings, [marched(parts[0])], meant, logs=kept)

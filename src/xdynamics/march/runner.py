@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.engine_part import is_being_made
-from xdynamics.kernels.heap_arrays import is_lacking
 from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
-from xdynamics.march.engine import engine
+from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, allocate, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
@@ -259,13 +258,13 @@ class March:
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
             log.make_ready(counts[0] - first[0], pause, sampled)
-            march(self.run, pause)
-            if is_lacking():
-                raise InputError(
-                    f"the system gave no memory for what one evaluation of the model '{self.model.name}' needs, at"
-                    f" t = {self.now.t * self.settings.scales.of(TIME):.6g}{unit_suffix(self.model.time_unit)}: nothing of the run is"
-                    " kept; march fewer elements, or give the process more memory (ulimit -v)"
-                )
+            try:
+                march(self.run, pause)
+            except NoMemoryError:
+                t = self.now.t * self.settings.scales.of(TIME)
+                raise NoMemoryError(
+                    f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
+                ) from None
             looked, took = clock(), clock() - looked
             pause = _rows_to_come(pause, counts[0], took)
             if self.progress:

@@ -31,6 +31,7 @@ from xdynamics.march.assembly.impact import pose_slip
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
 from xdynamics.march.assembly.narrow_phase import NOISE, resolution_of
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest
+from xdynamics.march.assembly.responses import clear, respond
 from xdynamics.march.assembly.touching import (
     ACTS,
     AFTER,
@@ -84,8 +85,8 @@ def rest(run: Run, t: float) -> bool:
     for _ in range(ROUNDS):
         if not solve_forces(run):
             return False
-        grips, skips = regrip(run), skip_bounces(run)
-        if not (grips or skips):
+        restored, skips = restore_contacts(run), skip_bounces(run)
+        if not (restored or skips):
             break
     close(run)
     take_energy(run, t)
@@ -163,7 +164,7 @@ def pose_grip(run: Run, a: int, acts: bool) -> None:
 
 
 @shared
-def regrip(run: Run) -> bool:
+def restore_contacts(run: Run) -> bool:
     """Take back what broke or lifted where slips would go with their friction, or gaps close; whether any is.
 
     Where several links change at one time, what one alone would do is not what it does with the others.
@@ -190,14 +191,11 @@ def slip_falling(run: Run, a: int) -> float:
 def note_accelerations(run: Run) -> None:
     """Note the acceleration of every gap that touches, with the forces just found."""
     count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
-    for row in range(rows * count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[row, i]] = 0.0
+    clear(run, 0, rows * count)
     for a in range(count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[rows * a, i]] += run.replies[rows * a, i] * run.touching[a, FORCE]
-            if rows == 2:
-                run.swing[run.reads[2 * a + 1, i]] += run.replies[2 * a + 1, i] * run.touching[a, DRAGS]
+        respond(run, rows * a, run.touching[a, FORCE])
+        if rows == 2:
+            respond(run, 2 * a + 1, run.touching[a, DRAGS])
     for a in range(count):
         run.touching[a, AFTER] = pressed_along(run, rows * a, run.touching[a, BIAS])
         if rows == 2:

@@ -38,7 +38,6 @@ from xdynamics.march.assembly.closed_links import (
     row_of,
     rows_of_closed,
 )
-from xdynamics.march.assembly.drags import follow_path, solve_at_once
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
@@ -48,6 +47,8 @@ from xdynamics.march.assembly.normal_forces import (
     solve_equations,
     solve_unilateral,
 )
+from xdynamics.march.assembly.responses import clear, respond, response_along
+from xdynamics.march.assembly.sliding_friction import follow_path, solve_at_once
 from xdynamics.march.assembly.sweeps import sweep
 from xdynamics.march.run import Run
 
@@ -254,20 +255,17 @@ def solve_in_turn(run: Run, first: int, rows: int) -> float:
 @shared
 def press_along(run: Run, pressing: int, given: float, first: int, rows: int) -> float:
     """Solve for forces where links press with those of a vector as they drag, and a share of what is given."""
-    for row in range(first, first + rows):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[row, i]] = 0.0
+    clear(run, first, rows)
     for row in range(first + 1, first + rows, 2):
         if run.vectors[RATIO, row] != 0.0:
             load = run.vectors[pressing, row - 1] * run.vectors[SCALE, row - 1]
             drag = run.vectors[RATIO, row] * (load + given * run.vectors[RETURNED, row - 1])
-            for i in range(run.reads.shape[1]):
-                run.swing[run.reads[row, i]] += run.replies[row, i] * drag
+            respond(run, row, drag)
     for row in range(first, first + rows):
-        total, scale = 0.0, run.vectors[SCALE, row]
-        for i in range(run.reads.shape[1]):
-            total += run.normals[row, i] * run.swing[run.reads[row, i]]
-        run.vectors[RIGHT, row] = given * run.vectors[GIVEN, row] - total * scale if scale > 0.0 else 0.0
+        scale = run.vectors[SCALE, row]
+        run.vectors[RIGHT, row] = (
+            given * run.vectors[GIVEN, row] - response_along(run, row) * scale if scale > 0.0 else 0.0
+        )
     return solve_equations(run, first, rows)
 
 

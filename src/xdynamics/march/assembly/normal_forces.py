@@ -15,6 +15,7 @@ from math import inf
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.closed_links import IMAGE, LEAST, MOST, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
+from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
 ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations end
@@ -27,18 +28,11 @@ MOST_TURNS = 100  # for each unknown
 @shared
 def multiply(run: Run, source: int, target: int, first: int, count: int) -> None:
     """Apply W to a vector."""
+    clear(run, first, count)
     for a in range(first, first + count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] = 0.0
+        respond(run, a, run.vectors[source, a] * run.vectors[SCALE, a])
     for a in range(first, first + count):
-        amount = run.vectors[source, a] * run.vectors[SCALE, a]
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] += run.replies[a, i] * amount
-    for a in range(first, first + count):
-        total = 0.0
-        for i in range(run.reads.shape[1]):
-            total += run.normals[a, i] * run.swing[run.reads[a, i]]
-        run.vectors[target, a] = total * run.vectors[SCALE, a]
+        run.vectors[target, a] = response_along(run, a) * run.vectors[SCALE, a]
 
 
 @shared
@@ -144,9 +138,7 @@ def solve_bounded(run: Run, first: int, count: int) -> float:
 @shared
 def greatest_answer(run: Run, first: int, count: int) -> float:
     """An upper bound of what W does to any vector: the largest sum of absolute values in a row."""
-    for a in range(first, first + count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] = 0.0
+    clear(run, first, count)
     for a in range(first, first + count):
         for i in range(run.reads.shape[1]):
             run.swing[run.reads[a, i]] += abs(run.replies[a, i]) * run.vectors[SCALE, a]

@@ -44,33 +44,33 @@ def find_release(run: Run) -> bool:
     h = run.trial[0].h
     if run.piece[0].substeps > 0:  # else they are those of the trial's last evaluation
         forces_at(run, run.z, run.trial[0].t)
-    found = any_happens(run)
-    if not found:
+    releases = any_release(run)
+    if not releases:
         s = within(run, h)
-        found = s > 0.0 and is_confirmed(run, s)
-        h = s if found else h
-    if found:
+        releases = s > 0.0 and is_confirmed(run, s)
+        h = s if releases else h
+    if releases:
         copy(run.y, run.near)
         copy(run.z, run.far)
         close_in(run, 0.0, h, False)
         run.margins[SINCE, 0] = -inf
-    return found
+    return releases
 
 
 @shared
-def any_happens(run: Run) -> bool:
+def any_release(run: Run) -> bool:
     """Note what happens to each closed link by the forces just found; whether anything does."""
-    size, found = 0.0, False
+    size, releases = 0.0, False
     for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
     for a in range(run.closed[0]):
-        run.lifted[a] = happens(run, a, size)
-        found = found or run.lifted[a] > 0
-    return found
+        run.lifted[a] = release_of(run, a, size)
+        releases = releases or run.lifted[a] > 0
+    return releases
 
 
 @shared
-def happens(run: Run, a: int, size: float) -> int:
+def release_of(run: Run, a: int, size: float) -> int:
     """What happens to a closed link by the forces just found, of a size; 0 for nothing."""
     row, grip = row_of(run, a), grip_at(run, a)
     if run.vectors[X, row] < -LIFTING * size:
@@ -85,7 +85,7 @@ def happens(run: Run, a: int, size: float) -> int:
 @shared
 def within(run: Run, h: float) -> float:
     """A part of a step by whose end something seems to happen to a closed link; 0 where nothing does."""
-    strain, found = run.spans[STRAIN], 0.0
+    strain, share = run.spans[STRAIN], 0.0
     note_margins(run, LAST)
     if run.margins[SINCE, 0] != run.now[0].t:
         forces_at(run, run.y, run.now[0].t)
@@ -93,7 +93,7 @@ def within(run: Run, h: float) -> float:
         run.tallies[QUIET] = 0
     steady, quiet = is_steady(run, LAST), run.tallies[QUIET]
     if not steady or quiet < STEADY_STEPS or quiet % SIXTEENTH == 0:
-        found = first_inside(run, h)
+        share = first_inside(run, h)
         steady = steady and is_steady(run, MIDDLE)
     run.tallies[QUIET] = quiet + 1 if steady else 0
     for i in range(run.margins.shape[1]):
@@ -102,7 +102,7 @@ def within(run: Run, h: float) -> float:
     run.spans[STRAIN] = strain
     for a in range(run.closed[0]):
         run.lifted[a] = 0
-    return found * h
+    return share * h
 
 
 @shared
@@ -118,17 +118,16 @@ def is_steady(run: Run, place: int) -> bool:
 @shared
 def first_inside(run: Run, h: float) -> float:
     """The part of a step at which something seems to happen: one of those looked at, or the lowest; 0 where nothing does."""
-    found, count = 0.0, 1 + 2 * (run.plan[0].stages // STAGES_FOR_ONE)
+    count = 1 + 2 * (run.plan[0].stages // STAGES_FOR_ONE)
     for k in range(count):
-        if found == 0.0:
-            share = (k + 1.0) / (count + 1.0)
-            found = share if seems_to_happen(run, share, h) else 0.0
-            if 2 * k + 1 == count:
-                note_margins(run, MIDDLE)
-    share = lowest(run) if found == 0.0 else 0.0
-    if 0.0 < share < 1.0 and seems_to_happen(run, share, h):
-        found = share
-    return found
+        share = (k + 1.0) / (count + 1.0)
+        releases = seems_to_release(run, share, h)
+        if 2 * k + 1 == count:
+            note_margins(run, MIDDLE)
+        if releases:
+            return share
+    share = lowest(run)
+    return share if 0.0 < share < 1.0 and seems_to_release(run, share, h) else 0.0
 
 
 @shared
@@ -142,7 +141,7 @@ def note_margins(run: Run, place: int) -> None:
 
 
 @shared
-def seems_to_happen(run: Run, share: float, h: float) -> bool:
+def seems_to_release(run: Run, share: float, h: float) -> bool:
     """Whether something happens at a part of a step, by the cubic of its states; first-order states go straight."""
     n, before, after = run.plan[0].coordinates, run.y, run.z
     for i in range(run.far.shape[0]):
@@ -153,7 +152,7 @@ def seems_to_happen(run: Run, share: float, h: float) -> bool:
         run.far[i] = before[i] + h * share * (v0 + share * (bend + share * twist))
         run.far[n + i] = v0 + share * (2.0 * bend + share * 3.0 * twist)
     forces_at(run, run.far, run.now[0].t + share * h)
-    return any_happens(run)
+    return any_release(run)
 
 
 @shared
@@ -176,7 +175,7 @@ def is_confirmed(run: Run, s: float) -> bool:
     keep(run)
     substep(run, s)
     forces_at(run, run.z, run.now[0].t + s)
-    if any_happens(run):
+    if any_release(run):
         return True
     take(run)
     run.piece[0].cut, run.spans[STRAIN] = 1, strain

@@ -9,6 +9,7 @@ from __future__ import annotations
 from xdynamics.kernels.compiling import shared
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.normal_forces import largest
+from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
 
@@ -31,9 +32,7 @@ def sweep(run: Run, first: int, rows: int) -> float:
 @shared
 def add_up(run: Run, first: int, rows: int) -> None:
     """Sum what the solution changes of everything that links read."""
-    for row in range(first, first + rows):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[row, i]] = 0.0
+    clear(run, first, rows)
     for row in range(first, first + rows):
         answer(run, row, run.vectors[X, row])
 
@@ -41,18 +40,13 @@ def add_up(run: Run, first: int, rows: int) -> None:
 @shared
 def answer(run: Run, row: int, change: float) -> None:
     """Add what a change of one unknown does."""
-    amount = change * run.vectors[SCALE, row]
-    for i in range(run.reads.shape[1]):
-        run.swing[run.reads[row, i]] += run.replies[row, i] * amount
+    respond(run, row, change * run.vectors[SCALE, row])
 
 
 @shared
 def slope(run: Run, row: int) -> float:
     """The gradient W x - b along one unknown."""
-    total = 0.0
-    for i in range(run.reads.shape[1]):
-        total += run.normals[row, i] * run.swing[run.reads[row, i]]
-    return float(total * run.vectors[SCALE, row] - run.vectors[RIGHT, row])
+    return float(response_along(run, row) * run.vectors[SCALE, row] - run.vectors[RIGHT, row])
 
 
 @shared

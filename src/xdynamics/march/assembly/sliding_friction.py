@@ -22,6 +22,7 @@ from xdynamics.march.assembly.closed_links import (
     X,
 )
 from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest
+from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.run import Run
 
 
@@ -51,21 +52,16 @@ def solve_at_once(run: Run, first: int, rows: int) -> float:
 @shared
 def apply_all(run: Run, source: int, target: int, given: float, first: int, rows: int) -> None:
     """Compute what forces, their drags and a share of what is given back do along everything that holds."""
-    for row in range(first, first + rows):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[row, i]] = 0.0
+    clear(run, first, rows)
     for row in range(first, first + rows):
         amount, ratio = run.vectors[source, row] * run.vectors[SCALE, row], run.vectors[RATIO, row]
         if ratio != 0.0:
             load = run.vectors[source, row - 1] * run.vectors[SCALE, row - 1]
             amount = ratio * (load + given * run.vectors[RETURNED, row - 1])
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[row, i]] += run.replies[row, i] * amount
+        respond(run, row, amount)
     for row in range(first, first + rows):
-        total, scale = 0.0, run.vectors[SCALE, row]
-        for i in range(run.reads.shape[1]):
-            total += run.normals[row, i] * run.swing[run.reads[row, i]]
-        run.vectors[target, row] = total * scale if scale > 0.0 else 0.0
+        scale = run.vectors[SCALE, row]
+        run.vectors[target, row] = response_along(run, row) * scale if scale > 0.0 else 0.0
 
 
 @shared
