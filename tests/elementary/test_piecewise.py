@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
-from xdynamics.elementary.piecewise import begun, find_piece, slope_at, value_at
+from xdynamics.elementary.piecewise import begun, bend_at, cube_at, find_piece, slope_at, value_at
 from xdynamics.elementary.text import declarations
 from xdynamics.kernels import drive_tables, machine
 
@@ -85,3 +85,5 @@ def test_values_and_slopes_are_those_of_the_cubic() -> None:
             u = x - ORIGINS[piece]
             assert value_at(read, x, piece) == pytest.approx(cubic(u), rel=1e-14)
             assert slope_at(read, x, piece) == pytest.approx(cubic.deriv()(u), rel=1e-14)
+            assert bend_at(read, x, piece) == pytest.approx(cubic.deriv(2)(u) / 2.0, rel=1e-14)
+            assert cube_at(read, x, piece) == cubic.coef[3]

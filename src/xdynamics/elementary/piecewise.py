@@ -43,8 +43,25 @@ def slope_at(read: Read, x: Number, piece: Whole) -> Number:
     return (cubic * 3.0 * u + square * 2.0) * u + slope
 
 
+def bend_at(read: Read, x: Number, piece: Whole) -> Number:
+    """Return half the second derivative of a piece at x."""
+    u, cubic, square, _, _ = _coefficients(read, x, piece)
+    return cubic * 3.0 * u + square
+
+
+def cube_at(read: Read, x: Number, piece: Whole) -> Number:
+    """Return a sixth of the third derivative of a piece, the same at every x."""
+    _, cubic, *_ = _coefficients(read, x, piece)
+    return cubic
+
+
 def _coefficients(read: Read, x: Number, piece: Whole) -> tuple[Number, ...]:
     return (x - read(0, piece), *(read(row, piece) for row in range(1, 5)))
 
 
-POLYNOMIALS: Mapping[str, Callable[[Read, Number, Whole], Number]] = {"value_at": value_at, "slope_at": slope_at}
+POLYNOMIALS: Mapping[str, Callable[[Read, Number, Whole], Number]] = {
+    "value_at": value_at,
+    "slope_at": slope_at,
+    "bend_at": bend_at,
+    "cube_at": cube_at,
+}

@@ -1,0 +1,81 @@
+"""The lines that compute the next coefficient of every value of a program."""
+
+from __future__ import annotations
+
+from xdynamics.kernels.jets.motion import Motion, UnexpandedError
+from xdynamics.kernels.jets.recurrences import CONSTANT, OTHER, RULES
+from xdynamics.kernels.jets.series import Order, Series
+from xdynamics.kernels.operations import COMPARISONS
+from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program
+
+Env = dict[str, Series]
+
+
+class Coefficients:
+    """What both ways of writing share: series by the names of a program's values, and their next coefficients.
+
+    Attributes
+    ----------
+    lines : list of Line
+    memory : int
+        Where in `w` what is used ends.
+    """
+
+    def __init__(self, forces: Program, motion: Motion, degree: int, first: int) -> None:
+        self.lines: list[Line] = []
+        self.motion, self.degree, self.first = motion, degree, first
+        self.memory = first + (degree + 1) * motion.used
+        self.local = forces.local
+        self.time = Series()
+
+    def state(self, place: Place) -> Series:
+        """Return the series of a number of the state."""
+        raise NotImplementedError
+
+    def value(self, env: Env, operand: Operand) -> Series:
+        """Return the series of an operand."""
+        return env[operand] if isinstance(operand, str) else Series(constant=True, terms={0: operand})
+
+    def load(self, order: Order, env: Env, line: Load) -> None:
+        """Begin the series of a number that is read."""
+        if line.target in env:
+            return
+        place = line.place
+        if place.array == "y":
+            env[line.target] = self.state(place)
+        elif place.array == "at" and place.offset == AT.index("t"):
+            env[line.target] = self.time
+        else:
+            env[line.target] = series = Series(constant=True)
+            order.keep(series, order.read(place))
+
+    def compute(self, order: Order, env: Env, line: Compute) -> None:
+        """Write the coefficient of a value."""
+        name = line.operation
+        tables = name in ("value_at", "slope_at", "find_piece", "piece_of")
+        given = [*line.arguments[:-1]] if tables else [*line.arguments]
+        series = [self.value(env, operand) for operand in given]
+        numbers = [*line.arguments[-1:]] if tables else []
+        known = line.target in env
+        if not known:
+            self._begin(order, env, line, series, numbers)
+        own = env[line.target]
+        if own.constant or not known or order.knows(own):
+            return
+        order.keep(own, RULES[name].following(order, own, *series, *numbers))
+
+    def _begin(self, order: Order, env: Env, line: Compute, series: list[Series], numbers: list[Operand]) -> None:
+        """Write the value itself, which is the coefficient of order 0."""
+        name = line.operation
+        still = name in CONSTANT or all(entry.constant for entry in series)
+        if not still and name not in RULES:
+            raise UnexpandedError(name)
+        partner = env.get(f"{OTHER[name]} {line.arguments[0]}") if name in OTHER else None
+        if partner is not None and not still:
+            env[line.target] = order.part(partner, name)
+            return
+        env[line.target] = own = Series(still, name in COMPARISONS)
+        order.keep(own, order.compute(name, *map(order.first, series), *numbers))
+        if not still:
+            RULES[name].beginning(order, own, *series, *numbers)
+            env[f"{name} {line.arguments[0]}"] = own

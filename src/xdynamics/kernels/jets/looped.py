@@ -1,0 +1,188 @@
+"""Coefficients in memory, by a loop over orders: the text is as long for any degree, with the loops of the program inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import count
+
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jets.coefficients import Coefficients, Env
+from xdynamics.kernels.jets.motion import Motion, UnexpandedError
+from xdynamics.kernels.jets.series import MEMORY, ORDER, Looped, Series
+from xdynamics.kernels.program import (
+    AT,
+    Compute,
+    Gather,
+    Line,
+    Load,
+    Loop,
+    Ordinal,
+    Place,
+    Program,
+    Reduction,
+    StoreTo,
+    element,
+)
+
+
+class InLoops(Coefficients):
+    """Coefficients in memory, and a loop over orders."""
+
+    def __init__(self, forces: Program, motion: Motion, degree: int, first: int) -> None:
+        super().__init__(forces, motion, degree, first)
+        self._serial = count(1)
+        self._envs: dict[int, Env] = {}
+        self._slopes = self._reserve(motion.coordinates + motion.states)
+        self._arrays: dict[str, tuple[int, Series]] = {}
+        self.time = Series(place=Place(MEMORY, self._reserve(degree + 1)))
+
+    def _reserve(self, numbers: int) -> int:
+        begin, self.memory = self.memory, self.memory + numbers
+        return begin
+
+    def state(self, place: Place) -> Series:
+        """Return the series of a number of the state."""
+        return Series(place=Place(MEMORY, self.first + place.offset, place.strides), apart=self.motion.used)
+
+    def assignments(self) -> Assignments:
+        """Begin lines with names of their own."""
+        return Assignments(lambda _lines, name: name, f"_e{next(self._serial)}_")
+
+    def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
+        """Return what writes an order inside some loops."""
+
+        def room(numbers: int) -> Place:
+            strides, size = [], numbers
+            for loop in reversed(around):
+                strides.append((loop.index, size))
+                size *= loop.count
+            return Place(MEMORY, self._reserve(size), tuple(reversed(strides)))
+
+        return Looped(lines, self.degree + 1, room, self._serial, started=started, inside=bool(around))
+
+    def body(self, order: Looped, body: Iterable[Line], env: Env, around: tuple[Loop | Reduction, ...]) -> None:
+        """Write the coefficients of the values of some lines."""
+        for line in body:
+            match line:
+                case Load() if line.place.array in self.local:
+                    env.setdefault(line.target, self._element(line.place))
+                case Load():
+                    self.load(order, env, line)
+                case Ordinal():
+                    self._ordinal(order, env, line)
+                case Compute():
+                    self.compute(order, env, line)
+                case StoreTo():
+                    self._store(order, line.place, self.value(env, line.value))
+                case Gather():
+                    order.lines.lines.append(line)
+                case Loop():
+                    inner, _ = self._pass(order, line, env, around)
+                    order.lines.lines.append(replace(line, body=tuple(inner.lines.lines)))
+                case Reduction():
+                    self._reduce(order, line, env, around)
+
+    def _pass(
+        self, order: Looped, line: Loop | Reduction, env: Env, around: tuple[Loop | Reduction, ...]
+    ) -> tuple[Looped, Env]:
+        """Write one pass of a loop."""
+        inside = self._envs.setdefault(id(line), {})
+        own = dict(env) | inside
+        inner = self.order(self.assignments(), (*around, line), started=order.started)
+        inner.remember(order)
+        self.body(inner, line.body, own, (*around, line))
+        self._envs[id(line)] = {name: series for name, series in own.items() if env.get(name) is not series}
+        return inner, own
+
+    def _reduce(self, order: Looped, line: Reduction, env: Env, around: tuple[Loop | Reduction, ...]) -> None:
+        """Write sums of coefficients, which are the coefficients of sums."""
+        if line.operation != "add":
+            raise UnexpandedError(line.operation)
+        inner, own = self._pass(order, line, env, around)
+        terms = [self.value(own, term) for term in line.terms]
+        starts = [self.value(env, start) for start in line.starts]
+        still = all(series.constant for series in (*terms, *starts))
+        if order.started and still:
+            return
+        names = [f"_r{next(self._serial)}_" for _ in line.totals]
+        where = None if line.where is None else str(inner.first(own[line.where]))
+        given = tuple(inner.now(term) for term in terms)
+        begin = tuple(order.now(start) for start in starts)
+        order.lines.lines.append(
+            replace(line, body=tuple(inner.lines.lines), terms=given, totals=tuple(names), start=begin, where=where)
+        )
+        for total, name in zip(line.totals, names, strict=True):
+            order.keep(env.setdefault(total, Series(constant=still)), name)
+
+    def _ordinal(self, order: Looped, env: Env, line: Ordinal) -> None:
+        if line.target not in env:
+            env[line.target] = series = Series(constant=True)
+            name = f"_o{next(self._serial)}_"
+            order.lines.lines.append(Ordinal(name, line.index))
+            order.keep(series, name)
+
+    def _element(self, place: Place) -> Series:
+        """Return the series of an element of an array of the program."""
+        apart = self.degree + 1
+        begin, kind = self._arrays[place.array]
+        strides = tuple((index, stride * apart) for index, stride in place.strides)
+        return Series(kind.constant, kind.truth, place=Place(MEMORY, begin + place.offset * apart, strides))
+
+    def _store(self, order: Looped, place: Place, series: Series) -> None:
+        """Keep a coefficient where the program keeps the value."""
+        if place.array == "z":
+            if self.motion.has_slope(place):
+                order.lines.store(
+                    replace(place, array=MEMORY, offset=self._slopes + place.offset - self.motion.used),
+                    order.now(series),
+                )
+            return
+        if place.array not in self._arrays:
+            begin = self._reserve(self.local[place.array] * (self.degree + 1))
+            self._arrays[place.array] = begin, Series(series.constant, series.truth)
+        kind = self._arrays[place.array][1]
+        if kind.constant and not series.constant:
+            raise UnexpandedError(place.array)
+        if not (order.started and kind.constant):
+            order.keep(self._element(place), order.now(series))
+
+    def raise_state(self, order: Looped) -> None:
+        """Write what coordinates, velocities and states have one order on."""
+        n, used = self.motion.coordinates, self.motion.used
+        following = order.compute("add", order.number, 1.0)
+        ahead, moved = (2, ((ORDER, used),)) if order.started else (1, ())
+        of_velocities = Place(MEMORY, self.first + (ahead - 1) * used + n, (*moved, ("i", 1)))
+        for source, target, numbers in (
+            (of_velocities, 0, n),
+            (Place(MEMORY, self._slopes, (("i", 1),)), n, n + self.motion.states),
+        ):
+            if numbers:
+                divided = (
+                    Load("_slope", source),
+                    Compute("_raised", "divide", ("_slope", following)),
+                    StoreTo(Place(MEMORY, self.first + ahead * used + target, (*moved, ("i", 1))), "_raised"),
+                )
+                order.lines.lines.append(Loop("i", numbers, divided))
+
+
+def looped_lines(forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int) -> Coefficients:
+    """Write order 0, and the loop over the others."""
+    write, env = InLoops(forces, motion, degree, first), Env()
+    lines = write.assignments()
+    copied = Load("_copied", element("y")), StoreTo(element(MEMORY, first), "_copied")
+    lines.lines.append(Loop("i", motion.used, copied))
+    begin = write.order(lines, (), started=False)
+    assert write.time.place is not None  # noqa: S101 - it has one from the start
+    where = write.time.place
+    begin.keep(write.time, lines.load(Place("at", AT.index("t"))))
+    rest = (StoreTo(element(where.array, where.offset + 1), 0.0),)
+    lines.lines += [Loop("i", degree, rest), StoreTo(replace(where, offset=where.offset + 1), 1.0)]
+    write.body(begin, body, env, ())
+    write.raise_state(begin)
+    inner = write.assignments()
+    order = write.order(inner, (), started=True)
+    write.body(order, body, env, ())
+    write.raise_state(order)
+    write.lines = [*lines.lines, Loop(ORDER, degree - 1, tuple(inner.lines))]
+    return write

@@ -1,0 +1,100 @@
+"""Where a program of forces has the numbers of a motion, and which of its lines the motion follows from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from xdynamics.kernels.jets.recurrences import CONSTANT
+from xdynamics.kernels.program import Compute, Gather, Instruction, Line, Load, Loop, Ordinal, Place, Reduction, StoreTo
+
+WRITTEN_OUT = 6000  # operations up to which every coefficient is a value of the text
+
+
+class UnexpandedError(Exception):
+    """A program whose values have no series: a function in Python, a call of the engine."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a program of forces has its numbers.
+
+    Attributes
+    ----------
+    coordinates, states : int
+        How many there are: a state is coordinates, velocities and states, and results follow it in `z`: accelerations
+        and rates.
+    """
+
+    coordinates: int
+    states: int
+
+    @property
+    def used(self) -> int:
+        """Numbers of a state."""
+        return 2 * self.coordinates + self.states
+
+    @property
+    def slopes(self) -> range:
+        """Places in `z` of accelerations and rates."""
+        return range(self.used, self.used + self.coordinates + self.states)
+
+    def has_slope(self, place: Place) -> bool:
+        """Whether a place is that of accelerations or rates, in a loop of all of them."""
+        return place.array == "z" and place.offset in self.slopes
+
+    def raised_by(self, place: int) -> int:
+        """Return which number of the state rises by the slope at a place of `z`."""
+        return place - self.used + self.coordinates
+
+
+def needed(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...]:
+    """Return the lines that accelerations and rates follow from."""
+    lines: list[Line] = []
+    for line in body:
+        if not isinstance(line, Line):
+            raise UnexpandedError(type(line).__name__)
+        lines.append(line)
+    return _filtered(lines, motion, set(), set())
+
+
+def _filtered(body: Sequence[Line], motion: Motion, names: set[str], arrays: set[str]) -> tuple[Line, ...]:
+    """Return the lines that some names, and some arrays, follow from; both are added to."""
+    kept: list[Line] = []
+    for line in reversed(body):
+        found: Line = line
+        match line:
+            case Load() | Ordinal() | Compute():
+                wanted = line.target in names
+            case StoreTo():
+                wanted = line.place.array in arrays or motion.has_slope(line.place)
+            case Gather():
+                wanted = True
+            case Loop():
+                inner = _filtered(line.body, motion, names, arrays)
+                wanted, found = any(not isinstance(part, Gather) for part in inner), replace(line, body=inner)
+            case Reduction():
+                wanted = not names.isdisjoint(line.totals)
+                if wanted:
+                    names |= {name for name in (*line.terms, *line.starts, line.where) if isinstance(name, str)}
+                    found = replace(line, body=_filtered(line.body, motion, names, arrays))
+        if not wanted:
+            continue
+        kept.append(found)
+        if isinstance(line, Compute):
+            names |= {name for name in line.arguments if isinstance(name, str)}
+        elif isinstance(line, StoreTo) and isinstance(line.value, str):
+            names.add(line.value)
+        elif isinstance(line, Load):
+            arrays.add(line.place.array)
+    return tuple(kept[::-1])
+
+
+def is_small(body: Sequence[Line], degree: int) -> bool:
+    """Whether the coefficients of all values are few enough to be written out."""
+    if any(isinstance(line, Loop | Reduction) for line in body):
+        return False
+    operations = Counter(line.operation for line in body if isinstance(line, Compute))
+    plain = sum(operations[name] for name in ("add", "subtract", "negative", *CONSTANT))
+    return plain * degree + (operations.total() - plain) * degree * degree <= WRITTEN_OUT

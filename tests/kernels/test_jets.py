@@ -1,0 +1,242 @@
+"""Jets: the Taylor coefficients of everything that forces may consist of, beside those of many digits by mpmath."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cases.array_programs import bound, compiled, gravity, in_python
+from xdynamics.expressions import parse
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jets import Motion, UnexpandedError, expansion
+from xdynamics.kernels.program import (
+    Compute,
+    EngineCall,
+    Line,
+    Load,
+    Loop,
+    Ordinal,
+    Place,
+    Program,
+    Reduction,
+    StoreTo,
+)
+
+Floats = NDArray[np.float64]
+DEGREE = 21
+TIME = 0.3
+OF_X = Motion(coordinates=0, states=2)  # x' = 1, u' = f(x, t): the series of u are those of f
+PLACES = {"x": Place("y", 0), "u": Place("y", 1), "t": Place("at", 0), "c": Place("p", 0)}
+EXACT: Mapping[str, Callable[..., Any]] = {
+    **{name: getattr(mpmath, name) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan")},
+    **{name: getattr(mpmath, name) for name in ("atan2", "sinh", "cosh", "tanh", "hypot")},
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "where": lambda truth, a, b: a if truth else b,
+}
+SMOOTH = [
+    "x*x - x + t", "x*x*x/(1 + x*x)", "1/(c + x)", "(x + t)/c", "sqrt(1 + x*x)", "sqrt(x)", "x**2.7", "x**-1.5", "(x*t)**0.3",
+    "exp(-x)", "exp(x*t)", "log(2 + x)", "log(x)", "sin(x)", "cos(x)", "sin(3*x)*cos(3*x)", "cos(c*t)*sin(c*t)", "tan(x)",
+    "asin(x/2)", "acos(x/2)", "atan(3*x)", "atan2(x, 1 + x*x)", "atan2(-x, -t)", "sinh(x)", "cosh(x)", "sinh(x)*cosh(x)",
+    "tanh(x)", "hypot(x, 1 + x*x)", "abs(x - 2)*x", "abs(x)", "min(x, 2*x*x*x)", "max(t, x, x*t)", "where(x > 0.05, x*x, -x)",
+    "c*c*x",
+]  # fmt: skip
+
+
+def of_x(text: str) -> Program:
+    """The forces of x' = 1 and u' = an expression of x, t and the constant c."""
+    lines = Assignments(lambda lines, name: lines.load(PLACES[name], name))
+    value = lines.value(parse(text))
+    lines.store(Place("z", 2), 1.0)
+    lines.store(Place("z", 3), value)
+    return Program("forces", "Forces.", tuple(lines.lines))
+
+
+def series_of(text: str, x: float, *, written_out: bool, degree: int = DEGREE, c: float = 1.3) -> Floats:
+    """The coefficients of an expression of x and t, by plain Python, whose bits compiled lines have too."""
+    found = expansion(of_x(text), OF_X, degree, 3, written_out=written_out)
+    assert found.written_out == written_out
+    y, at = np.array([x, 0.0, 1.0, 0.0]), np.array([TIME, *[0.0] * 7])
+    results = []
+    # compiling takes ten times as long for coefficients written out, which are the same kinds of lines
+    ways = [in_python, compiled] if degree < 10 or not written_out else [in_python]
+    for way in ways:
+        call, w = way(found.program), np.full(found.memory, 7.0)
+        call(y=y, w=w, at=at, p=np.array([c]))
+        results.append(w[3 : 3 + 2 * (degree + 1)])
+    assert results[0].tobytes() == results[-1].tobytes()
+    return np.asarray(results[0].reshape(-1, 2)[1:, 1] * np.arange(1, degree + 1))
+
+
+@pytest.mark.parametrize("text", SMOOTH)
+def test_series_are_those_of_many_digits(text: str) -> None:
+    """Assert that coefficients to order 20 are those that mpmath finds, to rounding over the distance to a singularity."""
+    random = np.random.default_rng(len(text))
+    x = float(random.uniform(0.2, 0.9))
+    both = [series_of(text, x, written_out=written_out) for written_out in (True, False)]
+    with mpmath.workdps(40):
+
+        def f(s: Any) -> Any:
+            return eval(text, {}, {**EXACT, "x": x + s, "t": TIME + s, "c": mpmath.mpf(1.3)})
+
+        exact = mpmath.taylor(f, 0, DEGREE - 1)
+        # in units of the radius of convergence coefficients are as large as what rounding leaves of those before
+        size = max(abs(term) ** (mpmath.mpf(1) / max(k, 1)) for k, term in enumerate(exact)) or mpmath.mpf(1)
+        pairs = [(k, found[k], term) for found in both for k, term in enumerate(exact)]
+        errors = [float(abs(coefficient - term) / size**k) for k, coefficient, term in pairs]
+    assert max(errors) < 1e-13 * max(1.0, float(abs(exact[0])))
+
+
+@pytest.mark.parametrize("written_out", [True, False])
+@pytest.mark.parametrize(
+    ("text", "x", "beginning"),
+    [
+        ("abs(x)", 0.0, [0.0, 1.0]),
+        ("abs(-x)", 0.0, [0.0, 1.0]),
+        ("min(x, 3*x)", 0.0, [0.0, 1.0]),
+        ("max(x, 3*x)", 0.0, [0.0, 3.0]),
+        ("sign(x)*x", -0.5, [0.5, -1.0]),
+        ("floor(4*x)*x", 0.7, [1.4, 2.0]),
+        ("mod(x, 0.3)", 0.7, [0.7 - 2 * 0.3, 1.0]),
+        ("mod(2, x)", 0.7, [2 - 2 * 0.7, -2.0]),
+        ("sqrt(x)", 0.0, [0.0]),
+        ("hypot(x, x)", 0.0, [0.0]),
+        ("x**1.5", 0.0, [0.0]),
+        ("where(x < 0, x, 2*x)", 0.0, [0.0, 2.0]),
+        ("c*2", 0.0, [2.6]),
+    ],
+)
+def test_corners_and_steps(text: str, x: float, beginning: list[float], *, written_out: bool) -> None:
+    """Assert that at a corner the side is that of the motion, that steps stay, and that a root of zero stops there."""
+    wanted = [*beginning, *[0.0] * (6 - len(beginning))]
+    assert series_of(text, x, written_out=written_out, degree=6) == pytest.approx(wanted, abs=1e-15)
+
+
+@pytest.mark.parametrize("written_out", [True, False])
+@pytest.mark.parametrize("operation", ["value_at", "slope_at"])
+def test_tables_inside_a_piece(operation: str, *, written_out: bool) -> None:
+    """Assert that a table has the series of the cubic of its piece, of an argument that moves in any way."""
+    table = np.array(
+        [0.0, 0.5, 2.0, -1.0, 0.7, 3.0, 1.5, -0.2, 0.4, 0.9]
+    )  # two pieces: origins, then cubic to constant
+    lines = Assignments(lambda lines, name: lines.load(PLACES[name], name))
+    argument = lines.value(parse("x*x"))
+    piece = lines.compute("find_piece", argument, 0)
+    lines.store(Place("z", 2), 1.0)
+    lines.store(Place("z", 3), lines.compute(operation, argument, piece, 0))
+    found = expansion(Program("forces", "Forces.", tuple(lines.lines)), OF_X, 8, written_out=written_out)
+    w, x = np.zeros(found.memory), 0.9
+    given = {"y": np.array([x, 0.0, 1.0, 0.0]), "at": np.zeros(8), "tables": table}
+    bound(found.program, w=w, pieces=np.array([0, 2, 0]), **given)()
+    polynomial = np.polynomial.Polynomial(table[[9, 7, 5, 3]])
+    cubic = polynomial if operation == "value_at" else polynomial.deriv()
+    argument_of_time = np.polynomial.Polynomial([x * x - 0.5, 2 * x, 1.0])
+    wanted = cubic(argument_of_time).coef
+    series = w[: 2 * 9].reshape(-1, 2)[1:, 1] * np.arange(1, 9)
+    assert series == pytest.approx([*wanted, *[0.0] * (8 - len(wanted))], abs=1e-14)
+
+
+class Passes:
+    """The lines of loops, one pass after the other, with every value under a name of its own."""
+
+    def __init__(self) -> None:
+        self.lines: list[Line] = []
+        self._names: dict[str, Any] = {}
+
+    def write(self, body: Iterable[Any], at: dict[str, int]) -> None:
+        """Write lines where loops are at some numbers."""
+        for line in body:
+            match line:
+                case Load():
+                    self.lines.append(Load(self._named(line.target), self._place(line.place, at)))
+                case Ordinal():
+                    self._names[line.target] = float(at[line.index])
+                case Compute():
+                    given = tuple(self._names.get(name, name) for name in line.arguments)
+                    self.lines.append(Compute(self._named(line.target), line.operation, given))
+                case StoreTo():
+                    self.lines.append(StoreTo(self._place(line.place, at), self._names[line.value]))
+                case Loop():
+                    for k in range(line.count):
+                        self.write(line.body, {**at, line.index: k})
+                case Reduction():
+                    self._reduce(line, at)
+
+    def _reduce(self, line: Reduction, at: dict[str, int]) -> None:
+        totals: list[Any] = list(line.starts)
+        for k in range(line.count):
+            if line.where and k == at["i"]:  # gravity leaves out the body itself
+                continue
+            self.write(line.body, {**at, line.index: k})
+            terms = [self._names[term] for term in line.terms]
+            for i, pair in enumerate(zip(totals, terms, strict=True)):
+                totals[i] = self._named("total")
+                self.lines.append(Compute(totals[i], "add", pair))
+        self._names.update(zip(line.totals, totals, strict=True))
+
+    def _named(self, name: str) -> str:
+        self._names[name] = f"{name}_{len(self.lines)}"
+        return str(self._names[name])
+
+    def _place(self, of: Place, at: Mapping[str, int]) -> Place:
+        return Place(of.array, of.offset + sum(at[index] * stride for index, stride in of.strides))
+
+
+def moving(program: Program, numbers: int) -> Program:
+    """A program of accelerations at the beginning of `z` as one of forces, which follow the state."""
+
+    def moved(line: Any) -> Any:
+        if isinstance(line, Loop):
+            return replace(line, body=tuple(map(moved, line.body)))
+        if isinstance(line, StoreTo):
+            return replace(line, place=replace(line.place, offset=line.place.offset + 2 * numbers))
+        return line
+
+    return Program("forces", "Forces.", tuple(map(moved, program.body)))
+
+
+@pytest.mark.parametrize("by_body", [True, False])
+def test_loops_have_the_series_of_what_they_write(*, by_body: bool) -> None:
+    """Assert that gravity in loops over bodies has the coefficients of gravity written out, alone and in lanes."""
+    n, degree = 3, 8
+    motion, looped = Motion(3 * n, 0), moving(gravity(n, by_body=by_body), 3 * n)
+    passes = Passes()
+    passes.write(looped.body, {})
+    straight = Program("forces", "Forces.", tuple(passes.lines))
+    random, results = np.random.default_rng(4), []
+    y, p = np.concatenate([random.normal(size=6 * n), np.zeros(3 * n)]), random.uniform(0.5, 2.0, n)
+    for program, written_out in ((looped, False), (straight, False), (straight, True)):
+        found = expansion(program, motion, degree, written_out=written_out)
+        w = np.zeros(found.memory)
+        (compiled if program is looped else in_python)(found.program)(y=y, w=w, p=p, at=np.zeros(8))
+        results.append(w[: (degree + 1) * 6 * n].copy())
+    size = np.abs(results[2]).max()
+    assert np.abs(results[0] - results[2]).max() < 1e-13 * size
+    assert np.abs(results[1] - results[2]).max() < 1e-13 * size
+    lanes = expansion(looped, motion, degree)
+    assert not lanes.written_out
+    w = np.zeros((lanes.memory, 4))
+    given = {"y": np.repeat(y[:, None], 4, 1), "p": np.repeat(p[:, None], 4, 1), "at": np.zeros((8, 4))}
+    compiled(lanes.program, runs=4)(w=w, **given)
+    assert w[: (degree + 1) * 6 * n, 2].tobytes() == results[0].tobytes()
+
+
+def test_what_has_no_series_is_refused() -> None:
+    """Assert that functions in Python, calls of the engine and largest elements are told apart."""
+    store = StoreTo(Place("z", 2), "_v")
+    called = Program("forces", "Forces.", (Load("_x", PLACES["x"]), Compute("_v", "python_f", ("_x",)), store))
+    with pytest.raises(UnexpandedError, match="python_f"):
+        expansion(called, OF_X, 4)
+    with pytest.raises(UnexpandedError, match="EngineCall"):
+        expansion(Program("forces", "Forces.", (EngineCall(0),)), OF_X, 4)
+    terms = (Load("_x", Place("y", 0, (("i", 1),))),)
+    largest = Reduction("i", 2, terms, ("_x",), ("_v",), "greatest", -np.inf)
+    with pytest.raises(UnexpandedError, match="greatest"):
+        expansion(Program("forces", "Forces.", (largest, store)), OF_X, 4)
