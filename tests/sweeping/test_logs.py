@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
+from xdynamics.archive import sandboxed_reading
+from xdynamics.evidence.stages import computed
 from xdynamics.sweeping import logs
 
 MODEL = oscillator().model
@@ -36,13 +39,60 @@ def test_logs_are_what_sample_gives(grid: xr.Dataset) -> None:
 
 def test_files_are_read_when_they_are_used(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that nothing is read to open them, and one file once for both variables of one member."""
-    read: list[Any] = []
-    opened = logs.opened
-    monkeypatch.setattr(logs, "opened", lambda *given: read.append(given) or opened(*given))
+    read = counted(monkeypatch)
     lazy = xd.open_logs(grid, [0.5, 1.0])
     assert read == []
     lazy.isel(k=0, until=0).compute()
     assert len(read) == 1
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Note the files that logs are read from."""
+    read: list[Any] = []
+    columns_of = logs.columns_of
+    monkeypatch.setattr(logs, "columns_of", lambda *given: read.append(given[0]) or columns_of(*given))
+    return read
+
+
+def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that logs which a report computes are archived without being read again, and that an edit is noticed."""
+    read = counted(monkeypatch)
+    page = xd.report(tmp_path, logs=xd.open_logs(grid, [0.5, 1.0]))
+    assert len(read) == len({*read}) == 4
+    assert f"logs.nc, {xd.verify(tmp_path / 'logs.nc')}" in page
+    (held,) = computed(xd.open_logs(grid, [0.5]))
+    held["x"] = held.x + 1.0
+    with pytest.raises(xd.InputError, match="variable 'x' is .* in row 0, in the run"):
+        xd.save(held, tmp_path / "edited.nc")
+
+
+def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the same bits where the files' bytes are not known to the process, and that all of them are examined then."""
+    own = xd.open_logs(grid, "0:2:5 s").compute()
+    monkeypatch.setattr(sandboxed_reading, "_known", OrderedDict())
+    asked: list[Path] = []
+    examine = sandboxed_reading._EXAMINER.examine
+    monkeypatch.setattr(
+        sandboxed_reading._EXAMINER, "examine", lambda *given: asked.append(given[0]) or examine(*given)
+    )
+    assert xd.open_logs(grid, "0:2:5 s").compute().identical(own)
+    assert len({*asked}) == 4
+
+
+def test_who_reads_for_another_need_not_examine_again(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that tasks carry what is known of the files where they are described, for workers that know nothing."""
+    lazy = xd.open_logs(grid, [0.5])
+    monkeypatch.setattr(sandboxed_reading, "_known", OrderedDict())
+    monkeypatch.setattr(sandboxed_reading._EXAMINER, "examine", lambda *_: pytest.fail("examined"))
+    assert np.isfinite(lazy.compute().x.values).all()
+
+
+def test_logs_of_a_part_are_those_of_its_members(grid: xr.Dataset) -> None:
+    """Assert the same numbers of a part, its axes turned round or one of them gone."""
+    whole = xd.open_logs(grid, [0.5, 1.0])
+    turned = xd.open_logs(grid.transpose("until", "k"), [0.5, 1.0])
+    assert turned.x.transpose("k", "until", "at").values.tolist() == whole.x.values.tolist()
+    assert xd.open_logs(grid.isel(k=1), [0.5, 1.0]).x.values.tolist() == whole.x[1].values.tolist()
 
 
 def test_a_run_that_is_hurt_is_named(tmp_path: Path) -> None:

@@ -129,17 +129,19 @@ def killed_in_a_run(folder: Path) -> None:
     """March the sweep in a copy of this process, which is killed when the third run has been archived."""
     streamed, files = member_files._streamed, list[Path]()
 
-    def broken_off(march: Any, file: Path) -> tuple[str, str]:
+    def broken_off(march: Any, file: Path, **asked: Any) -> tuple[str, str]:
         files.append(file)
-        written = streamed(march, file)
+        written = streamed(march, file, **asked)
         if len(files) == 3:
             os.kill(os.getpid(), signal.SIGKILL)
         return written
 
     if not (child := os.fork()):
-        with mock.patch.object(member_files, "_streamed", broken_off), dask.config.set(scheduler="synchronous"):
-            xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
-        os._exit(0)
+        try:
+            with mock.patch.object(member_files, "_streamed", broken_off), dask.config.set(scheduler="synchronous"):
+                xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
+        finally:
+            os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
 
 

@@ -9,7 +9,7 @@ from xdynamics.runtime.lazy_imports import entrance
 if TYPE_CHECKING:
     from xdynamics.archive.content import content_digest
     from xdynamics.archive.integrity import check_unchanged, digest_of_run, selected_like
-    from xdynamics.archive.origin import marched
+    from xdynamics.archive.origin import evaluated, marched
     from xdynamics.archive.reading import open_run, verify
     from xdynamics.archive.segments import clear_rest, discard, has_segments
     from xdynamics.archive.source import check_source
@@ -26,6 +26,7 @@ _ROOMS = {
     "content_digest": "content",
     "digest_of_run": "integrity",
     "discard": "segments",
+    "evaluated": "origin",
     "has_segments": "segments",
     "marched": "origin",
     "open_run": "reading",
@@ -44,6 +45,7 @@ __all__ = [
     "content_digest",
     "digest_of_run",
     "discard",
+    "evaluated",
     "has_segments",
     "marched",
     "open_run",

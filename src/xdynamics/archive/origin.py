@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +100,19 @@ class Origin(str):
         variables = {name: part.variable for name, part in self.parts.items()}
         return None if any(variable is None for variable in variables.values()) else xr.Dataset(variables)
 
+    def evaluated(self, lazy: Mapping[str, Any], loaded: xr.Dataset) -> Origin:
+        """Return the origin of a record whose lazy arrays were computed: what they gave stands in their place."""
+
+        def parts() -> dict[str, OriginalVariable]:
+            return {
+                name: replace(part, variable=loaded.variables[name], unchanged=None)
+                if name in lazy and part.variable is not None and part.variable.data is lazy[name]
+                else part
+                for name, part in self.parts.items()
+            }
+
+        return Origin.of(parts, self.attributes, self.source)
+
     def __copy__(self) -> Origin:
         return self
 
@@ -132,6 +145,23 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
             data.flags.writeable = False
     run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays, unchanged or {}), run.attrs, None)
     return labelled(run)
+
+
+def evaluated(run: xr.Dataset, values: Mapping[Any, Any]) -> xr.Dataset:
+    """Return a record with values in the place of the lazy arrays that they were just computed from, by name.
+
+    The record remembers them as it does what was marched: they are not computed again to be compared.
+    """
+    loaded = run.copy(deep=False)
+    lazy = {str(name): run.variables[name].data for name in values}
+    for name, data in values.items():
+        loaded.variables[name].data = data
+        if isinstance(held := loaded.variables[name].data, np.ndarray):
+            held.flags.writeable = False
+    if isinstance(origin := run.attrs.get(ORIGIN), Origin):
+        kept = loaded.copy(deep=False)  # a variable that is assigned to afterwards is another one there
+        loaded.attrs[ORIGIN] = origin.evaluated(lazy, kept)
+    return loaded
 
 
 def _of_arrays(

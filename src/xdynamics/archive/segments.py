@@ -22,6 +22,7 @@ from xdynamics.archive.writer import Writer
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
 from xdynamics.march import March
 from xdynamics.record import apart, identity
+from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import TIME, unit_suffix
 
 EVERY = 10.0  # s between two segments: a run that is over sooner has none
@@ -49,7 +50,6 @@ class Segments:
         self.archive, self.folder = archive, folder_of(archive)
         self.store = store_of(archive)
         self.march, self.failed = march, False
-        self._of = identity(march)
         self._started = self._last = time.monotonic()
         self._found: list[Segment] = []
         self._number, self._before = 1, ""  # of the next one, and the digest of the last
@@ -66,6 +66,11 @@ class Segments:
             self._gather(names)
         elif resume:
             warn(f"there are no segments of '{archive}' to go on from: it is marched from its start", ResumeWarning)
+
+    @cached_property
+    def _of(self) -> dict[str, str]:
+        """The identity of the march: a run that is over sooner than its first segment is due needs none."""
+        return identity(self.march)
 
     def __enter__(self) -> Segments:
         return self

@@ -34,7 +34,9 @@ def stream(march: March, path: Given, *, before: Iterable[Part] = (), resume: bo
     return streamed(march, path, before=before, resume=resume).path
 
 
-def streamed(march: March, path: Given, *, before: Iterable[Part] = (), resume: bool = False) -> Writer:
+def streamed(
+    march: March, path: Given, *, before: Iterable[Part] = (), resume: bool = False, read_back: bool = True
+) -> Writer:
     """March straight into a file, in bounded memory; one block is written while the next is marched.
 
     Every ten seconds or so the rows since are kept in a segment beside the file, with the march's memory.
@@ -47,6 +49,8 @@ def streamed(march: March, path: Given, *, before: Iterable[Part] = (), resume: 
         Rows that precede those of the march, which goes on after them once they are all taken.
     resume : bool
         Whether to go on from existing segments; the rows before are in them.
+    read_back : bool
+        Whether the values are read again before the file takes its name; see `new_file`.
 
     Raises
     ------
@@ -58,7 +62,7 @@ def streamed(march: March, path: Given, *, before: Iterable[Part] = (), resume: 
     place = placed(path)
     check_target(place, march.model)
     with Segments(place, march, resume=resume) as segments:
-        with new_file(place, keeps=True) as writer:
+        with new_file(place, keeps=True, read_back=read_back) as writer:
             _fill(writer, march, segments, segments.rows() if len(segments) else before)
             for variable, value in record.constants(march):
                 dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)

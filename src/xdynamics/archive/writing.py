@@ -50,7 +50,9 @@ Array = NDArray[Any]
 
 _PARTIAL = ".partial"
 MOST_AT_ONCE = 200  # files that reach the disk together: each holds a descriptor until then
-READ_BACK = 64_000_000  # bytes up to which a new file is read again in full before it takes its name
+READ_BACK = (
+    64_000_000  # bytes up to which a new file is read again in full before it takes its name; a larger one is opened
+)
 
 
 def save(run: xr.Dataset, path: Given, *, derived: str | None = None, compress: bool | None = None) -> Place:
@@ -260,11 +262,14 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 
 @contextmanager
-def new_file(path: Place, batch: FileBatch | None = None, *, keeps: bool = False) -> Iterator[Writer]:
+def new_file(
+    path: Place, batch: FileBatch | None = None, *, keeps: bool = False, read_back: bool = True
+) -> Iterator[Writer]:
     """Write a file under a temporary name, check it, and give it its name, in the end `Writer.path`.
 
     A run that ended badly does not take the name of an archive of one that ended well, but one beside it. With `keeps`, a
-    file that its store does not take stays on this machine.
+    file that its store does not take stays on this machine. Without `read_back` a file is opened again, but its values are
+    not read: for one of many that are written alike.
     """
     with store_of(path).taking_name(path, batch) as new:
         first = new.name
@@ -273,7 +278,7 @@ def new_file(path: Place, batch: FileBatch | None = None, *, keeps: bool = False
             writer = Writer(file)
             writer.path = path
             yield writer
-        writer.seal = _finish(new.part)
+        writer.seal = _finish(new.part, read_back=read_back)
         new.keeps = keeps
         if not writer.complete:
             new.name = beside(new.name)
@@ -292,10 +297,10 @@ def beside(path: Place) -> Place:
     return path
 
 
-def _finish(part: Path) -> str:
+def _finish(part: Path, *, read_back: bool) -> str:
     """Seal a new file, read it back, and return the seal."""
     digest = seal_file(part)
-    if part.stat().st_size <= READ_BACK:
+    if read_back and part.stat().st_size <= READ_BACK:
         if faults := compare(part, Tail(digest)).faults:
             raise RuntimeError(f"what was written reads otherwise: {'; '.join(faults)}")
     else:

@@ -45,16 +45,22 @@ ROUTE = (
 
 
 def sampled(
-    run: xr.Dataset, times: Floats, *, after: bool, rule: str, functions: Mapping[str, Callable[..., float]] | None
+    run: xr.Dataset,
+    times: Floats,
+    *,
+    after: bool,
+    rule: str,
+    functions: Mapping[str, Callable[..., float]] | None,
+    model: Model | None = None,
 ) -> xr.Dataset:
-    """Evaluate a run at times within it; see `sample`.
+    """Evaluate a run at times within it; see `sample`. Its model is not read again from its text where it is given.
 
     Raises
     ------
     InputError
         If a time lies outside the run, rows are missing, or the Dataset is not a run record.
     """
-    return Inside.of(run, functions, rule).at(times, after=after)
+    return Inside.of(run, functions, rule, model).at(times, after=after)
 
 
 @dataclass(frozen=True)
@@ -64,9 +70,10 @@ class Inside:
     run: xr.Dataset
     functions: Mapping[str, Callable[..., float]]
     rule: str
+    known: Model | None = None  # where the record's model is at hand
 
     @classmethod
-    def of(cls, run: Any, functions: Any, rule: str) -> Inside:
+    def of(cls, run: Any, functions: Any, rule: str, model: Model | None = None) -> Inside:
         """Check that a Dataset is a whole run record, in the units of its model.
 
         Raises
@@ -80,7 +87,7 @@ class Inside:
             raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")
         if not isinstance(functions, Mapping | None):
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
-        inside = cls(run, functions or {}, rule)
+        inside = cls(run, functions or {}, rule, model)
         units = {name: unit.text for name, unit in inside.model.units.items()}
         for name in inside.layout.used:
             if name not in run.variables:
@@ -95,8 +102,8 @@ class Inside:
 
     @cached_property
     def model(self) -> Model:
-        """The record's model, read from its text."""
-        model = model_of(self.run, self.functions)
+        """The record's model, read from its text where it is not at hand."""
+        model = self.known or model_of(self.run, self.functions)
         model.require_functions()
         return model
 

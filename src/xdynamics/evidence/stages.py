@@ -136,10 +136,7 @@ def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
     """Return what was computed of a collection as a Dataset."""
     if not isinstance(values, dict):
         return record.whole_of(values)
-    loaded = dataset.copy(deep=False)
-    for name, data in values.items():
-        loaded.variables[name].data = data
-    return loaded
+    return archive.evaluated(dataset, values)
 
 
 def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset]:

@@ -233,6 +233,7 @@ class Model(ModelTrees):
             if self._declared is not None:
                 statement = following(self._declared, statement, self.statement, self.shapes)
             model._hold(statement, self.dimensions, self.shapes, self._declared)
+            vars(statement).setdefault("calendar", self.statement.calendar)  # of its trees alone
             model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
         elif self._declared is not None:
             model._state(gathered(self._declared, statement, self.shapes))

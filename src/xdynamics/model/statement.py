@@ -122,9 +122,12 @@ class Statement:
         return not isinstance(self.mass, Diagonal) and any(i != j for i, j in self.mass_entries)
 
 
+_NODES = get_args(Node)
+
+
 def _trees_in(part: Any) -> Iterator[Node]:
     """Yield every expression that a part of a statement holds."""
-    if isinstance(part, get_args(Node)):
+    if isinstance(part, _NODES):
         yield part
     elif isinstance(part, Mapping):
         for value in part.values():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.archive.reading import values_of
+from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import is_folder, made_folder, store_of
@@ -233,8 +234,11 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
     with alone_in(store.made_folder(work), folder):
         blocks = [block for _, block in blocks_of(begun(plan, members, work))]
         parts = [work / f"{said(block)}.nc" for block in blocks]
-        _march(plan, blocks, parts, progress, existing)
-        archive.save(collected(plan, _joined(plan, blocks, parts)), folder / CATALOGUE)
+        new = _march(plan, blocks, parts, progress, existing)
+        arrays = _joined(plan, blocks, parts)
+        if SEAL in arrays and existing is None:
+            _know(np.asarray(arrays[SEAL]), new)
+        archive.save(collected(plan, arrays), folder / CATALOGUE)
         _forget(folder, plan.digest)
     return open_sweep(folder)
 
@@ -268,8 +272,8 @@ def unfinished(folder: Place) -> list[Place]:
 
 def _march(
     plan: Plan, blocks: list[Block], parts: list[Place], progress: Progress | None, existing: Additions | None
-) -> None:
-    """March the missing blocks, on whichever dask scheduler is active."""
+) -> list[Block]:
+    """March the missing blocks, on whichever dask scheduler is active, and return them."""
     from dask import base
     from dask.delayed import delayed
 
@@ -280,10 +284,18 @@ def _march(
         if not digests_of(part, partial(_is_part, plan, block))[0]
     ]
     if not todo:
-        return
+        return []
     delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_keep), delayed(existing)
     with watching(parts, progress):
         compute(*(delayed_keep(delayed_plan, list(block), part.absolute(), delayed_existing) for block, part in todo))
+    return [block for block, _ in todo]
+
+
+def _know(seals: NDArray[Any], blocks: list[Block]) -> None:
+    """Remember the seals of the runs of some blocks, which the workers of this call wrote or examined."""
+    for block in blocks:
+        for seal in filter(None, seals[tuple(block)].ravel().tolist()):
+            know(str(seal))
 
 
 def _keep(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:

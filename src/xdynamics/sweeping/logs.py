@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -10,21 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.place import GIVEN, Given, Place
-from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.archive.reading import columns_of
+from xdynamics.archive.sandboxed_reading import is_known, know
+from xdynamics.archive.seals import Tail
+from xdynamics.dynamics.shortened_steps import sampled, step_columns, wanted_times
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
+from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.element_attributes import of_wholes
 from xdynamics.record.element_names import expanded
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import AT, AT_TIME
+from xdynamics.schema import AT, AT_TIME, GIVEN_STEP, ROOT_DIGEST
 from xdynamics.shapes.naming import written
 from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.member import folder_of, opened
-from xdynamics.sweeping.members import DIGEST, FILE
+from xdynamics.sweeping.grid import At
+from xdynamics.sweeping.member import check_digest, folder_of, opened
+from xdynamics.sweeping.members import DIGEST, FILE, SEAL, Plan
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,7 +96,7 @@ def open_logs(
     if times is None and not plan.keeping.times.size:
         raise InputError("the sweep has no times of its own; give times, like '0:10:101 s'")
     wanted = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
-    arrays = _arrays(catalogue, folder, wanted, list(chosen), functions)
+    arrays = _arrays(catalogue, folder, _Reading(plan, wanted, tuple(chosen), functions))
     dims = catalogue[FILE].dims
     variables: dict[str, Any] = {
         name: ((*dims, AT), arrays[name], about(model.units[name].text, f"{name} of the run at a time", "coordinate"))
@@ -109,9 +115,75 @@ def open_logs(
     return logs.set_coords([*axes])
 
 
-def _arrays(
-    sweep: xr.Dataset, folder: Place, times: Floats, names: list[str], functions: Functions | None
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Reading:
+    """What is wanted of every run.
+
+    Attributes
+    ----------
+    plan : Plan
+    times : ndarray, s
+    names : tuple of str
+    functions : mapping of str to callable, optional
+    dims : tuple of str
+        The axes that are left in what is read, in its order.
+    """
+
+    plan: Plan
+    times: Floats
+    names: tuple[str, ...]
+    functions: Functions | None
+    dims: tuple[str, ...] = ()
+
+    def states(self, at: At, file: Place, digest: str, seal: str) -> Floats:
+        """Read the states of one run at the times, in the order of the names.
+
+        Parameters
+        ----------
+        at : sequence of int
+            Its place along the dimensions.
+        file : Path, or name of an object
+        digest : str
+            Its content digest, in the catalogue.
+        seal : str
+            Its seal, where the bytes that it is of are known to who asks; else empty.
+
+        Raises
+        ------
+        ArchiveError
+            If the file is damaged, or holds another run.
+        """
+        if seal:
+            know(seal)
+        numbers = dict(zip(self.dims, at, strict=True))
+        model = self.plan.grid.model_of([numbers.get(dim, 0) for dim in self.plan.grid.dims])
+        run = unfold(opened(file, digest)) if model.shapes.dims else _columns(file, digest, self._columns(model))
+        with run:
+            ends = np.asarray(run["time"][[0, -1]])
+            inside = (self.times >= ends[0]) & (self.times <= ends[1])
+            states = np.full((len(self.names), self.times.size), np.nan)
+            if inside.any():
+                own = model if str(run["model_toml"].values) == model.to_toml() else None  # else of another version
+                found = sampled(
+                    run, self.times[inside], after=True, rule=REINTEGRATE, functions=self.functions, model=own
+                )
+                states[:, inside] = [found[name].values for name in self.names]
+        return states
+
+    def _columns(self, model: Model) -> set[str]:
+        """Name all variables of a run that its states within steps are found from."""
+        settings, none = self.plan.grid.settings_of((0,) * len(self.plan.grid.shape)), np.zeros(0, np.int64)
+        return {"time", "model_toml", GIVEN_STEP.name, *(name for name, _ in step_columns(model, settings, none, none))}
+
+
+def _columns(file: Place, digest: str, names: set[str]) -> xr.Dataset:
+    """Read columns of a member's archive, checking that it holds the run named in the catalogue."""
+    run = columns_of(file, names)
+    check_digest(file, str(run.attrs[ROOT_DIGEST]), digest)
+    return run
+
+
+def _arrays(sweep: xr.Dataset, folder: Place, reading: _Reading) -> dict[str, Any]:
     """Return every variable as a dask array, whose tasks read one run each, once for all variables."""
     import dask.array
     from dask.base import tokenize
@@ -119,39 +191,39 @@ def _arrays(
 
     da: Any = dask.array  # its functions are not typed
     files, digests = (np.asarray(sweep[name].values) for name in (FILE, DIGEST))
-    token = tokenize(str(folder), files, digests, times, names)
-    read = f"log-{token}"
-    places = list(product(*map(range, files.shape)))
+    seals = np.asarray(sweep[SEAL].values) if SEAL in sweep else np.full(files.shape, "")
+    token = tokenize(str(folder), files, digests, reading.times, reading.names)
+    wanted, read = f"wanted-{token}", f"log-{token}"
+    reading = replace(reading, dims=tuple(map(str, sweep[FILE].dims)))
     layers: dict[str, Any] = {
+        wanted: {wanted: reading},
         read: {
-            (read, *at): (_states, folder / str(files[at]), str(digests[at]), times, names, functions)
+            (read, *at): (_states, wanted, at, folder / str(files[at]), str(digests[at]), _if_known(str(seals[at])))
             if files[at]
-            else np.full((len(names), times.size), np.nan)
-            for at in places
-        }
+            else np.full((len(reading.names), reading.times.size), np.nan)
+            for at in product(*map(range, files.shape))
+        },
     }
+    dependencies: dict[str, set[str]] = {wanted: set(), read: {wanted}}
     shape = (1,) * files.ndim
     arrays = {}
-    for i, name in enumerate(names):
+    for i, name in enumerate(reading.names):
         key = f"{name}-{read}"
-        graph = {(key, *at, 0): (_taken, (read, *at), i, shape) for at in places}
-        merged = HighLevelGraph(layers | {key: graph}, {read: set(), key: {read}})
-        arrays[name] = da.Array(merged, key, (*((1,) * n for n in files.shape), (times.size,)), dtype=float)
+        graph = {(key, *at, 0): (_taken, (read, *at), i, shape) for at in product(*map(range, files.shape))}
+        merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {read}})
+        arrays[name] = da.Array(merged, key, (*((1,) * n for n in files.shape), (reading.times.size,)), dtype=float)
     return arrays
+
+
+def _if_known(seal: str) -> str:
+    """Return the seal of a run that was written or examined for this process; a worker need not examine it again."""
+    return seal if is_known(Tail(seal)) else ""
+
+
+def _states(reading: _Reading, *which: Any) -> Floats:
+    return reading.states(*which)
 
 
 def _taken(states: Floats, i: int, shape: tuple[int, ...]) -> Floats:
     values: Floats = states[i].reshape(*shape, -1)
     return values
-
-
-def _states(file: Place, digest: str, times: Floats, names: list[str], functions: Functions | None) -> Floats:
-    """Read the states of one run at times, in the order of the names."""
-    states = np.full((len(names), times.size), np.nan)
-    with opened(file, digest) as run:
-        ends = run["time"][[0, -1]].values
-        inside = (times >= ends[0]) & (times <= ends[1])
-        if inside.any():
-            sampled = unfold(sample(run, times[inside], functions=functions))
-            states[:, inside] = [sampled[name].values for name in names]
-    return states

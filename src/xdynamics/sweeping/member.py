@@ -103,7 +103,21 @@ def opened(file: Place, digest: str) -> xr.Dataset:
         If it holds another run, or is damaged.
     """
     run = archive.open_run(file)
-    if run.attrs[ROOT_DIGEST] != digest:
+    try:
+        check_digest(file, str(run.attrs[ROOT_DIGEST]), digest)
+    except ArchiveError:
         run.close()
-        raise ArchiveError(f"'{file}' has the content digest {run.attrs[ROOT_DIGEST]}, in the catalogue {digest}")
+        raise
     return run
+
+
+def check_digest(file: Place, digest: str, catalogued: str) -> None:
+    """Check that a member's archive holds the run named in the catalogue.
+
+    Raises
+    ------
+    ArchiveError
+        If it holds another.
+    """
+    if digest != catalogued:
+        raise ArchiveError(f"'{file}' has the content digest {digest}, in the catalogue {catalogued}")

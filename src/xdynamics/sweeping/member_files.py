@@ -33,7 +33,9 @@ RUNS = "runs"  # folder in that of a sweep
 def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDArray[np.bool_]) -> None:
     """Archive every unknown member of a block, and enter its file, content digest and seal into the arrays.
 
-    A member whose file exists and is intact is not marched again; one whose model is refused gets no file.
+    A member whose file exists and is intact is not marched again; one whose model is refused gets no file. All files are
+    opened again before they take their names, and the first that is written is read again in full: the others differ from
+    it in numbers alone.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDA
         If a run differs from the same member marched side by side with others.
     """
     grid = plan.grid
-    shape = grid.shape_of(block)
+    shape, has_read = grid.shape_of(block), False
     for i, at in enumerate(grid.places(block)):
         place = np.unravel_index(i, shape)
         march = None if known[place] else march_of(grid, at)
@@ -52,7 +54,8 @@ def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDA
         if digest:
             clear_segments(file)  # left by a process that was stopped after finishing the file
         else:
-            digest, seal = _streamed(march, file)
+            digest, seal = _streamed(march, file, read_back=not has_read)
+            has_read = True
             if differences := _apart(march, {name: values[place] for name, values in arrays.items()}):
                 raise InputError(
                     f"member {grid.name_of(at)}: {differences}: this is a fault of xdynamics; please report it"
@@ -60,10 +63,10 @@ def archived(plan: Plan, block: Block, folder: Place, arrays: Values, known: NDA
         arrays[FILE][place], arrays[DIGEST][place], arrays[SEAL][place] = f"{folder.name}/{file.name}", digest, seal
 
 
-def _streamed(march: March, file: Place) -> tuple[str, str]:
+def _streamed(march: March, file: Place, *, read_back: bool) -> tuple[str, str]:
     """March a member into its file; where another worker did so meanwhile, take that."""
     try:
-        written = streamed(march, file, resume=has_segments(file))
+        written = streamed(march, file, resume=has_segments(file), read_back=read_back)
     except TakenError:
         digest, seal = digests_of(file, partial(record.comes_of, march=march))
         if not digest:
