@@ -115,6 +115,11 @@ CASES: Mapping[str, list[Node]] = {
         parse("roll(u, site, 1) - roll(g, site, -3)*shift(g, row, 2, k)"),
         force("(u - roll(u, site, 1))**4/4 + (shift(u, site, 1, a) - u)**2*k", "u"),
     ],
+    "shifts of shifts": [
+        parse("shift(roll(u, site, 1), site, 1, a) + roll(roll(k, site, 3), site, 5)"),
+        parse("shift(shift(u, site, 2, b), site, -5, a) + roll(shift(u, site, 1, a), site, -3)"),
+        parse("sum(shift(roll(u, site, 4), site, 3, a)*u, site)"),
+    ],
     "reductions": [
         parse("sum(g, row)*k + max(g, row, site)"),
         parse("sum(g, site)*g"),

@@ -10,13 +10,6 @@ class UnprintedError(Exception):
     """An expression that has no loops; its elements are written out."""
 
 
-class SplitError(Exception):
-    """An index whose values are not all treated alike: those before a number, and those from there on."""
-
-    def __init__(self, index: str, at: int) -> None:
-        self.index, self.at = index, at
-
-
 class LoopIndex(NamedTuple):
     """The number of an element: that of a loop's index and a shift, or a known one.
 
@@ -52,6 +45,22 @@ class Link(NamedTuple):
     def level(self) -> int:
         """How many loops are around it."""
         return max(self.first.level, self.second.level)
+
+
+class SplitError(Exception):
+    """An index whose numbers are not all treated alike: those before a number, and those from there on.
+
+    Attributes
+    ----------
+    index : str
+        Of the loop.
+    count : int
+        How many of its passes come before. The index may be another one than the loop's own: shifted, by one shift within
+        another.
+    """
+
+    def __init__(self, index: LoopIndex, number: int) -> None:
+        self.index, self.count = index.name, number - index.first
 
 
 Env = Mapping[str, LoopIndex | Link]

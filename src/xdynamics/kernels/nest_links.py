@@ -33,7 +33,7 @@ class LinkSums(Reductions):
         if len(starts) <= PIECES and not link.gathered:
             later = [start for start in starts if start > link.first]
             if later and later[0] < link.last:
-                raise SplitError(link.name, later[0])
+                raise SplitError(link, later[0])
             far = int(numbers[link.first]) - link.first
             return link._replace(shift=link.shift + far, first=link.first + far, last=link.last + far)
         table = f"{relation.name}_{function}"
@@ -73,7 +73,7 @@ class LinkSums(Reductions):
         """Write what an element's links give, whose numbers follow from the element's."""
         later = [start for start in runs if start > index.first]
         if later and later[0] < index.last:
-            raise SplitError(index.name, later[0])
+            raise SplitError(index, later[0])
         stride, links = runs[max(start for start in runs if start <= index.first)]
         node = self._parts.nodes[number]
         assert isinstance(node, Along)  # noqa: S101 - it is what links give

@@ -132,7 +132,7 @@ class NestedLoops:
                         raise
                     if whole:
                         raise UnprintedError from None
-                    waiting[:0] = [(first, split.at), (split.at, last)]
+                    waiting[:0] = [(first, first + split.count), (first + split.count, last)]
                     continue
                 body = tuple(self._scopes[-1].lines)
             self._scopes[-1].lines.append(Loop(index.name, last - first, body))

@@ -81,7 +81,7 @@ class Reductions(NestedLoops):
                 except SplitError as split:
                     if split.index != index.name:
                         raise
-                    waiting[:0] = [(first, split.at), (split.at, last)]
+                    waiting[:0] = [(first, first + split.count), (first + split.count, last)]
                     continue
                 body = tuple(self._scopes[-1].lines)
             total = self._joined(Reduction(index.name, last - first, body, (new,), (now,), "newest", (total,)))[0]

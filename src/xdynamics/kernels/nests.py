@@ -144,7 +144,7 @@ class Nests(LinkSums):
             raise UnprintedError
         turns, last = (index.first - n) // size, (index.last - 1 - n) // size
         if turns != last:
-            raise SplitError(index.name, n + size * (turns + 1))
+            raise SplitError(index, n + size * (turns + 1))
         if turns and node.function == "shift":
             return self.value(operands[1], env)
         far = -n - turns * size
@@ -156,7 +156,7 @@ class Nests(LinkSums):
         index = env[dim]
         assert isinstance(index, LoopIndex)  # noqa: S101 - no relation of every two has three links and a cross product
         if index.name:
-            raise SplitError(index.name, index.first + 1)
+            raise SplitError(index, index.first + 1)
         i, j = (known_number((index.shift + k) % 3) for k in (1, 2))
         plus, minus = (
             self.compute("multiply", self.value(a, {**env, dim: of_a}), self.value(b, {**env, dim: of_b}))
