@@ -177,12 +177,15 @@ xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_i
 fun is called once, with symbols, and what it does to them is written down as expressions. So it may use
   + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside, np.interp, np.sum, np.dot, @,
   np.linalg.solve, np.zeros(n) and assignment to its elements, slices, np.roll, loops over range, functions of yours.
+Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one expression too, however large they are: windows
+u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an axis, np.pad, np.where, np.hstack, u.T, order="F".
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact. Comparisons are joined
 by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic; np.interp takes left, right and period.
 What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down
-  300        elements of arrays with two axes, each written out with an expression of its own
+  300        elements of arrays with three axes, of sums along one axis of two, or picked by a list: each has an expression
+             of its own; of more, each has a name, y0, y1, … as well
   10         numbers that get a name each; of more, an array whose rule is the same along it becomes one quantity with a dimension
   40         points of np.interp at an expression of the state; over t a table of any length is a drive
   6          unknowns of np.linalg.solve

@@ -1,4 +1,4 @@
-"""Arrays traced as a whole: rows along a dimension with numpy's methods and functions."""
+"""Rows of numbers traced as a whole, with numpy's methods and functions; arrays of two axes are `traced_planes`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.numpy_rules import of_rows, split
+from xdynamics.expressions.numpy_rules import of_rows
 from xdynamics.expressions.reductions import product, reduced
 from xdynamics.expressions.traced_grid import Grid, IrregularError
 from xdynamics.expressions.traced_rows import Line, combined, of_ufunc
@@ -30,22 +30,6 @@ class Field(Line):
         return of_rows(function, *arguments, **options)
 
     flatten = ravel = Line.copy
-
-    def reshape(self, *shape: Any) -> Any:
-        """Return some rows of equal length one after the other; other shapes have two axes.
-
-        Raises
-        ------
-        IrregularError
-            If the array would have more than two axes.
-        """
-        wanted = shape[0] if len(shape) == 1 and isinstance(shape[0], tuple | list) else shape
-        if len(wanted) == 1:
-            return self.copy()
-        count = wanted[0] if wanted[0] != -1 else self.size // wanted[1]
-        if len(wanted) == 2 and 0 < count <= 4 and wanted[1] in (-1, self.size // count):
-            return split(self, count)
-        raise IrregularError("the function makes an array of more axes of a row")
 
     def sum(self, **options: Any) -> Any:
         """Return the sum."""

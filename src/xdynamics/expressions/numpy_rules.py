@@ -10,8 +10,8 @@ import numpy as np
 
 from xdynamics.expressions.reductions import product, reduced
 from xdynamics.expressions.traced_grid import ZERO, IrregularError
-from xdynamics.expressions.traced_rows import Line, combined, lines_in, of_ufunc
-from xdynamics.expressions.tracing import Traced, called, choice, node_of
+from xdynamics.expressions.traced_rows import Line, combined, lines_in, of_ufunc, slice_of
+from xdynamics.expressions.tracing import Row, Traced, called, choice, node_of
 from xdynamics.expressions.tree import Along
 
 
@@ -26,7 +26,7 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
     values = [*parts]
     known = lines_in(values)[0]
     sizes = [value.size if isinstance(value, Line) else int(np.size(value)) for value in values]
-    if axis not in (0, -1, None) or sum(sizes) > known.grid.size:
+    if axis not in (0, -1, None) or any(part.ndim > 1 for part in lines_in(values)) or sum(sizes) > known.grid.size:
         raise IrregularError("the function joins rows to more numbers than it was given")
     row = known.of(Traced(ZERO), sum(sizes))
     first = 0
@@ -39,6 +39,46 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
     return row
 
 
+def beside(parts: Iterable[Any], axis: int) -> Any:
+    """Return arrays of two axes, or columns, beside one another.
+
+    Raises
+    ------
+    IrregularError
+        If there are more elements than in the whole, or none has two axes.
+    """
+    values = [*parts]
+    known: Any = next((part for part in lines_in(values) if hasattr(part, "window")), None)
+    if known is None or len(lines_in(values)) < len(values) or axis not in (-2, -1, 0, 1):
+        raise IrregularError("the function puts arrays beside one another")
+    axis %= 2
+    counts = [value.shape[axis] if value.ndim > 1 else 1 for value in values]
+    size = known.shape[1 - axis] if known.ndim > 1 else known.size
+    whole = known.blank((sum(counts), size) if axis == 0 else (size, sum(counts)))
+    first = 0
+    for value, count in zip(values, counts, strict=True):
+        part = slice(first, first + count) if value.ndim > 1 else first
+        whole[part if axis == 0 else (slice(None), part)] = value
+        first += count
+    return whole
+
+
+def _stacked(axis: int) -> Callable[..., Any]:
+    """Return the rule for arrays beside one another: rows become one row."""
+
+    def stacked(parts: Iterable[Any]) -> Any:
+        values = [*parts]
+        is_row = axis == 1 and all(value.ndim == 1 for value in lines_in(values))
+        return joined(values) if is_row else beside(values, axis)
+
+    return stacked
+
+
+def _concatenated(parts: Iterable[Any], axis: int = 0) -> Any:
+    values = [*parts]
+    return beside(values, axis) if any(value.ndim > 1 for value in lines_in(values)) else joined(values, axis)
+
+
 def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
     """Return parts of equal length.
 
@@ -47,57 +87,106 @@ def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
     IrregularError
         If the parts would not be equally long.
     """
-    if axis not in (0, -1) or not isinstance(count, int) or row.size % count:
+    if axis not in (0, -1) or not isinstance(count, int) or row.size % count or row.ndim > 1:
         raise IrregularError("the function splits a row into parts of different lengths")
     n = row.size // count
     return [row[k * n : (k + 1) * n] for k in range(count)]
 
 
 def rolled(row: Any, places: Any, axis: Any = None) -> Line:
-    """Return the elements some places before, the last ones first.
+    """Return the elements some places before, the last ones first; along several axes one after the other.
 
     Raises
     ------
     IrregularError
-        If it is no row.
+        If it is no array that is traced as a whole.
     """
-    if not isinstance(row, Line) or axis not in (None, 0, -1) or not isinstance(places, int):
+    if isinstance(axis, tuple):
+        shifts = places if isinstance(places, tuple) else (places,) * len(axis)
+        for k, one in zip(shifts, axis, strict=True):
+            row = rolled(row, k, one)
+        result: Line = row
+        return result
+    if not isinstance(row, Line) or not isinstance(places, int | np.integer):
         raise IrregularError("the function rolls an array")
-    k = places % row.size
+    if axis is None and row.ndim > 1:
+        return rolled(row.ravel(), places).reshape(row.shape)  # type: ignore[attr-defined, no-any-return]
+    axis = 0 if axis is None else axis % row.ndim
+    k = int(places) % row.shape[axis]
     if not k:
         return row.copy()
-    if row.size == row.grid.size and row.value.node == row.grid.leaf:
-        node = row.grid.leaf
-        rolled_node = Along("roll", (node,), (row.grid.dim,), places)
-        return row.of(Traced(rolled_node), row.size)
-    result: Line = joined([row[-k:], row[:-k]])
-    return result
+    pitch = row.pitch(axis)
+    if pitch * row.shape[axis] == row.grid.size and row.value.node == row.grid.leaf:
+        return row.alike(Traced(Along("roll", (row.grid.leaf,), (row.grid.dim,), int(places) * pitch)))
+    return row.alike(row.displaced(k, axis))
 
 
 def _differences(row: Any, n: int = 1, axis: int = -1) -> Any:
-    if axis not in (0, -1):
-        raise IrregularError("the function takes differences along another axis")
     for _ in range(n):
-        row = row[1:] - row[:-1]
+        whole = (slice(None),) * (axis % row.ndim)
+        row = row[(*whole, slice(1, None))] - row[(*whole, slice(None, -1))]
     return row
 
 
-def _gradient(row: Line, *spacing: Any) -> Line:
-    h = spacing[0] if spacing else 1.0
-    result: Line = joined([(row[1:2] - row[0:1]) / h, (row[2:] - row[:-2]) / (2.0 * h), (row[-1:] - row[-2:-1]) / h])
-    return result
+def _gradient(array: Line, *spacing: Any, axis: Any = None) -> Any:
+    axes = [*range(array.ndim)] if axis is None else [axis % array.ndim]
+    steps = spacing if len(spacing) == len(axes) else (*spacing, 1.0)[:1] * len(axes)
+    slopes = []
+    for along, h in zip(axes, steps, strict=True):
+        result: Any = _filled(0.0)(array)
+        for to, ahead, behind in ((slice(1, -1), slice(2, None), slice(-2)), (0, 1, 0), (-1, -1, -2)):
+            to_key, ahead_key, behind_key = ((*[slice(None)] * along, part) for part in (to, ahead, behind))
+            result[to_key] = (array[ahead_key] - array[behind_key]) / (h * (2.0 if isinstance(to, slice) else 1.0))
+        slopes.append(result)
+    return slopes if len(slopes) > 1 else slopes[0]
 
 
-def _padded(row: Line, width: Any, mode: str = "constant", **options: Any) -> Any:
-    before, after = (width, width) if isinstance(width, int) else width
-    ends: dict[str, tuple[Any, Any]] = {"edge": (row[0], row[-1]), "constant": (0.0, 0.0), "wrap": (row[-1], row[0])}
-    if mode not in ends or options or max(before, after) > 1:
-        raise IrregularError("the function pads a row")
-    return joined([*[ends[mode][0]] * before, row, *[ends[mode][1]] * after])
+class Padded(Row):
+    """An array with more elements at its ends, of which windows as large as it was are taken."""
+
+    def __init__(self, array: Line, widths: list[tuple[int, int]], mode: str) -> None:
+        self.array, self.widths, self.mode, self.ndim = array, widths, mode, array.ndim
+        self.shape = tuple(n + before + after for n, (before, after) in zip(array.shape, widths, strict=True))
+
+    def __getitem__(self, key: Any) -> Any:
+        keys, part = key if isinstance(key, tuple) else (key,), self.array
+        keys += (slice(None),) * (self.ndim - len(keys))
+        for axis, (one, size, (before, _)) in enumerate(zip(keys, self.shape, self.widths, strict=True)):
+            first, count = slice_of(one, size) if isinstance(one, slice) else (0, 0)
+            if count != part.shape[axis]:
+                raise IrregularError("the function pads an array and takes another part than one of its old shape")
+            part = self._moved(part, first - before, axis)
+        return part
+
+    def _moved(self, array: Line, places: int, axis: int) -> Line:
+        """Return the elements some places after along an axis."""
+        if not places:
+            return array
+        result: Any = rolled(array, -places, axis)
+        before = (slice(None),) * axis
+        beyond, end = (slice(-places, None), -1) if places > 0 else (slice(0, -places), 0)
+        if self.mode == "constant":
+            result[(*before, beyond)] = 0.0
+        elif self.mode == "edge":
+            for k in range(abs(places)):
+                result[(*before, end - k if places > 0 else k)] = array[(*before, end)]
+        return result  # type: ignore[no-any-return]
+
+
+def _padded(array: Line, width: Any, mode: str = "constant", **options: Any) -> Any:
+    widths = np.broadcast_to(np.asarray(width), (array.ndim, 2)).tolist()
+    if mode not in ("constant", "edge", "wrap") or options.get("constant_values", 0) != 0 or len(options) > 1:
+        raise IrregularError("the function pads an array otherwise than by zeros, its ends, or all around")
+    before, after = widths[0]
+    if array.ndim == 1 and array.size + before + after <= array.grid.size and max(before, after) <= 1:
+        row: Any = array
+        ends = {"edge": (row[0], row[-1]), "constant": (0.0, 0.0), "wrap": (row[-1], row[0])}[mode]
+        return joined([*[ends[0]] * before, row, *[ends[1]] * after])
+    return Padded(array, widths, mode)
 
 
 def _filled(value: float) -> Callable[..., Line]:
-    return lambda row, *_, **__: row.of(Traced(node_of(value)), row.size)
+    return lambda row, *_, **__: row.alike(Traced(node_of(value)))
 
 
 def _clipped(row: Any, low: Any = None, high: Any = None) -> Any:
@@ -117,8 +206,11 @@ _RULES: dict[Any, Callable[..., Any]] = {
     np.roll: rolled,
     np.diff: _differences,
     np.gradient: _gradient,
-    np.concatenate: joined,
-    np.hstack: joined,
+    np.concatenate: _concatenated,
+    np.hstack: _stacked(1),
+    np.vstack: _stacked(0),
+    np.column_stack: lambda parts: beside(parts, 1),
+    np.stack: lambda parts, axis=0: joined([part.ravel() for part in parts], axis),
     np.append: lambda first, second: joined([first, second]),
     np.pad: _padded,
     np.split: split,
@@ -135,8 +227,11 @@ _RULES: dict[Any, Callable[..., Any]] = {
     np.empty_like: _filled(0.0),
     np.ones_like: _filled(1.0),
     np.copy: lambda row: row.copy(),
-    np.ravel: lambda row: row.copy(),
+    np.ravel: lambda row, order="C": row.ravel(order) if order != "C" else row.ravel(),
+    np.reshape: lambda row, shape, **options: row.reshape(shape, **options),
+    np.transpose: lambda row: row.T,
     np.shape: lambda row: row.shape,
+    np.ndim: lambda row: row.ndim,
     np.size: lambda row: row.size,
 }
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.traced_grid import ZERO, Floats, IrregularError, varies
+from xdynamics.expressions.traced_grid import ZERO, Floats, IrregularError, element, varies
 from xdynamics.expressions.traced_rows import Line, combined, of_ufunc
 from xdynamics.expressions.tracing import Traced, choice
 from xdynamics.expressions.tree import Along, Call, Compare
@@ -28,9 +28,12 @@ def reduced(function: str, row: Line, axis: Any = None, **options: Any) -> Trace
         raise IrregularError(f"the function takes the {function} of a row with {options or axis}")
     grid, inside = row.grid, row.value
     index = Traced(Along("index", (), (grid.dim,)))
-    outside: Any = 0.0 if function == "sum" else row[0]
-    if row.offset + row.size < grid.size:
-        inside = choice(index < row.offset + row.size, inside, outside)
+    outside: Any = 0.0 if function == "sum" else Traced(element(row.value.node, row.offset, grid))
+    for within in row.limits():
+        inside = choice(within, inside, outside)
+    last = row.last + 1
+    if last < grid.size:
+        inside = choice(index < last, inside, outside)
     if row.offset:
         inside = choice(index < row.offset, outside, inside)
     if not varies(inside.node, grid):

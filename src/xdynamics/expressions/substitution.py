@@ -15,6 +15,7 @@ from xdynamics.expressions.fields import Field
 from xdynamics.expressions.reductions import product
 from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
 from xdynamics.expressions.traced_grid import Grid
+from xdynamics.expressions.traced_planes import reshaped
 from xdynamics.expressions.tracing import Traced, called, rounded
 from xdynamics.expressions.tree import Number
 
@@ -87,6 +88,8 @@ class Substitution:
         """Return what stands for a function of numpy, math or Python."""
         if value is np.interp:
             return self._interp
+        if value is np.r_:
+            return _JoiningIndex()
         if id(value) in _MAKERS:
             return partial(self._made, value)
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "math":
@@ -106,6 +109,10 @@ class Substitution:
         size = first[0] if isinstance(first, tuple) and len(first) == 1 else first
         if maker in (np.array, np.asarray) and isinstance(first, Field):
             return first.copy()
+        if maker in (np.array, np.asarray) and isinstance(first, list | tuple) and _is_stack(first):
+            return of_numpy(np.stack, first)
+        if grid and maker in (np.zeros, np.empty, np.ones) and _is_plane(size, grid):
+            return reshaped(Field(grid, Traced(Number(float(maker is np.ones))), size[0] * size[1]), size)
         if grid and maker in (np.zeros, np.empty, np.ones) and isinstance(size, int) and 1 < size <= grid.size:
             return Field(grid, Traced(Number(float(maker is np.ones))), size)
         return _MAKERS[id(maker)](*arguments, **options)
@@ -161,6 +168,23 @@ class _Module:
         return self._substitution.of(getattr(self._module, word))
 
 
+class _JoiningIndex:
+    """What stands for ``numpy.r_``."""
+
+    def __getitem__(self, parts: Any) -> Any:
+        values = parts if isinstance(parts, tuple) else (parts,)
+        is_of_numbers = not any(is_traced(value) or isinstance(value, Field) for value in values) or any(
+            isinstance(value, slice | str) for value in values
+        )
+        return (
+            np.r_[parts]
+            if is_of_numbers
+            else of_numpy(
+                np.concatenate, [value if isinstance(value, Field) else np.atleast_1d(value) for value in values]
+            )
+        )
+
+
 class _Sparse:
     """A sparse matrix, which multiplies traced arrays too."""
 
@@ -206,6 +230,18 @@ _MAKERS: dict[int, Callable[..., Any]] = {
     id(np.full): lambda shape, value, *_, **__: array_of(np.full(shape, value, object)),
     **{id(function): _array for function in (np.array, np.asarray)},
 }
+
+
+def _is_stack(values: Any) -> bool:
+    """Whether these are arrays of one shape, each traced as a whole."""
+    rows = [value for value in values if isinstance(value, Field)]
+    return len(rows) == len(values) > 0 and len({row.shape for row in rows}) == 1
+
+
+def _is_plane(shape: Any, grid: Grid) -> bool:
+    """Whether an array of this shape has two axes, and fits."""
+    two = isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(n, int) for n in shape)
+    return two and min(shape) > 0 and 1 < shape[0] * shape[1] <= grid.size
 
 
 def _names(code: CodeType) -> set[str]:

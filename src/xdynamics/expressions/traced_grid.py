@@ -65,6 +65,66 @@ class Grid:
         return Name(word)
 
 
+def common(nodes: list[Node], constant: Callable[[list[float]], Node]) -> Node:
+    """Return the expression of which those of all elements are cases that differ in numbers alone.
+
+    Parameters
+    ----------
+    nodes : list of Node
+        One for each element.
+    constant : callable
+        What makes an expression of a number for each.
+
+    Raises
+    ------
+    IrregularError
+        If they differ in more.
+    """
+    numbers = [value_of(node) for node in nodes]
+    if None not in numbers:
+        return constant([number for number in numbers if number is not None])
+    model = next(node for node, number in zip(nodes, numbers, strict=True) if number is None)
+    if all(node == model for node in nodes):
+        return model
+    parts = [_like(node, model) for node in nodes]
+    match model:
+        case Negative():
+            return Negative(common([part.operand for part in parts], constant))
+        case Binary() | Compare():
+            sides = [common([getattr(part, side) for part in parts], constant) for side in ("left", "right")]
+            return type(model)(model.operator, *sides)
+        case Call():
+            return Call(
+                model.function,
+                tuple(common([part.arguments[i] for part in parts], constant) for i in range(len(model.arguments))),
+            )
+    raise IrregularError("the function joins a row with elements that have an expression each")
+
+
+def _like(node: Node, model: Node) -> Any:
+    """Return a tree in the form of another one: a product that was left out because a factor is 0 or 1, say."""
+    if type(node) is type(model) and [
+        getattr(node, word, None) == getattr(model, word, None) for word in ("operator", "function")
+    ] == [True, True]:
+        return node
+    number = value_of(node)
+    if isinstance(model, Binary) and model.operator in "*+":
+        is_sum, number_first = model.operator == "+", value_of(model.left) is not None
+        other = model.right if number_first else model.left
+        sides = (Number(0.0), node) if is_sum and number is not None else (node, Number(0.0 if is_sum else 1.0))
+        if number == 0.0 and not is_sum:
+            sides = (other, Number(0.0))
+        return Binary(model.operator, *(sides[::-1] if number_first else sides))
+    raise IrregularError("the function joins a row with elements that have an expression each")
+
+
+def value_of(node: Node) -> float | None:
+    """Return the number that a tree is, if it is one."""
+    if isinstance(node, Negative) and isinstance(node.operand, Number):
+        return -node.operand.value
+    return node.value if isinstance(node, Number) else None
+
+
 def moved(node: Node, places: int, grid: Grid) -> Node:
     """Return an expression whose elements are those some places before; what is beyond the end does not matter."""
     known: dict[int, Node] = {}

@@ -282,8 +282,9 @@ def _may_switch(model: Model) -> bool:
 
 
 def _of_numbers(node: Call | Along) -> bool:
-    """Whether it is a `where` with a condition on numbers of elements alone, which never changes."""
-    return node.function == "where" and not free_names(node.arguments[0])
+    """Whether it is of numbers of elements alone, or a `where` with such a condition, which never changes."""
+    asked = node.arguments[:1] if node.function == "where" else node.arguments
+    return not any(map(free_names, asked))
 
 
 def _moves(model: Model, function: Node) -> bool:
