@@ -85,6 +85,7 @@ def ran(python: str | Path, **environment: str) -> tuple[list[str], str, str]:
     return facts.split("|"), digests, done.stderr
 
 
+@pytest.mark.dear
 def test_the_wheel_is_one_of_a_platform_and_small(wheel: Path) -> None:
     """Assert its tag, and that the texts of all parts take less than 1 MB and name no folder."""
     platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
@@ -98,6 +99,7 @@ def test_the_wheel_is_one_of_a_platform_and_small(wheel: Path) -> None:
         ]
 
 
+@pytest.mark.dear
 def test_a_first_run_from_the_wheel_compiles_no_numba(wheel: Path, tmp_path: Path) -> None:
     """Assert that in a fresh environment with an empty cache all parts run, in silence, with this checkout's bits."""
     environment = tmp_path / "environment"

@@ -19,6 +19,7 @@ from xdynamics.sweeping import tasks
 MODELS = Path(__file__).parents[1] / "data" / "models"
 
 
+@pytest.mark.dear
 def test_code_of_lanes_goes_with_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that one law makes each stride once and keeps it, and that its code is freed with the law."""
     made: list[weakref.ref[machine.Code]] = []
@@ -42,6 +43,7 @@ def test_code_of_lanes_goes_with_its_law(monkeypatch: pytest.MonkeyPatch) -> Non
     assert all(one() is None for one in made)
 
 
+@pytest.mark.dear
 def test_compiling_keeps_no_memory() -> None:
     """Assert that forty texts leave less than half of what LLVM's passes of one such text take, 30 kB, each."""
 
@@ -60,6 +62,7 @@ def test_compiling_keeps_no_memory() -> None:
     assert resident() - before < 40 * 15_000
 
 
+@pytest.mark.dear
 def test_digests_of_blocks_go_with_their_sweep() -> None:
     """Assert that they are there as long as a record of the sweep is, whose values they vouch for, and no longer."""
     model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")

@@ -67,6 +67,7 @@ def left_in(folder: ObjectName) -> list[str]:
     return [key for key in keys if not key.endswith(".nc")] + [key for key, _ in uploads_of(folder, folder.key)]
 
 
+@pytest.mark.dear
 def test_runs_are_saved_several_at_once(store: Way, folder: ObjectName, tmp_path: Path) -> None:
     """Assert the files of `save`, new and replaced, sent at the same time, with nothing left there or here."""
     under_way, most, lock = [0], [0], threading.Lock()

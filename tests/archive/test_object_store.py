@@ -387,7 +387,7 @@ def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectNam
         assert xd.validate(methods, keep=keep).equals(whole)
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(8)
 @pytest.mark.parametrize("what", STORES)
 @pytest.mark.parametrize("name", ["grid", "grid.zarr"])
 def test_a_sweep_into_a_full_store_goes_on(store: Way, place: ObjectName, name: str, what: str) -> None:

@@ -79,7 +79,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("what", FAULTS)
 def test_an_odd_record_is_one_error_from_every_verb(swing: Path, tmp_path: Path, what: str) -> None:
     """Assert that each verb names the fault in one error and ends with 1, where the digests hold."""

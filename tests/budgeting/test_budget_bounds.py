@@ -123,6 +123,7 @@ def test_a_bound_holds_the_true_error(case: int) -> None:
     assert off <= bound + 2.0**-53 * abs(true), said
 
 
+@pytest.mark.dear
 def test_bounds_have_the_allowance_of_the_convergence_index() -> None:
     """Assert that half of all bounds are from 1.2 to 2 times the true error, of those that are above rounding."""
     ratio = median_ratio(range(0, CASES, SHARE))

@@ -39,6 +39,7 @@ def test_a_term_is_the_same_alone_and_with_others(compute: bool) -> None:
         assert rest == {key: entry for key, entry in whole.items() if key != name}
 
 
+@pytest.mark.dear
 def test_totals_are_of_what_is_left_and_the_record_says_so() -> None:
     """Assert totals, draws and shares without an input, and what attributes, result and summary say."""
     whole = xd.error_budget(ROCKET, "y", event="apogee", step="5 ms", draws=400)

@@ -262,6 +262,7 @@ def test_a_number_that_is_not_defended_fails_its_gates() -> None:
     assert gates(mass)["linear_budget"] == "failed"
 
 
+@pytest.mark.dear
 def test_a_bundle_is_made_again_and_every_file_is_held(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert files, standard digests, metadata, figures drawn by the script to the byte, and faults of each kind."""
     import hashlib

@@ -66,6 +66,7 @@ def covered(count: int, *, told: bool) -> tuple[np.ndarray, float]:
     return np.mean(inside, axis=0), float(np.mean(squares))
 
 
+@pytest.mark.dear
 def test_uncertainties_hold_the_true_numbers() -> None:
     """Assert that about 95 % of intervals hold what is fitted, of 120 that are, and that chi-square is what it should be."""
     shares, square = covered(30, told=True)

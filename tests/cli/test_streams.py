@@ -85,6 +85,7 @@ def test_too_little_memory_is_said_at_once(megabytes: int, tmp_path: Path) -> No
     assert shell(tmp_path, f"ulimit -v {megabytes}000; {COMMAND} help events")[0] == 0
 
 
+@pytest.mark.dear
 def test_a_hangup_keeps_what_was_marched(tmp_path: Path) -> None:
     """Assert that SIGHUP, as SIGTERM, ends a march as an outcome, whose rows are kept."""
     line = f"run {KEPLER} -o run.nc --method dop853 --rtol 1e-9 --until 1e9s --max-steps 1e9".split()

@@ -171,6 +171,7 @@ def test_an_event_at_the_top_of_a_force_in_python_is_all_there_is_to_know() -> N
     assert float(found.maximum_force_push_x_uncertainty) == 0.0
 
 
+@pytest.mark.dear
 def test_a_sweep_has_what_a_diagnosis_has(request: pytest.FixtureRequest) -> None:
     """Assert the same bits of extremes of forces, contact forces and energies, of members, with time, rule and doubt.
 

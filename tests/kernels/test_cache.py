@@ -99,6 +99,7 @@ def test_a_damaged_law_is_compiled_anew(kept: tuple[Path, str], damages: tuple[s
     assert [law.read_bytes() for law in laws] == [(kept[0] / law.name).read_bytes() for law in laws]
 
 
+@pytest.mark.dear
 def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of 200 random bits of each kept file none can change without the file being set aside."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))

@@ -169,6 +169,7 @@ def test_a_pyramid_stands_by_friction_alone() -> None:
     assert np.abs(stands.closed_friction_force.values[:2]) == pytest.approx(1.5 * G * pair / 3, rel=1e-12)
 
 
+@pytest.mark.dear
 def test_a_pyramid_falls_as_one_that_is_written_out() -> None:
     """Assert that discs slide, roll and part as by contacts of few bodies, whose forces are solved for by elimination."""
     height = sqrt(3) / 2

@@ -103,7 +103,7 @@ def test_outer_solar_system_keeps_energy_and_angular_momentum() -> None:
     assert early == pytest.approx(late, rel=2e-4)  # it swings and does not drift
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("method", ["velocity_verlet", "dop853"])
 def test_a_thousand_masses_keep_their_energy(method: str) -> None:
     """Assert that a long chain is one record of all its coordinates, from Python and from its file alike."""

@@ -114,6 +114,7 @@ def bouncing() -> tuple[xd.Model, Settings, np.ndarray]:
     return model, asked(model, method="heun", rtol=1e-6), np.linspace(5.0, 30.0, 3000)
 
 
+@pytest.mark.dear
 def test_threads_and_logs_change_nothing(bouncing: tuple[xd.Model, Settings, np.ndarray]) -> None:
     """Assert that the result is that of one thread without logs, events that overflow the log included."""
     model, settings, speeds = bouncing

@@ -214,6 +214,7 @@ def test_the_finest_level_begins_first_and_each_study_ends_before_the_next(clien
     assert steps == [*map(str, reversed(ranks["other"]))]  # from coarse to fine
 
 
+@pytest.mark.dear
 def test_workers_with_another_environment_are_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the worker, what it has and what is here; a scheduler that is not there; and one line of the command."""
     client.wait_for_workers(2, timeout=60)

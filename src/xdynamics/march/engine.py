@@ -130,24 +130,24 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "solvers",
         "the solvers of implicit methods",
-        9,
+        10,
         ((engine_entries.step_by_newton, _STEP), (engine_entries.step_by_radau, _STEP)),
     ),
     EnginePart(
         "watchers",
         "the search for events",
-        15,
+        14,
         (
             (enclosures.enclose_between, returning(NOTHING, *[INTEGER] * 6)),
             (trial_step.part_of_step, _ENTERED),
             (event_dispatch.watch, _ENTERED),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 10, ((contact_dispatch.touch, _ENTERED),)),
+    EnginePart("contacts", "contacts and friction", 9, ((contact_dispatch.touch, _ENTERED),)),
     EnginePart(
         "assemblies",
         "contacts of many bodies",
-        32,
+        25,
         ((assembly_dispatch.meet, _ENTERED), (holding.press, _ENTERED)),
     ),
     EnginePart(

@@ -495,6 +495,7 @@ print(count[0])
 """
 
 
+@pytest.mark.dear
 def test_shortened_steps_are_enclosed() -> None:
     """Assert of every method of order 4 or more that states of shortened steps lie in the intervals between two of them."""
     paths = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
