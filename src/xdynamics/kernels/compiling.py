@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable
 from itertools import count
 from types import FunctionType
-from typing import Any, cast
+from typing import Any
 
 # without numba's compiler the engine is plain Python, and entries are given the run itself
 PLAINLY = os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0")
@@ -94,7 +94,8 @@ def _by_numba(function: Any, **options: Any) -> Any:
     from numba import njit, types
 
     dispatcher: Any = njit(**options)(function)
-    template, without_value = dispatcher.get_call_template, cast("Callable[[Any], Any]", types.unliteral)
+    template = dispatcher.get_call_template
+    without_value: Callable[[Any], Any] = types.unliteral
 
     def of_kinds(arguments: Any, keywords: Any) -> Any:
         kinds = {name: without_value(kind) for name, kind in keywords.items()}
