@@ -338,3 +338,29 @@ def test_entries_of_a_mass_matrix_have_the_dimensions_of_both(old: str, new: str
     """Assert that an entry with a dimension of neither block, and one without its mirror image, are refused."""
     with pytest.raises(xd.ModelError, match=message):
         xd.Model.from_text(changed(CART, old, new))
+
+
+FLOOR = """
+name = "balls"
+[dimensions]
+ball = 3
+[coordinates]
+y = { unit = "m", dims = ["ball"] }
+[parameters]
+h = "-1 m"
+[mass]
+y = "1*kilogram"
+[contacts.floor]
+gap = "y - h"
+restitution = 0
+[initial]
+y = "3*metre"
+"""
+
+
+@pytest.mark.parametrize("gap", ["y - 0.1*metre*mod(index(ball), 2)", "where(index(ball) > 1, y - h, y)", "y + abs(h)"])
+def test_gaps_may_choose_by_numbers_of_elements(gap: str) -> None:
+    """Assert that what reads numbers of elements, or parameters, alone is no kink, and what reads coordinates is."""
+    xd.Model.from_text(changed(FLOOR, "y - h", gap))
+    with pytest.raises(xd.ModelError, match="gap has a kink or a jump"):
+        xd.Model.from_text(changed(FLOOR, "y - h", gap.replace("index(ball)", "y/metre").replace("abs(h)", "abs(y)")))

@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
-from xdynamics.faults import escaped
+from xdynamics.faults import DOT, escaped
 from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.partial_records import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
@@ -35,6 +35,8 @@ FEW_EVENTS = 4  # of one name, that are listed one by one
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
+MOST_SHOWN = 12  # numbers of a state
+ENDS = ("first", "second")  # of a link
 
 
 @of_elements
@@ -225,9 +227,12 @@ def _end(run: xr.Dataset) -> Iterator[str]:
         yield f"t = {_event_time(run, last)}"
     else:
         yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
-    for name, variable in run.data_vars.items():
-        if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state"):
-            yield _value(run, str(name), -1)
+    names = [
+        str(name)
+        for name, variable in run.data_vars.items()
+        if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state")
+    ]
+    yield from _values(run, names, names, -1)
 
 
 def _uncertain_part(run: xr.Dataset) -> float:
@@ -241,6 +246,35 @@ def _value(run: xr.Dataset, name: str, row: int) -> str:
     value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
     shown = digits(value, uncertainty=_uncertain_part(run) * largest)
     return f"{name} = {value:.{shown}g}{unit_suffix(str(run[name].attrs['units']))}"
+
+
+def _values(run: xr.Dataset, names: list[str], first: list[str], row: int) -> Iterator[str]:
+    """Write a state of a row; of a long one some numbers, the first that are asked for, and how many are left out."""
+    shown = names if len(names) <= MOST_SHOWN else first[:MOST_SHOWN]
+    for name in shown:
+        yield _value(run, name, row)
+    if len(shown) < len(names):
+        yield f"and {len(names) - len(shown)} numbers more in the record"
+
+
+def _involved(run: xr.Dataset, names: list[str], i: int) -> list[str]:
+    """Return those of some numbers that belong to the elements of an event; all where it names none."""
+    shapes, (quantity, *labels) = model_of(run, None).shapes, words_of(run["event_detector"][[i]])[0].split(DOT)
+    numbers = {name: int(run[f"event_{name}"][i]) for name in (*ENDS, *shapes.extents) if f"event_{name}" in run}
+    own = {
+        shapes.extents[dim].label(number) for dim, number in numbers.items() if dim in shapes.extents and number >= 0
+    }
+    ends = {numbers[end] for end in ENDS if numbers.get(end, -1) >= 0}
+    for dim, label in zip(shapes.dims.get(quantity, ()), labels, strict=False):
+        if dim in shapes.relations:
+            ends |= {int(end[int(label)]) for end in (shapes.relations[dim].first, shapes.relations[dim].second)}
+        else:
+            own.add(label)
+    related = {dim for relation in shapes.relations.values() for dim in (relation.source, relation.target)}
+    extents = [shapes.extents[dim] for dim in related]
+    of_ends = {extent.label(number) for extent in extents for number in ends if number < extent.size}
+    parts = {name: {*name.split(DOT)[1:]} for name in names}
+    return [name for name in names if (parts[name] & of_ends if ends else own and own <= parts[name])] or names
 
 
 def _event_time(run: xr.Dataset, i: int) -> str:
@@ -269,7 +303,8 @@ def _events(run: xr.Dataset) -> Iterator[str]:
 
 def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
     doubt, row = float(run["event_time_uncertainty"][i]), int(run["event_row_before"][i])
-    state = ", ".join(_value(run, variable, row) for variable in _moving(run))
+    moving = _moving(run)
+    state = ", ".join(_values(run, moving, _involved(run, moving, i) if len(moving) > MOST_SHOWN else moving, row))
     suffix = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return f"event     {name}{suffix} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
 

@@ -94,6 +94,11 @@ def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -
         ledger.note(f"{many} the mass is diagonal: write [mass] with one entry for each coordinate")
 
 
+def _is_settled(call: Call, moving: set[str]) -> bool:
+    """Whether it is a choice by a condition that never changes."""
+    return call.function == "where" and not free_names(call.arguments[0]) & moving
+
+
 def _check_contact(contact: Contact, statement: Statement, dimensions: Dimensions) -> None:
     gap = dimension_of(contact.gap, dimensions)
     tree = expand(contact.gap, statement.definitions)
@@ -104,7 +109,9 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
     ):
         for name in sorted(free_names(tree) & set(names)):
             raise InputError(f"gap reads the {what} '{name}', and may read coordinates, time and parameters")
-    if kinks := sorted({node.function for node in every(tree) if isinstance(node, Call)} & KINKS):
+    moving = {*statement.coordinates, "t"}  # what reads constants and numbers of elements alone has no kink in motion
+    calls = [node for node in every(tree) if isinstance(node, Call) and free_names(node) & moving]
+    if kinks := sorted({node.function for node in calls if not _is_settled(node, moving)} & KINKS):
         raise InputError(
             f"gap has a kink or a jump, {', '.join(kinks)}; where all of its smooth parts hold at once write a contact for"
             " each, as '1*metre - x' and '1*metre + x' for '1*metre - abs(x)'; else an event of this function with action"
