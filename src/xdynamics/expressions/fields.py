@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -29,7 +30,13 @@ class Field(Line):
         """Call a function of numpy."""
         return of_rows(function, *arguments, **options)
 
+    reshaping: ClassVar[Callable[..., Any]]  # is `traced_planes.reshaped`, which makes arrays of these rows
+
     flatten = ravel = Line.copy
+
+    def reshape(self, *shape: Any, **options: Any) -> Any:
+        """Return the same numbers in another shape, as `traced_planes.reshaped` does."""
+        return Field.reshaping(self, *shape, **options)
 
     def sum(self, **options: Any) -> Any:
         """Return the sum."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial, reduce
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -111,10 +111,9 @@ class Substitution:
             return first.copy()
         if maker in (np.array, np.asarray) and isinstance(first, list | tuple) and _is_stack(first):
             return of_numpy(np.stack, first)
-        if grid and maker in (np.zeros, np.empty, np.ones) and _is_plane(size, grid):
-            return reshaped(Field(grid, Traced(Number(float(maker is np.ones))), size[0] * size[1]), size)
-        if grid and maker in (np.zeros, np.empty, np.ones) and isinstance(size, int) and 1 < size <= grid.size:
-            return Field(grid, Traced(Number(float(maker is np.ones))), size)
+        count = size if isinstance(size, int) else size[0] * size[1] if _is_plane(size) else 0
+        if grid and maker in (np.zeros, np.empty, np.ones) and 1 < count <= grid.size:
+            return reshaped(Field(grid, Traced(Number(float(maker is np.ones))), count), size)
         return _MAKERS[id(maker)](*arguments, **options)
 
     def _of_math(self, function: Any) -> Any:
@@ -238,10 +237,9 @@ def _is_stack(values: Any) -> bool:
     return len(rows) == len(values) > 0 and len({row.shape for row in rows}) == 1
 
 
-def _is_plane(shape: Any, grid: Grid) -> bool:
-    """Whether an array of this shape has two axes, and fits."""
-    two = isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(n, int) for n in shape)
-    return two and min(shape) > 0 and 1 < shape[0] * shape[1] <= grid.size
+def _is_plane(shape: Any) -> TypeGuard[tuple[int, int]]:
+    """Whether an array of this shape has two axes."""
+    return isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(n, int) and n > 0 for n in shape)
 
 
 def _names(code: CodeType) -> set[str]:

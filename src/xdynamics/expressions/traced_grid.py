@@ -91,8 +91,8 @@ def common(nodes: list[Node], constant: Callable[[list[float]], Node]) -> Node:
         case Negative():
             return Negative(common([part.operand for part in parts], constant))
         case Binary() | Compare():
-            sides = [common([getattr(part, side) for part in parts], constant) for side in ("left", "right")]
-            return type(model)(model.operator, *sides)
+            left, right = (common([getattr(part, side) for part in parts], constant) for side in ("left", "right"))
+            return type(model)(model.operator, left, right)
         case Call():
             return Call(
                 model.function,

@@ -77,7 +77,7 @@ class Plane(Field):
         super().__init__(grid, value, window.rows * window.columns, window.offset, view=view)
         self.window = window
         self.shape = window.shape  # type: ignore[assignment]
-        self.ndim = len(self.shape)  # type: ignore[misc]
+        self.ndim = len(self.shape)
 
     def alike(self, value: Traced) -> Self:
         """Return another expression at the same places."""
@@ -180,13 +180,15 @@ class Plane(Field):
 
     def row_before(self, row: int) -> Traced:
         """Return whether an element is in a row before another."""
-        return self._index < self.offset + row * self.window.width
+        is_before: Traced = self._index < self.offset + row * self.window.width
+        return is_before
 
     def column_before(self, column: int) -> Traced:
         """Return whether an element is in a column before another."""
         shift = -self.offset % self.window.width
         index = self._index + shift if shift else self._index
-        return called("mod", index, self.window.width) < column
+        is_before: Traced = called("mod", index, self.window.width) < column
+        return is_before
 
     @property
     def _index(self) -> Any:
@@ -217,13 +219,13 @@ class Plane(Field):
         return slice_of(row, self.window.rows), slice_of(column, self.window.columns)
 
     def _keys(self, key: Any) -> tuple[Any, Any]:
-        keys = key if isinstance(key, tuple) else (key,)
+        keys: tuple[Any, ...] = key if isinstance(key, tuple) else (key,)
         if any(part is Ellipsis for part in keys):
             place = next(i for i, part in enumerate(keys) if part is Ellipsis)
             keys = keys[:place] + (slice(None),) * (self.ndim + 1 - len(keys)) + keys[place + 1 :]
-        if len(keys) > self.ndim:
+        if not 0 < len(keys) <= self.ndim:
             raise IrregularError("the function takes elements of an array of two axes that are no window of it")
-        row, column = (*keys, *[slice(None)] * (2 - len(keys)))
+        row, column = keys if len(keys) == 2 else (keys[0], slice(None))
         return (column, row) if self.window.turned else (row, column)
 
     def _part(self, key: Any) -> Field | None:
@@ -279,4 +281,4 @@ def reshaped(array: Field, *shape: Any, order: str = "C") -> Any:
     return planes if outer else planes[0]
 
 
-Field.reshape = reshaped
+Field.reshaping = reshaped

@@ -122,7 +122,7 @@ class Line(Row):
         """Return the elements some places before, of `count` that are `width` apart; the first ones are the last."""
         node = self.value.node
         before, after = (moved(node, k * width, self.grid) for k in (places - count, places))
-        return choice(begins, Traced(before, self.value.nodes), Traced(after, self.value.nodes))  # type: ignore[no-any-return]
+        return choice(begins, Traced(before, self.value.nodes), Traced(after, self.value.nodes))
 
     @property
     def T(self) -> Self:  # noqa: N802 - numpy's
@@ -238,7 +238,6 @@ for _word, _ufunc in (
     setattr(Line, f"__r{_word}__", _operator(_ufunc, turned=True))
 for _word, _ufunc, _neutral in (("add", "add", 0.0), ("sub", "subtract", 0.0), ("mul", "multiply", 1.0)):
     setattr(Line, f"__i{_word}__", partialmethod(Line.changed, _ufunc, _neutral))
-Line.__itruediv__ = partialmethod(Line.changed, "divide", 1.0)
 for _word, _ufunc in (
     ("lt", "less"),
     ("le", "less_equal"),
