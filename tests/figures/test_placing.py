@@ -15,6 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.figures.event_marks import IN_LEGEND
 from xdynamics.figures.placing import EVENT, dense, settle
 from xdynamics.figures.sheet import write
 
@@ -107,23 +108,63 @@ def test_names_of_events_lie_on_no_other(figures: dict[str, Any]) -> None:
             for box in boxes:
                 assert axes.bbox.x0 - 1 <= box.x0 <= box.x1 <= axes.bbox.x1 + 5
     assert names > 12
-    box = visible(figures["ball_in_box"])[1]
-    labels = [text.get_text() for text in box.get_legend().get_texts()]
-    assert labels == ["x", "y", "ceiling impact ×30", "right impact ×10", "floor impact ×30", "left impact ×10"]
+
+
+def test_many_events_are_counted_in_one_legend(figures: dict[str, Any]) -> None:
+    """Assert that the first panel's legend names them, with markers that all panels share, and no other does."""
+    first, second = visible(figures["ball_in_box"])[:2]
+    labels = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in (first, second)]
+    assert labels == [["ceiling impact ×30", "right impact ×10", "floor impact ×30", "left impact ×10"], ["x", "y"]]
+    assert [
+        sum(line.get_xdata().size for line in axes.lines if line.get_marker() == "v") for axes in (first, second)
+    ] == [80, 80]
+
+
+def test_very_many_events_are_counted_and_not_marked() -> None:
+    """Assert that of more than 120 events only those of kinds with 20 at most have marks, and all have their number."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "rocking_block.toml"), until="10 s")
+    first, second = visible(xd.plot(run, only=["x", "v_x"]))
+    labels = [text.get_text() for text in first.get_legend().get_texts()]
+    assert labels[1:3] == ["right impact ×23", "left takeoff ×23"]
+    assert run.sizes["event"] == 135
+    assert second.get_legend() is None
+    assert not any(line.get_xdata().size for line in first.lines if line.get_gid() == IN_LEGEND)
+
+
+def test_events_are_marked_on_the_body_that_they_concern() -> None:
+    """Assert that marks of a disc that meets a wall lie on its own path, and those of two that meet on one of theirs."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "balls_in_box.toml"), until="1 s")
+    walls = run.event_axis.values >= 0
+    axes = xd.plot(run, only="r").axes[0]
+    kinds = [line for line in axes.lines if line.get_marker() == "v"]
+    marks = {(float(t), float(r)) for line in kinds for t, r in zip(line.get_xdata(), line.get_ydata(), strict=True)}
+    for n in np.flatnonzero(walls):
+        position = run.r.values[run.event_row_before[n], run.event_disc[n], run.event_axis[n]]
+        assert (float(run.event_time[n]), float(position)) in marks
+    assert walls.any()
+    assert len(marks) == walls.size
 
 
 def test_a_legend_without_room_stands_beside_its_axes() -> None:
-    """Assert that axes full of lines keep their legend outside, and those with a free corner inside."""
-    figure = Figure(figsize=(11, 4), layout="constrained")
-    full, half = figure.subplots(1, 2)
+    """Assert a legend inside where a corner is free, else in the title's line if it has room, else beside the axes."""
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    full, half, titled, many = figure.subplots(2, 2).flat
     x = np.linspace(0.0, 1.0, 4000)
     full.plot(x, np.sin(1e3 * x), label="everywhere")
+    titled.plot(x, np.sin(1e3 * x), label="everywhere")
+    titled.set_title("a title that leaves its line no room for more words than it has itself", loc="left")
+    for k in range(6):
+        many.plot(x, np.sin(1e3 * x + k), label=f"number {k}")
     half.plot(x, x, label="along the diagonal")
-    for axes in (full, half):
+    for axes in figure.axes:
         axes.legend()
     settle(figure)
     figure.canvas.draw()
-    assert full.get_legend().get_window_extent().x0 >= full.bbox.x1
+    above = full.get_legend().get_window_extent()
+    assert above.y0 >= full.bbox.y1
+    assert above.x1 <= full.bbox.x1 + 1
+    for axes in (titled, many):
+        assert axes.get_legend().get_window_extent().x0 >= axes.bbox.x1
     assert half.get_legend().get_window_extent().x1 <= half.bbox.x1
 
 

@@ -426,3 +426,9 @@ def test_links_of_films_that_are_none(figure: dict[str, Any], said: str) -> None
         fastened(**figure)
     model = fastened(threads=[["origin", "ball"]])
     assert xd.Model.from_text(model.to_toml()) == model
+
+
+def test_observables_are_drawn_where_nothing_moves() -> None:
+    """Assert that a calibration, whose only state stands still, shows the number that it is about."""
+    figure = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "mass_calibration.toml")))
+    assert [axes.get_ylabel() for axes in figure.axes] == ["dm (kg)"]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import xdynamics as xd
+from cases.problems import MODELS
 from xdynamics.figures.plane import views
 from xdynamics.figures.run import panels_of
 from xdynamics.figures.sheet import sheet
@@ -61,7 +62,7 @@ def drawn(run: Any, kind: str) -> Any:
 
 
 def test_orbits_are_drawn_in_space() -> None:
-    """Assert that each body has its path in three dimensions, its name at the end, and one scale on all axes."""
+    """Assert that each body has its path in three dimensions, its name in a legend, and one scale on all axes."""
     run = xd.simulate(xd.Model.from_text(SPRINGS))
     (space,) = spaces(views(unfold(run)))
     for orbit, body in zip(space.orbits, "ab", strict=True):
@@ -70,7 +71,7 @@ def test_orbits_are_drawn_in_space() -> None:
         assert (ends == run.r.sel(body=body).values[[0, -1]]).all()
     (axes,) = [each for each in drawn(run, "space").axes if each.get_visible()]
     assert axes.name == "3d"
-    assert [text.get_text().strip() for text in axes.texts] == ["a", "b"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a", "b"]
     assert (axes.get_xlabel(), axes.get_zlabel()) == ("r[x]", "r[z]")
     assert "in m" in axes.get_title(loc="left")
     paths = [np.array(line.get_data_3d()) for line in axes.lines if line.get_linestyle() == "-"]
@@ -85,5 +86,14 @@ def test_a_field_over_two_dimensions_is_a_map() -> None:
     axes = figure.axes[0]
     assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[-1].T).all()
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("element of across", "element of up")
-    assert figure.axes[-1].get_ylabel() == "T (K)"
+    assert axes.child_axes[0].get_ylabel() == "T (K)"
     assert "at t = 0.2 s" in axes.get_title(loc="left")
+
+
+def test_colours_part_at_zero_for_values_of_both_signs_alone() -> None:
+    """Assert two colours of equal reach for a chain that swings, and one scale from least to greatest for heat."""
+    chain = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "toda_chain.toml"), until="2")).axes[0].collections[0]
+    assert chain.get_clim()[0] == -chain.get_clim()[1] < 0.0
+    rod = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "heat.toml"), until="20 s"), only="T").axes[0].collections[0]
+    assert rod.get_clim() == (rod.get_array().min(), rod.get_array().max())
+    assert rod.get_cmap().name != chain.get_cmap().name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -13,7 +14,15 @@ from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
 from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
-from xdynamics.record.partial_records import is_evidence, is_run, is_selection, is_whole, kind_description, rows_apart
+from xdynamics.record.partial_records import (
+    ended,
+    is_evidence,
+    is_run,
+    is_selection,
+    is_whole,
+    kind_description,
+    rows_apart,
+)
 from xdynamics.schema import (
     AT_REST,
     CHOSEN,
@@ -31,6 +40,7 @@ from xdynamics.schema import (
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
 
+WIDTH = 120  # of a line of remarks
 FEW_EVENTS = 4  # of one name, that are listed one by one
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period
@@ -53,7 +63,7 @@ def summary(run: xr.Dataset) -> list[str]:
     lines = [
         *_at_rest(attributes),
         attributes["title"],
-        f"outcome   {attributes['run_outcome']}: {attributes['run_outcome_text']}",
+        *_ended("outcome", attributes),
         f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_steps(run)}",
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
@@ -67,6 +77,15 @@ def summary(run: xr.Dataset) -> list[str]:
             f" {change:.3g} {units}"
         )
     return [escaped(line) for line in (*lines, *_pace(attributes), *_events(run))]
+
+
+def _ended(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
+    """Say how a run ended in one line, and what there is to remark in others."""
+    sentence, remarks = ended(attributes)
+    yield f"{label:<10}{method}{sentence}"
+    yield from textwrap.wrap(
+        remarks, WIDTH, initial_indent="remark    ", subsequent_indent=" " * 10, break_long_words=False
+    )
 
 
 def _at_rest(attributes: Mapping[Any, Any]) -> Iterator[str]:
@@ -131,7 +150,7 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
     yield str(attributes.get("title", "a record without a title"))
     yield f"kind      {kind_description(attributes)}"
     if is_selection(attributes):
-        yield f"of run    {attributes['solver_method']}, {attributes['run_outcome']}: {attributes['run_outcome_text']}"
+        yield from _ended("of run", attributes, f"{attributes['solver_method']}, ")
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 

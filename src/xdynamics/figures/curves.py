@@ -23,7 +23,7 @@ from xdynamics.units import parse_unit
 DRAWN = 4000  # points of a line; what is longer is thinned
 GOLDEN = 0.6180339887498949
 LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
-DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5}  # of rows whose neighbours are left out
+DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5, "linestyle": "none"}  # of rows that no line joins
 MOST_BETWEEN = 40  # points inside each step, however long it is
 LARGEST = 128  # numbers of a state, up to which steps are made again for a picture
 MET = 1e-3  # of a range: how close a repeated step must come to the row that it led to
@@ -108,6 +108,13 @@ def unjoined(x: Floats, y: Floats, times: Floats) -> tuple[Floats, Floats]:
     leaps = [np.abs(np.diff(values)) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)]
     breaks = 1 + np.flatnonzero(np.hypot(*leaps) > LEAP)
     return np.insert(x, breaks, np.nan), np.insert(y, breaks, np.nan)
+
+
+def alone(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the points of a broken curve that no line joins, since their neighbours are left out."""
+    missing = np.concatenate([[True], np.isnan(x) | np.isnan(y), [True]])
+    single = ~missing[1:-1] & missing[:-2] & missing[2:]
+    return x[single], y[single]
 
 
 def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:

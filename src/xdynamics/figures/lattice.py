@@ -61,8 +61,14 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
     for row, shade in zip(rows, shades, strict=True):
         values = [float(run[element][row]) for element in elements]
         axes.plot(
-            range(len(values)), values, ".-", color=shade, markersize=3, linewidth=1, label=f"{time[row]:.4g}{suffix}"
+            range(len(values)),
+            values,
+            ".-",
+            color=shade,
+            markersize=3,
+            linewidth=1,
+            label=f"{float(f'{time[row]:.4g}'):g}{suffix}",
         )
     axes.set(xlabel=words(f"element of {dim}"), ylabel=words(f"{name} ({run[elements[0]].attrs['units']})"))
     axes.set_title(words(f"{name} along {dim}, at recorded states"), loc="left", fontsize=10)
-    axes.legend(fontsize=8, frameon=False, ncols=2)
+    axes.legend(fontsize=8, frameon=False)

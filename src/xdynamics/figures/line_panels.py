@@ -12,8 +12,9 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import DOTS, drawn, has_chords, is_long, moments, unjoined
-from xdynamics.figures.marks import COLOURS, mark_events, shade_regimes, timed, typeset, words
+from xdynamics.figures.curves import DOTS, alone, drawn, has_chords, is_long, moments, unjoined
+from xdynamics.figures.event_marks import mark_events
+from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
 from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
 from xdynamics.model.drives import looked_up
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-FEW_ROWS = 400  # up to which every accepted state is a dot
+FEW_ROWS = 150  # up to which every accepted state is a dot
 LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 MOST_DOTS = 20_000  # of a section
 MOST_LINES = 6  # in one panel; more are a map
 COLUMNS = 800  # of a map
+MOST_TICKS = 10  # of a map, at equal distances
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
 FEWEST_LATE = 50  # rows for that
 CONTACTS = "contact and friction"
@@ -56,7 +58,7 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
         label = words(beside.own_label(name, len(names)))
         axes.plot(times, line, "-", color=colour, linewidth=1.2, label=label)
     overlaid = _overlay(run, names, beside, axes)
-    label = _joined(names) if what != CONTACTS else "force"
+    label = "force" if what == CONTACTS and len(names) > 1 else _joined(names)
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
@@ -104,17 +106,28 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     time = run["time"].values
     grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
     rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
-    largest = float(np.abs(rows).max()) or 1.0
     edges = np.append(grid, grid[-1])
-    mesh = axes.pcolormesh(
-        edges, np.arange(len(names) + 1) + 0.5, rows, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True
-    )
-    axes.figure.colorbar(mesh, ax=axes, label=words(f"{_joined(names)} ({typeset(run[names[0]].attrs['units'])})"))
-    ticks = np.unique(np.linspace(1, len(names), min(len(names), 9)).round().astype(int))
+    mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **_colours(rows))
+    colour_bar(mesh, words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), axes)
+    ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
     axes.set(xlabel=timed(run["time"]))
     axes.set_title(f"{what}, {len(names)} of them{straight(run, *names)}", loc="left", fontsize=10)
+
+
+def colour_bar(mesh: Any, label: str, axes: Axes) -> None:
+    """Explain colours by a bar at the right edge of their axes, wherever the other panels of the sheet end."""
+    bar = axes.figure.colorbar(mesh, cax=axes.inset_axes((1.02, 0.0, 0.035, 1.0)))
+    bar.set_label(label)
+
+
+def _colours(values: Floats) -> dict[str, Any]:
+    """Return two colours that part at zero for values of both signs, one scale of colours for those of one sign."""
+    if values.min() >= 0.0 or values.max() <= 0.0:
+        return {"cmap": "viridis"}
+    largest = float(np.abs(values).max())
+    return {"cmap": "RdBu_r", "vmin": -largest, "vmax": largest}
 
 
 def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
@@ -256,12 +269,12 @@ def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None
                 start, line = wrapped(start, units), torn(line, units)  # noqa: PLW2901
             colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
             first = speeds[:1]
-            points: dict[str, Any] = {}
             if k == 0 and is_long(run):
                 columns = (run[entry].values for entry in (name, velocity(name), "time"))
-                (line, speeds), points = unjoined(*columns), DOTS  # noqa: PLW2901
+                line, speeds = unjoined(*columns)  # noqa: PLW2901
                 line = torn(line, units) if name in around else line  # noqa: PLW2901
-            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label), **points)
+                axes.plot(*alone(line, speeds), color=colour, **DOTS)
+            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label))
             axes.plot(start, first, "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(

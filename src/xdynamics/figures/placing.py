@@ -22,6 +22,8 @@ CROSSED = 6.0  # pixels further, that a name goes rather than lie on one more ce
 WIDER = 1.13  # that a text may be at another resolution, whose letters are rounded to whole pixels otherwise
 FAINT = 0.1  # opacity up to which a patch is a background
 MARK = np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]) * CELL  # pixels, that a marker takes
+MOST_ABOVE = 4  # entries of a legend in the line of the title
+AROUND = 4.8  # sizes of a letter, that the line before an entry and the room around it take
 MOST_ROUNDS = 3  # of placing legends
 FAR = 1e4  # pixels, from where on nothing is seen
 
@@ -44,6 +46,12 @@ def settle(figure: Figure) -> None:
     for axes in shown:
         if names := _names(axes):
             _place_names(axes, names)
+
+
+def named_elsewhere(axes: Axes) -> set[str]:
+    """Return what legends of other axes of a sheet name."""
+    legends = [other.get_legend() for other in axes.figure.axes if other is not axes]
+    return {text.get_text() for legend in legends if legend is not None for text in legend.get_texts()}
 
 
 def _lay_out(figure: Figure) -> None:
@@ -158,18 +166,20 @@ def dense(points: Points) -> Points:
 
 
 def _is_beside(axes: Axes) -> bool:
-    """Place the legend of some axes; return whether it went beside them, which makes them smaller."""
+    """Place the legend of some axes; return whether it went beside or above them, which may make them smaller."""
     legend = axes.get_legend()
     if legend is None or (box := legend.get_window_extent()).x0 >= axes.bbox.x1 - CELL:
         return False
+    if box.y0 >= axes.bbox.y1:  # in the line of the title, which is shorter now
+        if box.x0 < _end_of_title(axes):
+            _stand_beside(axes, _in_columns(axes, legend, 1))
+        return box.x0 < _end_of_title(axes)
     ground = _Ground.of(axes)
     free = np.argwhere(ground.counts(box.width + CELL, box.height + CELL) == 0)
     legend.borderaxespad = 0.0
     if not len(free):
-        insets = [inset.get_tightbbox() for inset in axes.child_axes]
-        right = max([axes.bbox.x1, *(inset.x1 for inset in insets if inset is not None)])
-        legend.set_loc("upper left")
-        legend.set_bbox_to_anchor(((right - axes.bbox.x0) / axes.bbox.width + 0.02, 1.0), transform=axes.transAxes)
+        if not _is_above(axes, legend):
+            _stand_beside(axes, legend)
         return True
     # the corner it is nearest to, the upper right one first
     from_corner = np.minimum(free, free.max(axis=0) - free).sum(axis=-1) + 1e-3 * (free.max(axis=0) - free).sum(axis=-1)
@@ -178,6 +188,44 @@ def _is_beside(axes: Axes) -> bool:
     legend.set_loc("lower left")
     legend.set_bbox_to_anchor((x, y), transform=axes.transAxes)
     return False
+
+
+def _stand_beside(axes: Axes, legend: Any) -> None:
+    """Put a legend at the right of its axes and of what is drawn beside them."""
+    insets = [inset.get_tightbbox() for inset in axes.child_axes]
+    right = max([axes.bbox.x1, *(inset.x1 for inset in insets if inset is not None)])
+    legend.set_loc("upper left")
+    legend.set_bbox_to_anchor(((right - axes.bbox.x0) / axes.bbox.width + 0.02, 1.0), transform=axes.transAxes)
+
+
+def _is_above(axes: Axes, legend: Any) -> bool:
+    """Put a legend of few entries into the line of the title, behind it, if there is room; return whether there was."""
+    texts = legend.get_texts()
+    if not 0 < len(texts) <= MOST_ABOVE:
+        return False
+    letter = texts[0].get_fontsize() * axes.figure.dpi / 72.0
+    width = sum(WIDER * text.get_window_extent().width + AROUND * letter for text in texts)
+    if _end_of_title(axes) + width > axes.bbox.x1:
+        return False
+    above = _in_columns(axes, legend, len(texts))
+    above.set_loc("lower right")
+    above.set_bbox_to_anchor((1.0, 1.0), transform=axes.transAxes)
+    return True
+
+
+def _in_columns(axes: Axes, legend: Any, columns: int) -> Any:
+    """Return a legend again, with its entries in columns."""
+    names = [text.get_text() for text in legend.get_texts()]
+    return axes.legend(legend.legend_handles, names, ncols=columns, fontsize=8, frameon=False, borderaxespad=0.0)
+
+
+def _end_of_title(axes: Axes) -> float:
+    """Return where, in pixels, the title of some axes ends, with a space behind it."""
+    from matplotlib.text import Text
+
+    title = axes.get_title(loc="left")
+    ends = [text.get_window_extent().x1 for text in axes.findobj(Text) if title and text.get_text() == title]
+    return max([*ends, axes.bbox.x0]) + 2.0 * CELL
 
 
 def _place_names(axes: Axes, names: list[Any]) -> None:

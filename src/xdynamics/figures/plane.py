@@ -16,13 +16,13 @@ from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import DOTS, between, is_long, unjoined
+from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
+from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.line_panels import DASHES, MOST_NAMED, straight
-from xdynamics.figures.marks import COLOURS, INK, counted, words
+from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.placing import named_elsewhere
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.record.flag_words import words_of
-from xdynamics.shapes import parted
 from xdynamics.units import NONE, parse_unit, spell
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where 
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
-MOST_MARKS = 1000  # of one event
+FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
@@ -171,19 +171,32 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
         label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
         label = words(beside.own) if beside.own and not body.body and k == 0 else label
-        axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label, **(DOTS if is_long(run) else {}))
+        axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
+        if is_long(run):
+            axes.plot(*alone(x, y), color=colour, **DOTS)
         axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
     _overlay(view, beside, axes)
     _mark(run, view, axes)
-    first = view[0]
-    if first.is_space:
+    first, note = view[0], ""
+    if first.is_space and _is_flat(view):
+        note = ", not to scale"
+    elif first.is_space:
         axes.set_aspect("equal", adjustable="box")
     is_one = all(body.across == first.across and body.up == first.up for body in view)
     across, up = (_short(first.across), _short(first.up)) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
     named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
     what = "the plane" if first.is_space else "phase plane"
-    axes.set_title(f"{what} (dot: start){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
+    axes.set_title(f"{what} (dot: start{note}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
+
+
+def _is_flat(view: list[BodyPath]) -> bool:
+    """Whether all paths together are so much longer than wide that nothing would be seen at one scale."""
+    sides = [
+        max(values.max() for values in lines) - min(values.min() for values in lines)
+        for lines in ([path.x for path in view], [path.y for path in view])
+    ]
+    return max(sides) > 0.0 and max(sides) > FLATTEST * min(sides)
 
 
 def left_out(view: list[BodyPath]) -> str:
@@ -212,33 +225,34 @@ def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
 
 
 def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
-    """Mark where bodies are at the first events of each name."""
-    if not run.sizes.get("event", 0) or "event_time" not in run:
+    """Mark where the bodies that an event concerns are then."""
+    if not run.sizes.get("event", 0) or not {"event_time", "event_detector", "event_kind"} <= {*run.variables}:
         _legend(view, axes)
         return
-    names = np.array([parted(name)[0] for name in words_of(run["event_detector"])])
-    for k, name in enumerate(dict.fromkeys(names)):
-        times = run["event_time"].values[names == name]
-        label = words(counted(name, len(times)))
-        times = times[:: max(1, len(times) // MOST_MARKS)]
+    kinds, concerned, times = event_kinds(run), concerned_elements(run), run["event_time"].values
+    for n, kind in enumerate(kinds):
+        label = legend_label(kinds, n, axes)
         for body in view:
-            inside = times[(times >= body.times[0]) & (times <= body.times[-1])]
+            own = {*body.body.split(", ")}
+            events = [event for event in kind.drawn if not concerned[event] or concerned[event] & own]
+            at = times[events] if events else times[:0]
+            inside = at[(at >= body.times[0]) & (at <= body.times[-1])]
             axes.plot(
                 np.interp(inside, body.times, body.x),
                 np.interp(inside, body.times, body.y),
-                "ovsD^P*X"[k % 8],
-                color=INK(),
                 markersize=3.5,
-                markerfacecolor="none",
                 markeredgewidth=0.7,
                 label=label if body is view[0] else None,
+                gid=IN_LEGEND,
+                **kind.style,
             )
     _legend(view, axes)
 
 
 def _legend(view: list[BodyPath], axes: Axes) -> None:
     """Name what is drawn; where there are several bodies, beside the axes."""
-    if not axes.get_legend_handles_labels()[0]:
+    names = {*axes.get_legend_handles_labels()[1]}
+    if names <= named_elsewhere(axes):  # the same bodies seen from another side
         return
     beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
     axes.legend(fontsize=8, frameon=False, **beside)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
@@ -16,7 +17,7 @@ from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
 from xdynamics.record import check
-from xdynamics.record.partial_records import is_whole, log_description, rows_apart
+from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import STEPS, velocity
 from xdynamics.shapes import parted
 
@@ -103,9 +104,7 @@ def panels_of(
             ' [figure] section = "2*pi/w"'
         )
     run = run.copy(deep=False)  # what is between its rows is kept as long as it is drawn
-    wanted = None if only is None else [*only]
-    if wanted is not None:
-        _check_wanted(run, wanted)
+    wanted = None if only is None else _wanted(run, only)
     overlays = beside_of(run, beside, wanted, names)
     keyed = [
         each for each in _panels(run, overlays, wanted, transient) if wanted is None or {each[0], *each[1]} & {*wanted}
@@ -138,20 +137,25 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
         seen[kind] = seen.get(kind, 0) + 1
         if kind in FIRST:
             ranks.append((is_map, seen[kind], FIRST.index(kind), place))
-    return [panels[place] for place in sorted(place for *_, place in sorted(ranks)[:MOST])] or panels
+    return [panels[place] for place in sorted(place for *_, place in sorted(ranks)[:MOST])] or panels[:MOST]
 
 
-def _check_wanted(run: xr.Dataset, wanted: Sequence[str]) -> None:
+def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
+    """Return kinds of panels and names of variables, of a quantity with dimensions those of its elements."""
     drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
-    if unknown := [word for word in wanted if word not in (*KINDS, *drawable)]:
-        raise InputError(f"only has '{unknown[0]}'; there are {', '.join(KINDS)}, and {', '.join(sorted(drawable))}")
+    elements: dict[str, list[str]] = {}
+    for name in sorted(drawable):
+        elements.setdefault(parted(name)[0], []).append(name)
+    if unknown := [word for word in only if word not in (*KINDS, *drawable, *elements)]:
+        raise InputError(f"only has '{unknown[0]}'; there are {', '.join(KINDS)}, and {', '.join(elements)}")
+    return [name for word in only for name in ([word] if word in KINDS else elements.get(word, [word]))]
 
 
 def foot_of(run: xr.Dataset) -> str:
-    """Describe how a run ended."""
+    """Describe how a run ended; `show` adds the remarks."""
     every = rows_apart(run.attrs)
     kept = f"; one in {every} of its rows" if every > 1 else ""
-    return f"{run.attrs.get('run_outcome', '')}: {run.attrs.get('run_outcome_text', '')}{kept}"
+    return f"{ended(run.attrs)[0]}{kept}"
 
 
 def _panels(
@@ -174,7 +178,10 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     """Yield coordinates, velocities, first-order states, and variables asked for by name."""
     coordinates = _with_role(run, "coordinate")
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
-    kinds = {"trajectory": coordinates, "velocity": moving, "state": _with_role(run, "state"), "other": _others(run)}
+    states, observables = _with_role(run, "state"), _with_role(run, "observable")
+    if wanted is None and not coordinates and observables and not any(np.ptp(run[name].values) for name in states):
+        states, wanted = [], observables  # nothing moves, and what is computed was asked for
+    kinds = {"trajectory": coordinates, "velocity": moving, "state": states, "other": _others(run)}
     titles = {"state": "first-order state"}
     for kind, names in kinds.items():
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):

@@ -27,7 +27,7 @@ Panel = Callable[["Axes"], None]
 
 PAGE = ".html"  # of an interactive figure
 FORMATS = (".png", ".svg", ".pdf", PAGE)
-WIDTH, MOST_LINES = 190, 3  # of the text below
+WIDTH, MOST_LINES = 170, 3  # of the text below
 HEIGHT = 2.9  # inches
 LEAST = (2.4, 1.6)  # inches of a panel, with its labels
 DPI = 130

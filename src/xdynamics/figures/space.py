@@ -11,8 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
-from xdynamics.figures.line_panels import MOST_NAMED
+from xdynamics.figures.line_panels import MOST_NAMED, colour_bar
 from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.plane import MOST_BODIES, BodyPath, left_out
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Shapes
@@ -64,10 +65,11 @@ def draw(space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
     solid: Any = figure.add_subplot(place, projection="3d")
     for k, orbit in enumerate(space.orbits[:MOST_BODIES]):
         colour, points = COLOURS[k % len(COLOURS)], orbit.points[:, :: 1 + orbit.points.shape[1] // MOST_POINTS]
-        solid.plot(*points, "-", color=colour, linewidth=1.0)
+        solid.plot(*points, "-", color=colour, linewidth=1.0, label=words(orbit.body))
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
-        if orbit.body and len(space.orbits) <= MOST_NAMED:
-            solid.text(*points[:, -1], words(f" {orbit.body}"), color=colour, fontsize=8)
+    names = {words(orbit.body) for orbit in space.orbits if orbit.body}
+    if 0 < len(names) <= MOST_NAMED and not names <= named_elsewhere(solid):
+        solid.legend(fontsize=8, frameon=False)
     solid.set_aspect("equal", adjustable="box")
     for axis, name in zip("xyz", space.axes, strict=True):
         getattr(solid, f"set_{axis}label")(words(name), fontsize=8)
@@ -93,8 +95,7 @@ def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axe
     values = np.array([float(run[element][-1]) for element in elements]).reshape(shapes.shape(dims))
     units = str(run[elements[0]].attrs["units"])
     mesh = axes.pcolormesh(values.T, cmap="viridis", rasterized=True)
-    figure: Any = axes.figure
-    figure.colorbar(mesh, ax=axes, label=f"{words(name)} ({typeset(units)})")
+    colour_bar(mesh, f"{words(name)} ({typeset(units)})", axes)
     axes.set_aspect("equal", adjustable="box")
     axes.grid(visible=False)
     axes.set(xlabel=words(f"element of {dims[0]}"), ylabel=words(f"element of {dims[1]}"))

@@ -120,3 +120,15 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
         return {written(str(name)): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise InputError(f"attribute '{LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name") from None
+
+
+def ended(attributes: Mapping[Any, Any]) -> tuple[str, str]:
+    """Return how a run ended, as one sentence, and the remarks that follow it; without a word of either an empty text.
+
+    Examples
+    --------
+    >>> ended({"run_outcome": "completed", "run_outcome_text": "reached t = 2 s; stiff: radau_iia takes fewer steps"})
+    ('completed: reached t = 2 s', 'stiff: radau_iia takes fewer steps')
+    """
+    sentence, _, remarks = str(attributes.get("run_outcome_text", "")).partition("; ")
+    return ": ".join(filter(None, (str(attributes.get("run_outcome", "")), sentence))), remarks

@@ -1,0 +1,234 @@
+"""Events on the lines of a run: few are named where they happen, many in a legend, very many are counted alone."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from xdynamics.figures.lattice import shapes_of
+from xdynamics.figures.marks import INK, words
+from xdynamics.figures.placing import EVENT
+from xdynamics.record.flag_words import words_of
+from xdynamics.record.partial_records import is_whole
+from xdynamics.schema import at_event, contact_force, friction_force
+from xdynamics.shapes import parted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_NAMED = 6  # kinds of events at their marks
+MOST_ALIKE = 3  # events of one kind, whose name stands at the first
+MOST_MARKED = 40  # events in a panel, from where on a legend names them
+MOST_DRAWN, SELDOM = 120, 20  # events in a panel, from where on kinds that are not seldom are counted and not drawn
+MOST_IN_LEGEND = 8  # kinds of events
+MARKERS = {
+    "impact": "v",
+    "rest": "s",
+    "takeoff": "^",
+    "stick": "s",
+    "slip": "D",
+    "regime_switch": "X",
+    "reset": "P",
+    "touch": "d",
+}
+OTHER_MARKERS = "ovsD^P*X"
+PLAIN = ("crossing", "regime_switch", "reset")  # kinds that an event's own name is enough for
+IN_LEGEND = "events"  # the mark of lines that a legend names for all panels
+ENDS = ("first", "second")  # of a relation: the elements that met
+NOWHERE = {"none", "-1"}  # labels of no element
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class EventKind:
+    """Events of one name and kind.
+
+    Attributes
+    ----------
+    name : str
+        With how many there are.
+    detector, marker : str
+    events : ndarray of int
+        Numbers along `event`.
+    is_drawn : bool
+        Whether each is marked; else they are counted alone.
+    """
+
+    name: str
+    detector: str
+    marker: str
+    events: Rows
+    is_drawn: bool
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """How each is marked; the legend shows no marker of what is not drawn."""
+        marker = self.marker if self.is_drawn else "none"
+        return {"color": INK(), "markerfacecolor": "none", "zorder": 3, "linestyle": "none", "marker": marker}
+
+    @property
+    def drawn(self) -> Rows:
+        """The events that are marked."""
+        return self.events if self.is_drawn else self.events[:0]
+
+
+def counted(what: str, count: int) -> str:
+    """Name what happens once, and count what happens more often.
+
+    Examples
+    --------
+    >>> counted("floor impact", 23)
+    'floor impact ×23'
+    """
+    return what if count == 1 else f"{what} ×{count}"
+
+
+def event_kinds(run: xr.Dataset) -> list[EventKind]:
+    """Return the events of a run by name and kind, in the order in which they first happen."""
+    detectors, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+    pairs = [*zip(detectors, kinds, strict=True)]
+    if len({*pairs}) > MOST_NAMED:  # elements of one event together
+        pairs = [(parted(name)[0], kind) for name, kind in pairs]
+    counts = Counter(pairs)
+    numbers: dict[tuple[str, str], list[int]] = {pair: [] for pair in counts}
+    for number, pair in enumerate(pairs):
+        numbers[pair].append(number)
+    are_many = len(pairs) > MOST_DRAWN
+    return [
+        EventKind(
+            counted(name if kind in PLAIN else f"{name} {kind}", count),
+            name,
+            MARKERS.get(kind, OTHER_MARKERS[n % len(OTHER_MARKERS)]),
+            np.array(numbers[name, kind]),
+            not are_many or count <= SELDOM,
+        )
+        for n, ((name, kind), count) in enumerate(counts.items())
+    ]
+
+
+def are_in_legend(kinds: list[EventKind]) -> bool:
+    """Whether a legend names events: there are many, or many of one kind."""
+    sizes = [kind.events.size for kind in kinds]
+    return sum(sizes) > MOST_MARKED or max(sizes, default=0) > MOST_ALIKE
+
+
+def legend_label(kinds: list[EventKind], n: int, axes: Axes) -> str:
+    """Return the name of a kind in the legend; nothing where another panel of the sheet has named all of them."""
+    if n > MOST_IN_LEGEND or any(_has_legend(other) for other in axes.figure.axes if other is not axes):
+        return ""
+    more = f"and {len(kinds) - n} more kinds"
+    return words(more if n == MOST_IN_LEGEND and len(kinds) > n + 1 else kinds[n].name)
+
+
+def _has_legend(axes: Axes) -> bool:
+    """Whether the legend of some axes names events."""
+    return any(line.get_gid() == IN_LEGEND and not str(line.get_label()).startswith("_") for line in axes.lines)
+
+
+def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
+    """Mark events on the lines that they concern; at the first of each kind stands its name, or a legend has it.
+
+    Returns
+    -------
+    bool
+        Whether a legend names them.
+    """
+    if not _has_rows_of_events(run):
+        return False
+    kinds = event_kinds(run)
+    heights = _Heights(run, names)
+    if are_in_legend(kinds):
+        for n, kind in enumerate(kinds):
+            label, shown = legend_label(kinds, n, axes), kind.drawn
+            axes.plot(
+                run["event_time"].values[shown], heights.at(kind, shown), label=label, gid=IN_LEGEND, **kind.style
+            )
+        return _has_legend(axes)
+    _name_at_marks(run, kinds, heights, axes)
+    return False
+
+
+def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: _Heights, axes: Axes) -> None:
+    """Mark few events; at the first of each kind stands its name, together with what happens there at once."""
+    labels: dict[tuple[int, float], list[str]] = {}
+    rows, times = run["event_row_before"].values, run["time"].values
+    for n, kind in enumerate(kinds):
+        height = heights.at(kind, kind.events)
+        axes.plot(times[rows[kind.events]], height, markersize=4.5, **kind.style)
+        if n <= MOST_NAMED:
+            place = int(rows[kind.events[0]]), float(height[0])
+            more = f"and {len(kinds) - n} more kinds"
+            labels.setdefault(place, []).append(kind.name if n < MOST_NAMED else more)
+    for (row, first), texts in labels.items():
+        text = words(", ".join(texts))
+        axes.annotate(text, (times[row], first), (5, 5), textcoords="offset points", fontsize=7.5, gid=EVENT)
+
+
+def _has_rows_of_events(run: xr.Dataset) -> bool:
+    """Whether events and their rows are there: of a selection, the rows that events name are those of the run."""
+    if not run.sizes.get("event", 0) or not is_whole(run.attrs):
+        return False
+    if not {"event_detector", "event_kind", "event_row_before", "event_time"} <= set(run.variables):
+        return False
+    rows, times = run["event_row_before"].values, run["time"].values
+    return np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values)  # else rows were left out
+
+
+class _Heights:
+    """Where events are on the lines of a panel: each on the line of its own element."""
+
+    def __init__(self, run: xr.Dataset, names: list[str]) -> None:
+        self.run, self.names = run, names
+        self.concerned = concerned_elements(run)
+
+    def at(self, kind: EventKind, events: Rows) -> NDArray[np.float64]:
+        """Return the heights of some events."""
+        lines, rows = self._lines_of(kind.detector), self.run["event_row_before"].values
+        own = [self._own(lines, int(event)) for event in events]
+        return np.array([float(self.run[name].values[rows[event]]) for name, event in zip(own, events, strict=True)])
+
+    def _own(self, lines: list[str], event: int) -> str:
+        """Return, of the lines of elements, that with the most labels of an event's own elements."""
+        return max(lines, key=lambda name: len(self.concerned[event] & {*parted(name)[1]}))
+
+    def _lines_of(self, detector: str) -> list[str]:
+        """Return the lines that an event may concern: its contact's own force, or those that its function, gap or slip names."""
+        variables, forces = self.run.variables, (contact_force(detector), friction_force(detector))
+        if own_forces := [name for name in self.names if parted(name)[0] in forces]:
+            return own_forces
+        texts = [
+            variables[entry].attrs.get(key, "")
+            for entry, key in zip(forces, ("gap", "slip"), strict=True)
+            if entry in variables
+        ]
+        flag = variables["event_detector"].attrs
+        described = f"{flag.get('functions', '')}; {flag.get('contact_gaps', '')}".split("; ")
+        texts += [entry.partition(": ")[2] for entry in described if entry.startswith(f"{detector}: ")]
+        symbols = {*re.findall(r"[A-Za-z_]\w*", " ".join(map(str, texts)))}
+        # a gap that reads a coordinate concerns its velocity too, and a slip that reads a velocity its coordinate
+        whole = {name: parted(name)[0] for name in self.names}
+        matches = [
+            name
+            for name in self.names
+            if {name, whole[name], whole[name].removeprefix("v_"), f"v_{whole[name]}"} & symbols
+        ]
+        return matches or self.names[:1]
+
+
+def concerned_elements(run: xr.Dataset) -> list[frozenset[str]]:
+    """Return the labels of the elements that each event concerns; none of an event of single coordinates."""
+    shapes = shapes_of(run)
+    columns = [
+        words_of(run[name]) if run[name].attrs.get("role") == "flag" else [str(number) for number in run[name].values]
+        for name in map(at_event, (*shapes.extents, *ENDS))
+        if name in run.variables
+    ]
+    return [frozenset({*labels} - NOWHERE) for labels in zip(*columns, strict=True)] or [frozenset()] * run.sizes[
+        "event"
+    ]
