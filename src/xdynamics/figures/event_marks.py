@@ -142,7 +142,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
     if not _has_rows_of_events(run):
         return False
     kinds = event_kinds(run)
-    heights = _Heights(run, names)
+    heights = EventHeights(run, names)
     if are_in_legend(kinds):
         for n, kind in enumerate(kinds):
             label, shown = legend_label(kinds, n, axes), kind.drawn
@@ -154,7 +154,7 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
     return False
 
 
-def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: _Heights, axes: Axes) -> None:
+def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: EventHeights, axes: Axes) -> None:
     """Mark few events; at the first of each kind stands its name, together with what happens there at once."""
     labels: dict[tuple[int, float], list[str]] = {}
     rows, times = run["event_row_before"].values, run["time"].values
@@ -180,7 +180,7 @@ def _has_rows_of_events(run: xr.Dataset) -> bool:
     return np.array_equal(times[np.clip(rows, 0, times.size - 1)], run["event_time"].values)  # else rows were left out
 
 
-class _Heights:
+class EventHeights:
     """Where events are on the lines of a panel: each on the line of its own element."""
 
     def __init__(self, run: xr.Dataset, names: list[str]) -> None:
