@@ -71,6 +71,15 @@ def shortened(t: Any, y: Any) -> Any:
     return -y / np.linalg.norm(y) + 0.1 * np.max(y[2:]) - 0.01 * (y @ y) + y[:3].sum()
 
 
+def chosen(t: Any, y: Any) -> Any:
+    """Elements that conditions choose, set in place; of two axes too."""
+    d, square = 0.2 - y, y.reshape(2, -1) / 9
+    d[(y > 0.4) & (y < 0.8)] = 0.05 * t
+    d[~(y > -5)] = 7.0
+    square[square > 0.05] = 0.0
+    return d + square.ravel()
+
+
 SECOND = np.eye(14, k=1) + np.eye(14, k=-1) - 2 * np.eye(14)
 DENSE = np.random.default_rng(1).normal(size=(14, 14)) / 9
 CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
@@ -81,6 +90,7 @@ CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
     "burgers": (burgers, bump(20), ()),
     "mean field": (mean_field, np.linspace(0, 3, 15), (1.5,)),
     "shortened": (shortened, bump(12) + 1, ()),
+    "chosen": (chosen, np.linspace(0.5, 0.75, 14), ()),
     "diagonals": (lambda t, y, A: A @ y, bump(14), (SECOND,)),
     "sparse": (lambda t, y, A: A @ y, bump(14), (scipy.sparse.csr_matrix(SECOND),)),
     "dense": (lambda t, y: DENSE.dot(y), bump(14), ()),
@@ -170,6 +180,7 @@ def test_tolerances_and_events_of_another_length() -> None:
         (lambda t, y: y * np.nan, "needs finite numbers"),
         (lambda t, y: np.fft.fft(y), "calls numpy.fft"),
         (lambda t, y: y if y[0] > 1 else -y, "write numpy.where"),
+        (lambda t, y: y[y > 0], r"is written np\.where\(condition, value, row\)"),
     ],
 )
 def test_faults_of_arrays_are_named(fun: Any, said: str) -> None:

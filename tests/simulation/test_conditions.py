@@ -18,6 +18,13 @@ FORCES = np.cos(TIMES)
 FINE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 
 
+def masked(t: Any, x: Any) -> Any:
+    """Set in place what a condition chooses."""
+    row = -x
+    row[(x > 0) & (t > 1)] = 0.1
+    return row[0] + row[1]
+
+
 @pytest.mark.every(2)
 @pytest.mark.parametrize(
     "pull",
@@ -34,6 +41,7 @@ FINE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
         lambda t, x: -x * (t > 1),
         lambda t, x: -1.0 * (x > 0) - 0.5 * (t > 1),
         lambda t, x: np.where((t > 1) & True, -x, 0.0),
+        lambda t, x: masked(t, np.array([x, -x])),
     ],
 )
 def test_conditions_and_ends_of_tables_are_scipys(pull: Callable[..., Any]) -> None:

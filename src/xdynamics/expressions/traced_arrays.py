@@ -44,6 +44,15 @@ class TracedArray(np.ndarray[Any, Any]):
         """Call a function of numpy that has one argument of this kind at least."""
         return of_numpy(function, *arguments, **options)
 
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Set elements; those that a traced condition chooses, all to one number."""
+        chosen = isinstance(key, np.ndarray) and key.shape == self.shape and is_traced(key)
+        if not chosen or np.ndim(value):
+            super().__setitem__(key, value)
+            return
+        for place, condition in np.ndenumerate(key):
+            super().__setitem__(place, choice(condition, value, np.asarray(self)[place]))
+
     def max(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
         """Return the largest number along an axis."""
         return _extreme("max", self, axis, **options)

@@ -152,10 +152,11 @@ class Plane(Field):
         return part
 
     def __setitem__(self, key: Any, values: Any) -> None:
+        if isinstance(key, Line):
+            self.choose(key, values)
+            return
         (first, rows), (left, columns) = self._places(key)
-        self.pieces += 1
-        if self.view or self.pieces > MOST_PIECES:
-            raise IrregularError("the function fills an array by elements")
+        self.count_piece()
         inside = self._part(key) or Field(self.grid, self.value, 1, self.offset + first * self.window.width + left)
         old, new = self.replacement(key, values)
         new = aligned(values, inside) if new is None else new

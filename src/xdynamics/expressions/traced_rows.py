@@ -151,10 +151,11 @@ class Line(Row):
 
     def __setitem__(self, key: Any, values: Any) -> None:
         key = key[0] if isinstance(key, tuple) and len(key) == 1 else key
+        if isinstance(key, Line):
+            self.choose(key, values)
+            return
         first, size = slice_of(key, self.size)
-        self.pieces += 1
-        if self.view or self.pieces > MOST_PIECES:
-            raise IrregularError("the function fills a row by elements")
+        self.count_piece()
         begin, old, new = self.offset + first, *self.replacement(key, values)
         new = aligned(values, self.of(self.value, size, begin)) if new is None else new
         for at, inside in ((begin + size, False), (begin, True)):
@@ -162,6 +163,31 @@ class Line(Row):
                 before = Compare("<", Along("index", (), (self.grid.dim,)), Number(float(at)))
                 new = choice(Traced(before), *((old, new) if inside else (new, old)))
         self.put(values, new)
+
+    def count_piece(self) -> None:
+        """Refuse one more piece with an expression of its own.
+
+        Raises
+        ------
+        IrregularError
+            If there are too many, or this is part of another array.
+        """
+        self.pieces += 1
+        if self.view or self.pieces > MOST_PIECES:
+            raise IrregularError("the function fills an array by elements")
+
+    def choose(self, condition: Line, value: Any) -> None:
+        """Set the elements for which a condition holds, all to one number: ``d[d < 0] = 0``.
+
+        Raises
+        ------
+        IrregularError
+            If the value is an array, of which numpy would take one element after the other.
+        """
+        self.count_piece()
+        if isinstance(value, Line) or np.ndim(value):
+            raise IrregularError("the function sets chosen elements to those of another array")
+        self.value = choice(aligned(condition, self), value, self.value)
 
     def replacement(self, key: Any, values: Any) -> tuple[Any, Traced | None]:
         """Return what stands outside a part that is set, and inside, if that is a change of what was there.
@@ -233,6 +259,8 @@ for _word, _ufunc in (
     ("pow", "power"),
     ("mod", "remainder"),
     ("floordiv", "floor_divide"),
+    ("and", "logical_and"),
+    ("or", "logical_or"),
 ):
     setattr(Line, f"__{_word}__", _operator(_ufunc))
     setattr(Line, f"__r{_word}__", _operator(_ufunc, turned=True))
@@ -247,7 +275,7 @@ for _word, _ufunc in (
     ("ne", "not_equal"),
 ):
     setattr(Line, f"__{_word}__", _operator(_ufunc))
-for _word, _ufunc in (("neg", "negative"), ("pos", "positive"), ("abs", "absolute")):
+for _word, _ufunc in (("neg", "negative"), ("pos", "positive"), ("abs", "absolute"), ("invert", "logical_not")):
     setattr(Line, f"__{_word}__", lambda self, ufunc=_ufunc: combined(partial(of_ufunc, ufunc), self))
 
 

@@ -171,6 +171,8 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
         raise
     except Exception as error:  # noqa: BLE001 - somebody else's code
         hint = f"; write {TABLE}" if "object arrays" in str(error) else ""
+        if isinstance(error, IndexError) and "must be of integer" in str(error):
+            hint = "; what a condition chooses is written np.where(condition, value, row)"
         raise InputError(f"the function ends with {type(error).__name__}: {error}{hint}") from None
 
 
