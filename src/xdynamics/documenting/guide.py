@@ -181,7 +181,8 @@ Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one e
 u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an axis, np.pad, np.where, np.hstack, u.T, order="F".
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact. Comparisons are joined
 by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic; np.interp takes left, right and period.
-What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary.
+What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary,
+and what scipy computes from the state at every step: quad, fsolve, brentq, interpolators, erf and the like.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down
   300        elements of arrays with three axes, of sums along one axis of two, or picked by a list: each has an expression

@@ -13,6 +13,7 @@ import numpy as np
 
 from xdynamics.expressions.conditions import Junction, chosen, counted, is_condition, junction, opposite
 from xdynamics.expressions.numpy_names import COMPARED, NAMED
+from xdynamics.expressions.scipy_calls import scipy_remedy, special_remedy
 from xdynamics.expressions.tree import FUNCTIONS, Binary, Call, Compare, Name, Negative, Node, Number
 from xdynamics.faults import InputError
 
@@ -167,9 +168,13 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
     """
     try:
         return function(*given)
-    except InputError:
+    except InputError as error:
+        if remedy := scipy_remedy(error.__traceback__):
+            raise InputError(remedy) from None
         raise
     except Exception as error:  # noqa: BLE001 - somebody else's code
+        if remedy := scipy_remedy(error.__traceback__):
+            raise InputError(remedy) from None
         hint = f"; write {TABLE}" if "object arrays" in str(error) else ""
         if isinstance(error, IndexError) and "must be of integer" in str(error):
             hint = "; what a condition chooses is written np.where(condition, value, row)"
@@ -375,6 +380,8 @@ def applied(ufunc: str, arguments: Sequence[Any]) -> Any:
         return _OPERATORS[ufunc](*arguments)
     if ufunc in COMPARED:
         return _compared(COMPARED[ufunc], *arguments)
+    if ufunc not in NAMED and not hasattr(np, ufunc):
+        raise InputError(special_remedy(ufunc))
     if ufunc not in NAMED:
         raise InputError(
             f"the function calls numpy.{ufunc}, which the language of expressions has not; there are"

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of
@@ -19,6 +20,7 @@ Floats = NDArray[np.float64]
 OF_MOTION = ("coordinate", "velocity", "state")
 COMPLETED, STOPPED, FAILED = 0, 1, -1
 OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
+SPACINGS = 16.0  # of the span's largest time, up to which a time beyond an end is that end
 MOST_ROWS = 4  # of a solution that is printed
 
 
@@ -116,7 +118,11 @@ def _events(run: xr.Dataset, y: Floats) -> tuple[list[Floats], list[Floats]]:
 
 
 def _between(run: xr.Dataset, names: list[str], t: Any) -> Floats:
-    states = _rows(sample(run, np.atleast_1d(np.asarray(t, float))), names)
+    times, ends = np.atleast_1d(np.asarray(t, float)), run["time"].values[[0, -1]]
+    # t0 + n*h of somebody else's grid ends some spacings beyond the span, where scipy's polynomials go on
+    beyond = SPACINGS * EPS * np.abs(ends).max()
+    inside = np.clip(times, *ends)
+    states = _rows(sample(run, np.where(np.abs(times - inside) <= beyond, inside, times)), names)
     return states if np.ndim(t) else states[:, 0]
 
 

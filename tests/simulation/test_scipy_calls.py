@@ -1,0 +1,80 @@
+# ruff: noqa: ARG001, ARG005 - functions of t and y, as scipy takes them
+"""Functions of scipy inside those that `solve` takes: refused by name, with remedies that give scipy's numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import CubicSpline, interp1d
+from scipy.optimize import brentq, fsolve, root, root_scalar
+from scipy.special import erf
+
+import xdynamics as xd
+
+STRAIGHT, SMOOTH = interp1d([0.0, 1.0, 2.0], [0.0, 1.0, 4.0]), CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 4.0])
+STATE = "a state of its own"
+CASES = {
+    "scipy.integrate.quad": (lambda y: quad(lambda x: np.exp(-x * y), 0.0, 1.0)[0], STATE),
+    "scipy.integrate.quad,": (lambda y: quad(np.sin, 0.0, y)[0], STATE),
+    "scipy.optimize.fsolve": (lambda y: fsolve(lambda z: z**2 - y, 1.0)[0], STATE),
+    "scipy.optimize.root,": (lambda y: root(lambda z: z**2 - y, 1.0).x[0], STATE),
+    "scipy.optimize.root_scalar": (lambda y: root_scalar(lambda z: z**3 - y, bracket=(0.0, 2.0)).root, STATE),
+    "scipy.optimize.brentq": (lambda y: brentq(lambda z: z**3 - y, 0.0, 2.0), STATE),
+    "scipy.interpolate": (STRAIGHT, "numpy.interp"),
+    "scipy.interpolate,": (SMOOTH, "numpy.interp"),
+    "scipy.special.erf": (erf, "np.interp"),
+}
+
+
+@pytest.mark.filterwarnings("ignore")  # scipy's own, about what it was given
+@pytest.mark.parametrize("called", CASES)
+def test_functions_of_scipy_are_refused_by_name(called: str) -> None:
+    """Assert that the message names what was called and what to write in its place."""
+    function, remedy = CASES[called]
+    with pytest.raises(xd.InputError, match=f"the function calls {called.rstrip(',')}, which .*{remedy}"):
+        xd.solve(lambda t, y: [-function(y[0])], (0.0, 1.0), [1.0])
+
+
+def test_functions_of_scipy_may_be_given_numbers() -> None:
+    """Assert that an integral of constants is a number like any other."""
+    run = xd.solve(lambda t, y: [-quad(np.cos, 0.0, 1.0)[0] * y[0]], (0.0, 1.0), [1.0], rtol=1e-10)
+    assert run.dynamics.solution.y[0, -1] == pytest.approx(np.exp(-np.sin(1.0)), rel=1e-8)
+
+
+def test_an_integral_that_is_a_state_of_its_own_gives_scipys_numbers() -> None:
+    """Assert the remedy: y' = -I(y), I the integral of exp(-x^2) up to y, with I' = exp(-y^2) y'."""
+
+    def scipys(t: float, y: Any) -> Any:
+        return [-quad(lambda x: np.exp(-(x**2)), 0.0, y[0])[0]]
+
+    start = quad(lambda x: np.exp(-(x**2)), 0.0, 1.0)[0]
+    run = xd.solve(lambda t, y: [-y[1], -np.exp(-(y[0] ** 2)) * y[1]], (0.0, 2.0), [1.0, start], rtol=1e-10, atol=1e-12)
+    theirs = solve_ivp(scipys, (0.0, 2.0), [1.0], rtol=1e-10, atol=1e-12).y[0, -1]
+    assert run.dynamics.solution.y[0, -1] == pytest.approx(theirs, rel=1e-8)
+
+
+def test_an_unknown_that_is_a_state_of_its_own_gives_scipys_numbers() -> None:
+    """Assert the remedy: y' = -z with z^3 + z = y, and z' = y'/(3 z^2 + 1)."""
+
+    def scipys(t: float, y: Any) -> Any:
+        return [-brentq(lambda z: z**3 + z - y[0], 0.0, 2.0)]
+
+    run = xd.solve(
+        lambda t, y: [-y[1], -y[1] / (3.0 * y[1] ** 2 + 1.0)], (0.0, 1.0), [2.0, 1.0], rtol=1e-10, atol=1e-12
+    )
+    theirs = solve_ivp(scipys, (0.0, 1.0), [2.0], rtol=1e-10, atol=1e-12).y[0, -1]
+    assert run.dynamics.solution.y[0, -1] == pytest.approx(theirs, rel=1e-8)
+
+
+def test_times_that_are_an_end_but_for_rounding_are_that_end() -> None:
+    """Assert the states of both ends some spacings beyond them, and a refusal where a time is really outside."""
+    solution = xd.solve(lambda t, y: [-y[0]], (0.0, 0.3), [1.0]).dynamics.solution
+    grid = 0.1 * np.arange(4)
+    assert grid[-1] > 0.3
+    assert (solution.sol(grid)[:, -1] == solution.y[:, -1]).all()
+    assert (solution.sol(-1e-17) == solution.y[:, 0]).all()
+    with pytest.raises(xd.InputError, match="0.3000000001 s is outside the run"):
+        solution.sol(0.3000000001)
