@@ -12,75 +12,15 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases.problems import MODELS
 
-HEAP = """
-name = "Discs poured into a rough box"
-[dimensions]
-disc = {discs}
-[relations.pair]
-of = "disc"
-[coordinates]
-x = {{ unit = "m", dims = ["disc"] }}
-y = {{ unit = "m", dims = ["disc"] }}
-theta = {{ unit = "rad", dims = ["disc"] }}
-[parameters]
-g = "9.80665 m s-2"
-mu = "0.4"
-width = "0.7 m"
-pitch = "0.115 m"
-move = "8 mm"
-radius = {{ dims = ["disc"], value = "(45 + 5*sin(3*index(disc)))*0.001*metre" }}
-[definitions]
-m = "25*kilogram/metre**2*pi*radius**2"
-dx = "second(x, pair) - first(x, pair)"
-dy = "second(y, pair) - first(y, pair)"
-apart = "hypot(dx, dy)"
-across = "((second(v_y, pair) - first(v_y, pair))*dx - (second(v_x, pair) - first(v_x, pair))*dy)/apart"
-turning = "(first(radius, pair)*first(v_theta, pair) + second(radius, pair)*second(v_theta, pair))/radian"
-[mass]
-x = "m"
-y = "m"
-theta = "m*radius**2/2/radian**2"
-[forces.weight]
-potential = "m*g*y"
-[contacts.floor]
-gap = "y - radius"
-restitution = 0
-tangential = "coulomb"
-slip = "v_x + radius*v_theta/radian"
-friction = "mu"
-[contacts.left]
-gap = "x - radius"
-restitution = 0
-tangential = "coulomb"
-slip = "v_y - radius*v_theta/radian"
-friction = "mu"
-[contacts.right]
-gap = "width - x - radius"
-restitution = 0
-tangential = "coulomb"
-slip = "v_y + radius*v_theta/radian"
-friction = "mu"
-[contacts.discs]
-gap = "apart - first(radius, pair) - second(radius, pair)"
-restitution = 0
-tangential = "coulomb"
-slip = "across - turning"
-friction = "mu"
-[initial]
-x = "pitch*(mod(index(disc), 6) + 0.55) + move*sin(2.4*index(disc)**2)"
-y = "1.2*pitch*(floor(index(disc)/6) + 0.6) + move*cos(1.7*index(disc)**2)"
-theta = "0*radian*index(disc)"
-[run]
-method = "velocity_verlet"
-step = "2 ms"
-"""
+HEAP = (MODELS / "rough_pile.toml").read_text()
 
 
 @lru_cache
 def heap() -> xr.Dataset:
     """Return the run of twenty-four discs until several layers slide, roll and stick."""
-    return xd.simulate(xd.Model.from_text(HEAP.format(discs=24)), until="0.26 s", log="full", force_samples="none")
+    return xd.simulate(xd.Model.from_text(HEAP), until="0.26 s", log="full", force_samples="none")
 
 
 def test_discs_do_not_sink_into_each_other() -> None:
@@ -131,6 +71,7 @@ def test_discs_are_moved_by_what_is_recorded() -> None:
 DIGEST = """
 import sys
 import xdynamics as xd
+from cases.problems import MODELS
 print(xd.content_digest(xd.simulate(xd.Model.from_text(sys.stdin.read()), until="0.13 s", step="5 ms")))
 """
 
@@ -143,7 +84,7 @@ def test_compiled_heaps_have_the_bits_of_plain_python() -> None:
         known = os.environ | {"NUMBA_DISABLE_JIT": switch}
         done = subprocess.run(
             [sys.executable, "-c", DIGEST],
-            input=HEAP.format(discs=6),
+            input=HEAP.replace("disc = 24", "disc = 6"),
             capture_output=True,
             text=True,
             env=known,

@@ -2,6 +2,10 @@
 
 Of links that touch and do not part, forces and accelerations solve a complementarity problem: either a link presses, or
 its gap opens. A link that bounces so low that it may be skipped, or too briefly to be resolved, joins them.
+
+Links that slide may leave no forces at all: they wedge, and the more they press the more is needed (Painlevé's paradox;
+Génot and Brogliato, Eur. J. Mech. A 18, 1999, 653). An impulse then stops slips at once. Those that are as slow as bounces
+that may be skipped are stopped so, and grip; where faster ones wedge, the run ends in words.
 """
 
 from __future__ import annotations
@@ -43,6 +47,7 @@ from xdynamics.march.assembly.touching import (
     EARLY,
     FORCE,
     GRIPS,
+    HALTED,
     KINETIC,
     LASTS,
     LIFTS,
@@ -83,7 +88,7 @@ def rest(run: Run, t: float) -> bool:
         run.touching[a, ACTS] = 1.0 if still and run.touching[a, LIFTS] == 0.0 else 0.0
         run.touching[a, SKIPS], run.touching[a, LASTS], run.touching[a, TAKEN] = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
-        if not solve_forces(run):
+        if not solve_forces(run) and not (halt_slips(run) and solve_forces(run)):
             return False
         restored, skips = restore_contacts(run), skip_bounces(run)
         if not (restored or skips):
@@ -91,6 +96,7 @@ def rest(run: Run, t: float) -> bool:
     close(run)
     take_energy(run, t)
     project(run, t)
+    let_slide(run)
     return True
 
 
@@ -149,13 +155,35 @@ def solve_forces(run: Run) -> bool:
 
 
 @shared
+def halt_slips(run: Run) -> bool:
+    """Have links whose slip is as slow as a bounce that may be skipped grip from now on; whether there are any."""
+    any_halts = False
+    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
+        slides = run.touching[a, ACTS] == 1.0 and run.vectors[DRAG, 2 * a + 1] != 0.0
+        if slides and run.touching[a, HALTED] == 0.0 and is_short(run, a, slip_of(run, a), falling(run, a)):
+            run.touching[a, HALTED], any_halts = 1.0, True
+    run.spans[STRAIN] = 0.0 if any_halts else run.spans[STRAIN]
+    return any_halts
+
+
+@shared
+def let_slide(run: Run) -> None:
+    """Let links whose slip was stopped slide, if their forces have them slide."""
+    closed = 0
+    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
+        if run.touching[a, ACTS] == 1.0:
+            run.grips[closed] = int(run.touching[a, GRIPS])
+            closed += 1
+
+
+@shared
 def pose_grip(run: Run, a: int, acts: bool) -> None:
     """Write down whether a link grips, and within which bounds, or slides already, or since its grip has just broken."""
     row = 2 * a + 1
     pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
     if run.touching[a, RUBS] == 1.0:
-        slip = slip_of(run, a)
-        if abs(slip) > run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a):
+        slip, fast = slip_of(run, a), run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a)
+        if abs(slip) > fast and run.touching[a, HALTED] == 0.0:
             run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
         elif run.touching[a, BROKEN] != 0.0:
             run.vectors[DRAG, row] = run.touching[a, BROKEN] * run.touching[a, KINETIC]
@@ -228,12 +256,18 @@ def skip_bounces(run: Run) -> bool:
 @shared
 def is_low(run: Run, a: int, rate: float, fall: float) -> bool:
     """Whether the next bounce of a link is as good as none."""
-    c = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]
-    height = run.assemblies[c].rest_height
     if rate <= max(run.touching[a, SLACK], 2.0 * fall * resolution(run, a)):
         return True
     if run.touching[a, BOUNCE] >= 1.0:  # bounces never end
         return False
+    return is_short(run, a, rate, fall)
+
+
+@shared
+def is_short(run: Run, a: int, rate: float, fall: float) -> bool:
+    """Whether a motion that begins with a rate is as low as a bounce of a link that may be skipped."""
+    c = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]
+    height = run.assemblies[c].rest_height
     return rate * rate <= (2.0 * fall * height if height >= 0.0 else LOW * run.greatest[1 + c] * run.greatest[1 + c])
 
 
@@ -249,8 +283,8 @@ def close(run: Run) -> None:
         if run.touching[a, ACTS] == 1.0 and not opens:
             k = int(run.touching[a, CANDIDATE])
             if run.tallies[ROWS] == 2:
-                run.grips[count] = grip_of(run, a)
-                run.touching[a, GRIPS] = run.grips[count]
+                run.touching[a, GRIPS] = grip_of(run, a)
+                run.grips[count] = int(run.touching[a, GRIPS]) if run.touching[a, HALTED] == 0.0 else STICKS
             count += 1
             run.closed[count] = run.assemblies[run.candidates[k, ASSEMBLY]].first_link + run.candidates[k, LINK]
         else:
@@ -265,7 +299,8 @@ def grip_of(run: Run, a: int) -> int:
     if run.touching[a, RUBS] == 0.0:
         return FRICTIONLESS
     drag, after = run.vectors[DRAG, 2 * a + 1], run.touching[a, SLIP_AFTER]
-    if run.vectors[GRIP, 2 * a + 1] == 0.0 and abs(slip_of(run, a)) > run.touching[a, SLIP_SLACK]:
+    slides = run.vectors[GRIP, 2 * a + 1] == 0.0 and run.touching[a, HALTED] == 0.0
+    if slides and abs(slip_of(run, a)) > run.touching[a, SLIP_SLACK]:
         return SLIDES_ON if slip_of(run, a) > 0.0 else SLIDES_BACK
     if drag != 0.0:
         return SLIDES_ON if drag < 0.0 else SLIDES_BACK

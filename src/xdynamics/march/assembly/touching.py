@@ -36,10 +36,10 @@ REACH, HELD, LIFTS, FORCE, AFTER, SKIPS, LASTS, TAKEN = range(15, 23)
 # impulse and all at the time, its force and acceleration, and what it did before and does after
 RUBS, KINETIC, STATIC, SLIP, SLIP_EARLY, SLIP_BIAS, SLIP_SLACK, SLIP_OWN = range(23, 31)
 PULL, TOTAL_PULL, DRAGS, SLIP_AFTER, GRIPPED, GRIPS = range(31, 37)
-# the impulse that it gives back by Poisson's law, what its slip answers to a normal impulse, and the direction of the
-# friction of a grip that has just broken
-GIVES_BACK, ACROSS, BROKEN = range(37, 40)
-NUMBERS = 40  # of a link that touches
+# the impulse that it gives back by Poisson's law, what its slip answers to a normal impulse, the direction of the
+# friction of a grip that has just broken, and whether its slip is so slow that it is stopped
+GIVES_BACK, ACROSS, BROKEN, HALTED = range(37, 41)
+NUMBERS = 41  # of a link that touches
 OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends the run
 
 
