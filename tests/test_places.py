@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.sweeping.zarr_digests import quietly
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 RUN = xd.simulate(OSCILLATOR, method="rk4", step=0.1, until=1.0)
@@ -36,6 +38,7 @@ VERBS: dict[str, Callable[[str], Any]] = {
     "data": lambda place: xd.compare(RUN, f"{place}.csv"),
     "fit": lambda place: xd.fit(OSCILLATOR, f"{place}.csv", ["k"]),
     "path for a run": lambda place: xd.compare(place, RUN),
+    "cluster": lambda place: xd.cluster(place.replace("s3:", "tcp:")).__enter__(),
 }
 
 
@@ -64,6 +67,50 @@ def test_a_folder_that_cannot_be_made_is_named() -> None:
             xd.InputError, match=f"the folder '/proc/{name}' cannot be made: No such file .*; name another"
         ):
             VERBS[verb](f"/proc/{name}")
+
+
+NO_NAMES = ["..", ".", "", " ", ".hidden", "../x", "a/../b", "/abs", "a/b", "a\\b", "a\nb", "a\0b"]
+
+
+@pytest.mark.parametrize("name", NO_NAMES)
+def test_a_name_that_leads_elsewhere_is_refused(name: str, tmp_path: Path) -> None:
+    """Assert of a report, of several records in one, and of runs saved by name, that nothing is written anywhere."""
+    folder = tmp_path / "inner" / "folder"
+    for given in (
+        lambda: xd.report(folder, **{name: RUN}),
+        lambda: xd.report(folder, runs={f"/{name}": RUN, "b": RUN}),
+        lambda: xd.save_many({name: RUN}, folder),
+    ):
+        with pytest.raises(xd.InputError, match="is no name of a file in the folder; use letters, digits"):
+            given()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_store_of_others_is_left_alone(tmp_path: Path) -> None:
+    """Assert that no sweep is marched into a Zarr store that no sweep began, of either version, and that it stays as it is."""
+    pytest.importorskip("zarr")
+    for version in (2, 3):
+        place = tmp_path / f"{version}.zarr"
+        with quietly():
+            xr.Dataset({"a": ("x", [1.0, 2.0])}).to_zarr(place, zarr_format=version)
+        before = {entry: entry.read_bytes() for entry in place.rglob("*") if entry.is_file()}
+        with pytest.raises(
+            xd.InputError, match=rf"{version}.zarr' holds a Zarr store that is no sweep's; name another place"
+        ):
+            VERBS["sweep"](str(place))
+        assert {entry: entry.read_bytes() for entry in place.rglob("*") if entry.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    "file", ["../one.nc", "/etc/one.nc", "runs/../../one.nc", "s3://bucket/runs/one.nc", "runs/one.nc"]
+)
+def test_a_catalogue_that_names_files_elsewhere_is_refused(file: str, tmp_path: Path) -> None:
+    """Assert that neither a member nor the logs are read from a place which is none of the sweep's own runs."""
+    grid = xd.sweep(OSCILLATOR, {"k": [1.0]}, path=tmp_path / "grid", keep=["log"], **ASKED)
+    grid["run_file"] = grid.run_file.dims, [file]
+    for verb in (lambda: xd.member(grid, k=1.0), lambda: xd.open_logs(grid, [0.5])):
+        with pytest.raises(xd.ArchiveError, match="as the file of a run; its runs are in 'runs'"):
+            verb()
 
 
 # ------------------------------------------------------------------------------------------- lazy, where it is not wanted

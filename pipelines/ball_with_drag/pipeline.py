@@ -1,6 +1,6 @@
 """Refine a ball with drag: heights at common times, apex, landing with its budget, and the limit without drag.
 
-python pipelines/ball_with_drag/pipeline.py [folder]
+python pipelines/ball_with_drag/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -31,4 +31,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Impacts of a bouncing ball by other steps, other root tolerances and another rule, each varied alone.
 
-python pipelines/bouncing_ball_events/pipeline.py [folder]
+python pipelines/bouncing_ball_events/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -27,4 +27,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,12 +1,10 @@
 """A thousand rockets with their flights in a folder or an object store, the extreme ones refined, the lowest budgeted.
 
-python pipelines/cluster_study/pipeline.py [folder or s3://bucket/folder] [tcp://scheduler]
+python pipelines/cluster_study/pipeline.py [folder or s3://bucket/folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
 import tomllib
-from contextlib import nullcontext
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +33,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    folder, *scheduler = sys.argv[1:] or ["results"]
-    with import_module("distributed").Client(*scheduler) if scheduler else nullcontext():
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
         print(main(folder))

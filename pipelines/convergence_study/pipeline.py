@@ -1,6 +1,6 @@
 """Refine one model by several methods: observed orders, limits, uncertainties.
 
-python pipelines/convergence_study/pipeline.py [folder]
+python pipelines/convergence_study/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -26,4 +26,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Normal modes of two coupled masses: one at a time, superposed, and without the coupling.
 
-python pipelines/coupled_modes/pipeline.py [folder]
+python pipelines/coupled_modes/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -33,4 +33,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Range, height and time of flight of a thrown ball over its angle and its drag, and what they depend on.
 
-python pipelines/drag_grid/pipeline.py [folder]
+python pipelines/drag_grid/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -30,4 +30,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Budget the calibration of a mass to first order, and by drawing: the worked example of JCGM 101:2008.
 
-python pipelines/mass_calibration/pipeline.py [folder]
+python pipelines/mass_calibration/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -24,4 +24,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Work against precision: methods x steps x problems.
 
-python pipelines/method_comparison/pipeline.py [folder]
+python pipelines/method_comparison/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -29,4 +29,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Energy, phase, amplitude and phase-space area of an oscillator by three methods.
 
-python pipelines/oscillator_methods/pipeline.py [folder]
+python pipelines/oscillator_methods/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -27,4 +27,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Basins of attraction of a magnetic pendulum: a million starts, and a look closer.
 
-python pipelines/pendulum_basins/pipeline.py [folder]
+python pipelines/pendulum_basins/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -26,4 +26,6 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -1,6 +1,6 @@
 """Refine a model rocket's flight, compare its two finest runs, budget its apogee, and reproduce the finest from its file.
 
-python pipelines/rocket_flight/pipeline.py [folder]
+python pipelines/rocket_flight/pipeline.py [folder] [tcp://scheduler, or a number of processes]
 """
 
 import sys
@@ -24,9 +24,11 @@ def main(folder: str, study: dict[str, Any] = STUDY) -> str:
     comparison = xd.compare(coarse, rocket, sizes=study["compared"], compute=False)
     apogee = xd.error_budget(model, step=study["steps"][-1], **study["apogee"], **asked)
     page = xd.report(folder, refinement=refinement, comparison=comparison, apogee=apogee, rocket=rocket)
-    again = xd.reproduce(Path(folder) / "rocket.nc").attrs["identical"]
+    again = xd.reproduce(f"{folder}/rocket.nc").attrs["identical"]
     return f"{page}\nrocket.nc {'is reproduced to the bit' if again else 'differs'} from the file alone"
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:] or ["results"]))
+    folder, *workers = sys.argv[1:] or ["results"]
+    with xd.cluster(*workers):
+        print(main(folder))

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from xdynamics.documenting.bundling import bundle, recheck
     from xdynamics.documenting.document import document
     from xdynamics.documenting.reporting import report
+    from xdynamics.evidence.cluster import cluster
     from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparing.comparison import compare
     from xdynamics.evidence.diagnosing.diagnosis import diagnose
@@ -73,6 +74,7 @@ _ROOMS = {
     "documenting.bundling": ("bundle", "recheck"),
     "documenting.document": ("document",),
     "documenting.reporting": ("report",),
+    "evidence.cluster": ("cluster",),
     "evidence.companion": ("companion",),
     "evidence.comparing.comparison": ("compare",),
     "evidence.diagnosing.diagnosis": ("diagnose",),
@@ -131,6 +133,7 @@ __all__ = [
     "bundle",
     "certify",
     "check",
+    "cluster",
     "companion",
     "compare",
     "complete",

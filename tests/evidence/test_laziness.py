@@ -63,6 +63,7 @@ NUMBERS_NEEDED = {
     "animate": "draws a film frame by frame",
     "bundle": "writes files",
     "check": "reads no values",
+    "cluster": "is where stages are computed",
     "complete": "marches a run again to the bit, for a record",
     "content_digest": "is of values",
     "discard": "deletes files",

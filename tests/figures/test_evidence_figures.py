@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, oscillator
 from xdynamics.figures.refinement import telling
 from xdynamics.figures.vanishing import vanishing
 
@@ -137,3 +138,34 @@ def test_section_values_over_a_parameter_are_a_bifurcation_diagram() -> None:
     ((title, axes),) = [one for one in panels(xd.plot(grid)).items() if one[0].startswith("bifurcation")]
     assert title == "bifurcation diagram: after_section_x after the first 2"
     assert len({*np.asarray(axes.lines[0].get_xdata()).tolist()}) == 3
+
+
+def test_runs_of_a_sweep_are_drawn_together(tmp_path: Path) -> None:
+    """Assert a line for each of few members; of many a band with their median, nothing where all are over."""
+    asked: dict[str, Any] = {"method": "rk4", "step": 0.1, "keep": ["log"]}
+    until = [1.0, 2.0] + [1.5] * 28
+    grid = xd.sweep(
+        oscillator().model, {"run": {"k": np.linspace(1.0, 2.0, 30), "until": until}}, path=tmp_path, **asked
+    )
+    logs = xd.open_logs(grid, "0:2.5:6 s")
+    few = xd.plot(logs.isel(run=slice(4)))
+    assert [len(axes.lines) for axes in few.axes] == [4, 4]
+    assert few.texts[-1].get_text() == "4 members, a line each"
+    many = panels(xd.plot(logs))
+    assert [*many] == ["x", "v_x"]
+    (band,), middle = many["x"].collections, many["x"].lines[0]
+    held = logs.x.values
+    assert middle.get_ydata()[:4].tolist() == np.nanmedian(held[:, :4], axis=0).tolist()
+    assert np.isnan(middle.get_ydata()[5])
+    assert band.get_paths()[0].vertices[:, 1].min() == pytest.approx(np.nanquantile(held[:, :5], 0.025, axis=0).min())
+    assert len(many["x"].lines) == 1 + 24
+    assert all("(" in axes.get_ylabel() for axes in many.values())
+
+
+def test_a_refinement_over_words_has_no_order() -> None:
+    """Assert that no dashed line is told of where there is none."""
+    ball = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    study = xd.refine(ball, rules=["interpolant", "reintegrate"], method="euler_cromer", step="20 ms", until="1 s")
+    foot = xd.plot(study).texts[-1].get_text()
+    assert "nan" not in foot
+    assert "dashed" not in foot

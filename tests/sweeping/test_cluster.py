@@ -74,6 +74,16 @@ def test_a_scheduler_of_no_kind_leaves_nothing_behind() -> None:
     assert dask.config.get("scheduler", None) is None
 
 
+def test_where_a_cluster_may_be() -> None:
+    """Assert that by default there is none, and one line for what is neither an address nor a number of processes."""
+    with xd.cluster() as none:
+        assert none is None
+        assert connected() is None
+    for wrong in (0, -1, "0", True, 1.5, "", [4], b"tcp://x"):
+        with pytest.raises(xd.InputError, match=r"a cluster is .*, needs the address of a scheduler, like 'tcp:"):
+            xd.cluster(wrong)  # type: ignore[arg-type]
+
+
 def test_a_client_that_is_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the remedies where dask's setting still names a cluster, of a stage and of a sweep into a folder."""
     distributed = pytest.importorskip("distributed")
@@ -122,6 +132,18 @@ def test_a_cluster_that_is_gone_is_told(
             lost(address, process, when)
     assert capfd.readouterr().err == ""
     assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
+
+
+@pytest.mark.dear
+def test_a_cluster_is_where_stages_are_computed(client: Any) -> None:
+    """Assert a client of its own by an address, with the bits of this process, and that the one before is back then."""
+    study = studied()
+    with xd.cluster(client.scheduler.address) as mine:
+        assert connected() is mine
+        assert mine is not client
+        there = study.compute()
+    assert connected() is client
+    assert_same(there, study.compute(scheduler="synchronous"))
 
 
 @pytest.mark.dear

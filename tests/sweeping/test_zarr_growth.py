@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import dask
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
 
 import xdynamics as xd
+from cases.object_server import bucket
 from cases.problems import oscillator
+from xdynamics.archive.place import placed
 from xdynamics.cli import main
 from xdynamics.sweeping import members, zarr_blocks, zarr_growth
 
@@ -204,3 +212,90 @@ def test_damage_is_found_before_members_are_added(stored: Path) -> None:
     chunk.write_bytes(chunk.read_bytes()[:-3])
     with pytest.raises(xd.ArchiveError, match="array 'end_x' cannot be read in block 0-2_0-1"):
         xd.sweep(MODEL, BEFORE | STIFFER, path=stored, **ASKED)
+
+
+PROGRAM = """
+import os, signal, sys, dask, xdynamics as xd
+from xdynamics.sweeping import zarr_blocks
+keep, left = zarr_blocks._keep, [{left}]
+
+def killed(*given):
+    kept = keep(*given)
+    left[0] -= 1
+    if not left[0]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return kept
+
+zarr_blocks._keep = killed
+dask.config.set(scheduler="synchronous")
+xd.sweep(xd.Model.from_toml(sys.argv[1]), {axes!r}, path=sys.argv[2], **{asked!r})
+"""
+
+
+def kill_in_the_middle(model: Path, folder: str, axes: dict[str, Any], left: int) -> None:
+    """Add members in another process, which ends by kill -9 behind so many of the blocks that are new."""
+    program = PROGRAM.format(left=left, axes=axes, asked=ASKED)
+    done = subprocess.run([sys.executable, "-c", program, model, folder], check=False, capture_output=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+
+
+def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path: Path, marched: list[int]) -> None:
+    """Assert the old sweep after kill -9 behind the third of six blocks, and that the same call marches what is missing."""
+    old, after = xd.verify(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}
+    if not (child := os.fork()):
+        keep, left = zarr_blocks._keep, iter(range(3))
+
+        def killed(*given: Any) -> Any:
+            kept = keep(*given)
+            return kept if next(left) < 2 else os.kill(os.getpid(), signal.SIGKILL)
+
+        try:
+            with mock.patch.object(zarr_blocks, "_keep", killed), dask.config.set(scheduler="synchronous"):
+                xd.sweep(MODEL, after, path=stored, **ASKED)
+        finally:
+            os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert xd.verify(stored) == old == xd.verify(whole)
+    xr.testing.assert_identical(xr.open_zarr(stored).load(), xr.open_zarr(whole).load())
+    marched.clear()
+    grown = xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert 0 < sum(marched) < 4 * len(BEFORE["method"])
+    assert xd.verify(stored) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]
+
+
+def once(axes: dict[str, Any], folder: Path) -> Path:
+    """March a sweep into a store of its own, and return where."""
+    xd.sweep(MODEL, axes, path=folder / "once.zarr", **ASKED)
+    return folder / "once.zarr"
+
+
+@pytest.mark.dear
+def test_members_are_added_in_an_object_store(tmp_path: Path, marched: list[int]) -> None:
+    """Assert the digest of a folder's, that kill -9 leaves the old sweep, and that an answer which is lost does no harm."""
+    pytest.importorskip("s3fs")
+    (tmp_path / "model.toml").write_text(MODEL.to_toml())
+    place, after = "s3://bucket/grid.zarr", BEFORE | STIFFER | THIRD
+    with bucket() as way:
+        old = xd.sweep(MODEL, BEFORE, path=place, **ASKED).attrs["content_digest"]
+        kill_in_the_middle(tmp_path / "model.toml", place, after, left=3)
+        assert xd.verify(place) == xd.open_sweep(place).attrs["content_digest"] == old
+        marched.clear()
+        with way.once("lost", "PUT"):
+            grown = xd.sweep(MODEL, after, path=place, **ASKED)
+        assert 0 < sum(marched) < 15 - 6
+        assert xd.verify(place) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]
+        assert zarr_growth.growths(placed(place)) == []
+
+
+@pytest.mark.dear
+def test_members_are_added_on_a_cluster(stored: Path, tmp_path: Path) -> None:
+    """Assert the digest of threads where workers march what is added, one of which is killed meanwhile."""
+    pytest.importorskip("distributed")
+    after = BEFORE | {"k": [*BEFORE["k"], *np.linspace(2.0, 3.0, 40).tolist()]}
+    with xd.cluster(2) as client:
+        victim = min(client.run(os.getpid).values())
+        killer = threading.Timer(0.2, os.kill, (victim, signal.SIGKILL))
+        killer.start()
+        grown = xd.sweep(MODEL, after, path=stored, **ASKED)
+        killer.join()
+    assert xd.verify(stored) == xd.verify(once(after, tmp_path)) == grown.attrs["content_digest"]

@@ -123,6 +123,24 @@ def placed(given: Given) -> Place:
     return ObjectName(bucket, key.rstrip("/"))
 
 
+def check_name(name: str) -> None:
+    """Check that a text can name a file in a folder, and no other place.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> check_name("rocket_2")
+    """
+    if not name.strip(" ") or name.startswith(".") or not name.isprintable() or {"/", "\\"} & {*name}:
+        raise InputError(
+            f"{name[:60]!r} is no name of a file in the folder; use letters, digits, '-' and '_', and name other folders"
+            " where the folder is given"
+        )
+
+
 def _fault_of(bucket: str, key: str) -> str:
     """Describe why a name cannot be one of an object; empty if it can."""
     if not _BUCKET.fullmatch(bucket):

@@ -16,7 +16,7 @@ from xdynamics import record
 from xdynamics.archive.integrity import standing
 from xdynamics.archive.integrity_checks import compare
 from xdynamics.archive.netcdf_library import alone, opened
-from xdynamics.archive.place import GIVEN, Given, Place, placed, real
+from xdynamics.archive.place import GIVEN, Given, Place, check_name, placed, real
 from xdynamics.archive.sandboxed_reading import examined, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.shared_handles import identity_of
@@ -159,6 +159,8 @@ def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
     """Return the file of every run."""
     files: list[Place]
     if isinstance(paths, GIVEN):
+        for name in filter(lambda name: isinstance(name, str), named):
+            check_name(name)
         folder = made_folder(placed(paths))
         files = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
     elif paths is None:

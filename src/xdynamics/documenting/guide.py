@@ -199,21 +199,23 @@ threads: nothing to type. dask's threads are used in Python (DASK_NUM_WORKERS=4 
   study = xd.refine(model, steps=[...], compute=False); study.compute()
 processes of this machine: each has its own Python, which helps where a run spends its time outside of the march.
   xdynamics sweep MODEL.toml --axis "k=1:2:100 N m-1" -o DIR --workers 4
-  from dask.distributed import Client; client = Client(n_workers=4, threads_per_worker=1)
+  with xd.cluster(4): study = study.compute()       # in a script, below if __name__ == "__main__":
 machines of your own, with the same versions of xdynamics and a folder that all of them see:
   dask scheduler                                    # prints its address, like tcp://10.0.0.1:8786
   dask worker tcp://10.0.0.1:8786 --nworkers 4 --nthreads 1
   xdynamics refine MODEL.toml --step "10 ms" --levels 6 --scheduler tcp://10.0.0.1:8786
+  with xd.cluster("tcp://10.0.0.1:8786"): study = study.compute()
+  python pipelines/cluster_study/pipeline.py s3://bucket/results tcp://10.0.0.1:8786      # or a number of processes
 SLURM: pip install dask-jobqueue; jobs of the queue are the workers. In Python, and in a shell beside it:
   from dask_jobqueue import SLURMCluster
   cluster = SLURMCluster(cores=8, processes=8, memory="16 GB", walltime="01:00:00"); cluster.scale(jobs=10)
-  print(cluster.scheduler_address)                  # for --scheduler; or client = Client(cluster)
+  print(cluster.scheduler_address)                  # for --scheduler, or xd.cluster(address)
 Kubernetes: pip install dask-kubernetes; the image has to have xdynamics in it.
   from dask_kubernetes.operator import KubeCluster
-  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10); client = Client(cluster)
+  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10)
   kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
 Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
-the verb ends with a line for each. The finest level of a study begins first, and of several studies one ends before the next
+the verb, or xd.cluster, ends with a line for each; a Client of your own is not asked. The finest level of a study begins first, and of several studies one ends before the next
 one's coarse levels begin. A worker that is lost loses what it was marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
 The same command goes on: a sweep from its folder, refine --keep FOLDER with the levels that are whole there (a folder that all
 machines see, or s3://bucket/levels), budget, validate and certify --keep FOLDER with the numbers, terms, blocks of draws and

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.place import Given, Place, check_name, placed
 from xdynamics.archive.stores import made_folder, taking_name
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.stages import computed
@@ -55,6 +55,8 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
         several = entry.values() if isinstance(entry, dict) else [entry]
         if not several or not all(hasattr(record, "attrs") for record in several):
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
+        for each in [name, *(f"{name}_{key}" for key in (entry if isinstance(entry, dict) else ()))]:
+            check_name(each)
     target = made_folder(placed(folder))
     whole, faults = _computed(records)
     lines: list[str] = []

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib.metadata import version
 from typing import Any
 
@@ -118,6 +118,50 @@ def _faults(worker: str, mine: dict[str, str], theirs: Any) -> Iterator[str]:
             yield f"worker {worker} has {name} {theirs.get(name, 'unknown')}, and this process {value}"
 
 
+def cluster(where: str | int | None = None) -> AbstractContextManager[Any]:
+    """Have stages and sweeps computed on a cluster as long as the context lasts; what they come to is the same.
+
+    Its workers are asked first for their versions, math functions and engine; where they differ from those here, or the
+    cluster is gone, that is an error of a few words.
+
+    Parameters
+    ----------
+    where : str, or int
+        The address of a scheduler, ``"tcp://10.0.0.1:8786"``; or how many processes to start on this machine, each with
+        one thread, ``4`` or ``"4"``, which end with the context: a script that does so has its lines below
+        ``if __name__ == "__main__":``. By default neither: dask computes as it is set to, by threads of this process.
+
+    Returns
+    -------
+    context manager
+        Of the `dask.distributed.Client`; of None where there is no cluster.
+
+    Raises
+    ------
+    InputError
+        If there is no such cluster, it has no workers, or they differ; each is named.
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> study = xd.refine(model, steps=["20 ms", "10 ms"], until="1 s", compute=False)
+    >>> with cluster():  # cluster(4), cluster("tcp://10.0.0.1:8786")
+    ...     study = study.compute()
+    """
+    if where is None:
+        return cluster_of(None, None)
+    if isinstance(where, str) and where.strip() and not where.strip().isdecimal():
+        return cluster_of(where.strip(), None)
+    count = int(where) if isinstance(where, str) and where.strip() else where
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InputError(
+            f"a cluster is {where!r}, needs the address of a scheduler, like 'tcp://10.0.0.1:8786', or how many"
+            " processes to start here"
+        )
+    return cluster_of(None, count)
+
+
 @contextmanager
 def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     """Connect to a cluster, or start processes here, and check them; None where neither is asked for.
@@ -139,6 +183,11 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         return
     if scheduler is not None and workers is not None:
         raise InputError(f"scheduler is {scheduler!r} and workers {workers}; a cluster has its own workers, give one")
+    if scheduler is not None and "@" in scheduler:
+        raise InputError(
+            "credentials stand in the address of a scheduler, which has none: give tcp://host:port, or tls://host:port"
+            " with certificates by dask's configuration (distributed.comm.tls)"
+        )
     try:
         import distributed
     except ImportError:

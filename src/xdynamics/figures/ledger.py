@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 SHADES = ("#dfe7f2", "#b9cce4", "#8fb0d6")  # of a residual far below its bound, near it, close to it
 FAILED, REFUSED = "#c8452f", "#f1f1f1"
+UPRIGHT = 6  # methods at most, whose names have room beside each other
 NEAR, CLOSE = 1e-3, 0.3  # residual over bound
 
 
@@ -53,7 +54,8 @@ def _table(ledger: xr.Dataset, axes: Axes) -> None:
         place = methods.index(str(method)), names.index(str(name))
         axes.add_patch(Rectangle(place, 1, 1, facecolor=colour, edgecolor="white", linewidth=0.8))
     axes.set(xlim=(0, len(methods)), ylim=(len(names), 0))
-    axes.set_xticks(np.arange(len(methods)) + 0.5, [words(label) for label in methods], rotation=90, fontsize=7)
+    turned = 90 if len(methods) > UPRIGHT else 0
+    axes.set_xticks(np.arange(len(methods)) + 0.5, [words(label) for label in methods], rotation=turned, fontsize=7)
     axes.set_yticks(np.arange(len(names)) + 0.5, [words(label.replace(".", ": ")) for label in names], fontsize=7)
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)

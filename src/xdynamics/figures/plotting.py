@@ -14,6 +14,7 @@ from xdynamics.figures import (
     diagnosis,
     fit,
     ledger,
+    logs,
     modes,
     overlay,
     precision,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 PAGES = {
     kind: module.PAGE
-    for module in (budget, comparison, diagnosis, fit, ledger, precision, refinement, sweep)
+    for module in (budget, comparison, diagnosis, fit, ledger, logs, precision, refinement, sweep)
     for kind in module.PAGE.kinds
 }
 

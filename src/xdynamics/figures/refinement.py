@@ -38,9 +38,11 @@ def foot_of(study: xr.Dataset) -> str:
     if omitted > 1:
         further = f"{omitted} further numbers, at roundoff or limited by interpolation, are"
     note = f"; {further} in the record" if omitted else ""
+    order = float(study.attrs["formal_order"])  # nan where no number that an error could be a power of is refined
+    dashed = f"; dashed: order {order:g}" if np.isfinite(order) else ""
     return (
         "dots: difference of each level to the next finer one; crosses: how far interpolation or location may have it"
-        f" off, where that is not far below; dashed: order {study.attrs['formal_order']:g}{note}"
+        f" off, where that is not far below{dashed}{note}"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Callable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,10 @@ class Model(ModelTrees):
         InputError
             If `tables` is neither word.
         """
+        if not isinstance(path, str | PathLike):
+            raise ModelError(
+                f"the model cannot be read: {type(path).__name__} is no name of a file; give a text or a Path"
+            )
         try:
             check_no_address(path)
         except InputError as error:

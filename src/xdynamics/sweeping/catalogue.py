@@ -23,6 +23,7 @@ from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
 from xdynamics.sweeping.additions import Additions, additions
 from xdynamics.sweeping.collection import DIGEST, collected, with_axes
+from xdynamics.sweeping.member import place_of
 from xdynamics.sweeping.member_files import RUNS, archived, digests_of
 from xdynamics.sweeping.members import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, OUTCOME, SEAL, STOPPED_BY, Block, Plan, marched
@@ -181,9 +182,10 @@ def _fault_of(folder: Place, name_and_seal: tuple[str, str]) -> str:
     """Describe what is wrong with the archive of a run, given its seal in the catalogue; empty if nothing is."""
     name, seal = name_and_seal
     try:
-        if not _is_file(folder / name):
+        place = place_of(folder, name)
+        if not _is_file(place):
             return f"{name} is missing"
-        held = store_of(folder).held(folder / name)
+        held = store_of(folder).held(place)
         tail = tail_of(held.path)
     except ArchiveError as error:
         return str(error)

@@ -29,7 +29,7 @@ from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import At
-from xdynamics.sweeping.member import check_digest, folder_of, opened
+from xdynamics.sweeping.member import check_digest, folder_of, opened, place_of
 from xdynamics.sweeping.members import DIGEST, FILE, SEAL, Plan
 
 if TYPE_CHECKING:
@@ -198,7 +198,14 @@ def _arrays(sweep: xr.Dataset, folder: Place, reading: _Reading) -> dict[str, An
     layers: dict[str, Any] = {
         wanted: {wanted: reading},
         read: {
-            (read, *at): (_states, wanted, at, folder / str(files[at]), str(digests[at]), _if_known(str(seals[at])))
+            (read, *at): (
+                _states,
+                wanted,
+                at,
+                place_of(folder, str(files[at])),
+                str(digests[at]),
+                _if_known(str(seals[at])),
+            )
             if files[at]
             else np.full((len(reading.names), reading.times.size), np.nan)
             for at in product(*map(range, files.shape))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,13 @@ from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.sweeping.grid import At, SweepGrid
 from xdynamics.sweeping.labels import places_of
+from xdynamics.sweeping.member_files import RUNS
 from xdynamics.sweeping.members import DIGEST, FILE, OUTCOME, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr
+
+_OWN = re.compile(rf"{RUNS}/[0-9a-f]+(\.partial)*\.nc")  # named by a digest
 
 
 def member(
@@ -62,7 +66,7 @@ def member(
     ends = [f"end_{name}" for name in ("time", *grid.model.units) if f"end_{name}" in sweep]
     catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
     if FILE in catalogued and str(catalogued[FILE].values) and folder:
-        return opened(folder / str(catalogued[FILE].values), str(catalogued[DIGEST].values))
+        return opened(place_of(folder, str(catalogued[FILE].values)), str(catalogued[DIGEST].values))
     is_archived = FILE in catalogued
     recorded = is_archived and grid.recording
     run = record.unfold(_recorded(grid, at)) if recorded else march(grid.model_of(at), **grid.asked_of(at))
@@ -92,6 +96,21 @@ def folder_of(sweep: xr.Dataset) -> Place | None:
     """Return the folder that a sweep was opened from."""
     source = sweep.encoding.get("source")
     return placed(source).parent if source else None
+
+
+def place_of(folder: Place, file: str) -> Place:
+    """Return the place of a run by what the catalogue says of it: it is in the sweep's own folder.
+
+    Raises
+    ------
+    ArchiveError
+        If the catalogue names anything else.
+    """
+    if not _OWN.fullmatch(file):
+        raise ArchiveError(
+            f"the catalogue of '{folder}' names {file[:80]!r} as the file of a run; its runs are in '{RUNS}'"
+        )
+    return folder / file
 
 
 def opened(file: Place, digest: str) -> xr.Dataset:

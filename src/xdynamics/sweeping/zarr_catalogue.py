@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIX = ".zarr"
+OF_STORES = (METADATA, ".zgroup", ".zarray", ".zmetadata")  # what a store of either version of Zarr has
 
 
 def is_one(place: Place) -> bool:
@@ -48,6 +49,8 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     if is_whole and facts_of(folder)["sweep"] == plan.digest and not zarr_growth.is_left(plan, folder):
         _forget(notes)  # left by a process that was stopped after it had put all digests into one file
         return
+    if not is_whole:
+        _check_own(folder)
     made_folder(folder)
     store.clear(made_folder(notes))
     with alone_in(notes, folder):
@@ -66,6 +69,13 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
         march_blocks(plan, blocks, filling, progress)
         finish(plan, blocks, filling, {})
         _forget(notes)
+
+
+def _check_own(folder: Place) -> None:
+    """Check that no store of others is in a place: one that a sweep began has the blocks that it was cut into beside it."""
+    store = store_of(folder)
+    if store.kind(folder / NOTES / CUT) is not None and any(store.kind(folder / name) is None for name in OF_STORES):
+        raise InputError(f"'{folder}' holds a Zarr store that is no sweep's; name another place")
 
 
 def _check_same(plan: Plan, folder: Place) -> None:
