@@ -114,22 +114,16 @@ class Inside:
         method, estimator = METHODS[attributes["solver_method"]], str(attributes["solver_estimator"])
         # the same force samples as in the run, so that its law is compiled already
         samples = attributes.get("solver_force_samples") == "all"
-        jacobian, summation = (
-            str(attributes.get("solver_jacobian", EXACT)),
-            str(attributes.get("solver_summation", PLAIN)),
-        )
-        switches = str(attributes.get("solver_switches", STEPPED_OVER))
-        math_functions = kept_set(attributes.get("math_functions"))
         return Settings(
             method,
             start,
             estimator=estimator,
             samples=samples,
             scales=scales_of(self.run),
-            jacobian=jacobian,
-            summation=summation,
-            switches=switches,
-            math_functions=math_functions,
+            jacobian=str(attributes.get("solver_jacobian", EXACT)),
+            summation=str(attributes.get("solver_summation", PLAIN)),
+            switches=str(attributes.get("solver_switches", STEPPED_OVER)),
+            math_functions=kept_set(attributes.get("math_functions")),
         )
 
     @cached_property
