@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 from xdynamics.kernels.jets.motion import Motion, UnexpandedError
 from xdynamics.kernels.jets.recurrences import CONSTANT, OTHER, RULES
 from xdynamics.kernels.jets.series import Order, Series
@@ -11,7 +13,7 @@ from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, P
 Env = dict[str, Series]
 
 
-class Coefficients:
+class Coefficients(ABC):
     """What both ways of writing share: series by the names of a program's values, and their next coefficients.
 
     Attributes
@@ -28,9 +30,9 @@ class Coefficients:
         self.local = forces.local
         self.time = Series()
 
+    @abstractmethod
     def state(self, place: Place) -> Series:
         """Return the series of a number of the state."""
-        raise NotImplementedError
 
     def value(self, env: Env, operand: Operand) -> Series:
         """Return the series of an operand."""

@@ -50,7 +50,13 @@ class Motion:
 
 
 def needed(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...]:
-    """Return the lines that accelerations and rates follow from."""
+    """Return the lines that accelerations and rates follow from.
+
+    Raises
+    ------
+    UnexpandedError
+        If a line is a call, whose results have no series.
+    """
     lines: list[Line] = []
     for line in body:
         if not isinstance(line, Line):
