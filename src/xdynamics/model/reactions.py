@@ -207,7 +207,8 @@ def table(model: Model) -> tuple[list[Node], ...]:
         Gap, rate, free acceleration of the row, size and most of each; the effect of each on each row; its row; the
         effect of a unit of it on each acceleration.
     """
-    acting, coordinates = reactions(model), list(model.coordinates)
+    acting = reactions(model)
+    coordinates = list(model.coordinates) if acting else []  # the names of a million are 0.1 GB
     numbers: list[Node] = []
     grams: list[Node] = []
     rows: list[Node] = []
