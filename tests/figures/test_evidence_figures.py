@@ -169,3 +169,13 @@ def test_a_refinement_over_words_has_no_order() -> None:
     foot = xd.plot(study).texts[-1].get_text()
     assert "nan" not in foot
     assert "dashed" not in foot
+
+
+def test_noise_that_is_alone_is_drawn_as_the_zero_that_it_is(throws: xr.Dataset) -> None:
+    """Assert one colour for heights at landing where nothing else is kept: axes and parameters say what is small."""
+    alone = throws.drop_vars(
+        [name for name in throws.data_vars if str(name).startswith("end_") and name not in ("end_y", "end_time")]
+    )
+    assert vanishing(alone) == ["end_y"]
+    (axes,) = [axes for title, axes in panels(xd.plot(alone)).items() if title.startswith("end_y")]
+    assert not axes.collections[0].get_array().any()

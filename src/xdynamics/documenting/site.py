@@ -28,7 +28,7 @@ nav a { display: block; padding: .1rem 0 } nav a.here { font-weight: 600; color:
 main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 2.2rem 4rem }
 a { color: var(--link); text-decoration: none } a:hover { text-decoration: underline }
 h1 { margin: .2rem 0 1rem; font-size: 1.7rem } h2 { margin: 2rem 0 .5rem; font-size: 1.15rem }
-pre { padding: .8rem 1rem; overflow-x: auto; background: var(--faint); border: 1px solid var(--line); border-radius: 6px;
+pre { padding: .8rem 1rem; white-space: pre-wrap; overflow-x: auto; background: var(--faint); border: 1px solid var(--line); border-radius: 6px;
   font: .82rem/1.45 ui-monospace, "DejaVu Sans Mono", monospace }
 code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
 .models { display: grid; gap: 1.2rem; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)) }
@@ -48,6 +48,7 @@ ABOUT = {
     METHODS: "Integration methods: equations, order, stability, what they refuse.",
 }
 _TOPIC = re.compile(r"(?:xdynamics )?\bhelp (\w+)")
+_CODE = re.compile(r"`([^`]+)`")
 _MODEL = re.compile(
     r"## (?P<title>.+)\n\n\[(?P<file>[^\]]+)\]\((?P<path>[^)]+)\)(?:: (?P<said>.*))?\n\n!\[.*\]\((?P<image>.+)\)"
 )
@@ -136,8 +137,13 @@ def _index(pages: Iterable[SitePage]) -> str:
         if page.group != group:
             group = page.group
             parts.append(f"<h2>{escape(group)}</h2>")
-        parts.append(f'<div><a href="{page.name}.html">{escape(page.title)}</a> {escape(_about(page.name))}</div>')
+        parts.append(f'<div><a href="{page.name}.html">{escape(page.title)}</a> {_worded(_about(page.name))}</div>')
     return "\n".join(parts)
+
+
+def _worded(text: str) -> str:
+    """Return text as HTML, with commands and names as code."""
+    return _CODE.sub(r"<code>\1</code>", escape(text, quote=False))
 
 
 def _about(name: str) -> str:

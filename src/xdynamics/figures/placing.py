@@ -173,7 +173,7 @@ def _is_beside(axes: Axes) -> bool:
     if box.y0 >= axes.bbox.y1:  # in the line of the title, which is shorter now
         if box.x0 < _end_of_title(axes):
             _stand_beside(axes, _in_columns(axes, legend, 1))
-        return box.x0 < _end_of_title(axes)
+        return bool(box.x0 < _end_of_title(axes))
     ground = _Ground.of(axes)
     free = np.argwhere(ground.counts(box.width + CELL, box.height + CELL) == 0)
     legend.borderaxespad = 0.0
@@ -225,7 +225,7 @@ def _end_of_title(axes: Axes) -> float:
 
     title = axes.get_title(loc="left")
     ends = [text.get_window_extent().x1 for text in axes.findobj(Text) if title and text.get_text() == title]
-    return max([*ends, axes.bbox.x0]) + 2.0 * CELL
+    return float(max([*ends, axes.bbox.x0])) + 2.0 * CELL
 
 
 def _place_names(axes: Axes, names: list[Any]) -> None:

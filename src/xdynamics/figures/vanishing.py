@@ -14,23 +14,42 @@ if TYPE_CHECKING:
     import xarray as xr
 
 END_TIME = "end_time"
+PARAMETER = "parameter"  # a role
+MOST_RATES = 2  # of an acceleration the way, in the span
 ROUNDINGS = 16.0  # spacings of the sizes passed on the way, which landing on zero leaves
 
 
 def vanishing(sweep: xr.Dataset) -> list[str]:
     """Name the numbers that are zero to rounding in all members, and not exactly zero in one at least.
 
-    They are some spacings of what else has their dimension at most, or of the way that a rate of theirs leads until the end.
+    They are some spacings of what else has their dimension at most, be it recorded, an axis or a parameter, or of the way
+    that a rate of theirs, or a rate of that, leads until the end.
     """
     sizes = {name: _size(sweep, name) for name in numbers(sweep)}
     span = sizes[END_TIME][0] if END_TIME in sizes else 0.0
-    ways = [(size, of) for size, of in sizes.values()] + [(size * span, of * TIME) for size, of in sizes.values()]
+    given = {
+        name: _size(sweep, name) for name in map(str, sweep.variables) if name not in sizes and _is_given(sweep, name)
+    }
+    ways = [
+        (size * span**n, of * TIME**n) for size, of in (*sizes.values(), *given.values()) for n in range(MOST_RATES + 1)
+    ]
     return [
         name
         for name, (size, dimension) in sizes.items()
         if sweep[name].dtype.kind == "f"
         and 0.0 < size <= ROUNDINGS * EPS * max(way for way, of in ways if of == dimension)
     ]
+
+
+def _is_given(sweep: xr.Dataset, name: str) -> bool:
+    """Whether a variable is an axis of numbers or a parameter."""
+    variable = sweep.variables[name]
+    is_axis = variable.dims == (name,)
+    return (
+        variable.dtype.kind == "f"
+        and "units" in variable.attrs
+        and (is_axis or variable.attrs.get("role") == PARAMETER)
+    )
 
 
 def _size(sweep: xr.Dataset, name: str) -> tuple[float, Dimension]:

@@ -8,7 +8,7 @@ from html import escape
 from xdynamics.methods.method import Method
 
 HEADER = ("method", "order", "kind", "evaluations", "estimate", "refuses")
-WIDTHS = (-26, 5, -25, 11, -9, 0)  # negative: to the left
+NUMBERS = ("order", "evaluations")  # columns that are aligned at the right
 
 
 class Methods(dict[str, Method]):
@@ -18,7 +18,7 @@ class Methods(dict[str, Method]):
     --------
     >>> import xdynamics as xd
     >>> print(xd.METHODS)  # doctest: +ELLIPSIS
-    method                    order  kind                       evaluations  estimate   refuses
+    method                   order  kind ... evaluations  estimate  refuses
     ...
     >>> xd.METHODS["rk4"].order
     4
@@ -33,7 +33,15 @@ class Methods(dict[str, Method]):
             yield method.name, str(method.order), kind_of(method), work, estimate, refused
 
     def __repr__(self) -> str:
-        return "\n".join([_line(HEADER), *map(_line, self.rows())])
+        table = [HEADER, *self.rows()]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        return "\n".join(
+            "  ".join(
+                cell.rjust(width) if name in NUMBERS else cell.ljust(width)
+                for name, cell, width in zip(HEADER, row, widths, strict=True)
+            ).rstrip()
+            for row in table
+        )
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{cell}</th>" for cell in HEADER)
@@ -45,10 +53,3 @@ def kind_of(method: Method) -> str:
     """Return what a method's steps are, in words."""
     words = {"symplectic": method.symplectic, "symmetric": method.symmetric, "implicit": bool(method.solves)}
     return ", ".join(word for word, is_so in words.items() if is_so) or "plain"
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    name, order, kind, work, estimate, refused = (
-        cell.ljust(-width) if width <= 0 else cell.rjust(width) for cell, width in zip(cells, WIDTHS, strict=True)
-    )
-    return f"{name}{order}  {kind}  {work}  {estimate}  {refused}"
