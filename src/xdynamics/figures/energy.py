@@ -30,7 +30,7 @@ def is_exchanged(run: xr.Dataset) -> bool:
 
 def is_at_rounding(run: xr.Dataset) -> bool:
     """Whether the total energy is kept to what the rounding of each step leaves, so that its changes say nothing."""
-    return _departure(run) <= ROUNDINGS * np.finfo(float).eps * np.sqrt(run.sizes[STEPS])
+    return bool(_departure(run) <= ROUNDINGS * np.finfo(float).eps * np.sqrt(run.sizes[STEPS]))
 
 
 def _departure(run: xr.Dataset) -> float:

@@ -196,7 +196,7 @@ def _is_flat(view: list[BodyPath]) -> bool:
         max(values.max() for values in lines) - min(values.min() for values in lines)
         for lines in ([path.x for path in view], [path.y for path in view])
     ]
-    return max(sides) > 0.0 and max(sides) > FLATTEST * min(sides)
+    return bool(max(sides) > 0.0 and max(sides) > FLATTEST * min(sides))
 
 
 def left_out(view: list[BodyPath]) -> str:
