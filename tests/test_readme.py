@@ -90,11 +90,13 @@ def test_the_model_of_ten_lines_bounces_and_rests(tmp_path: Path) -> None:
     figure.set_dpi(130)  # as it is written; letters are wider there than at 100
     figure.canvas.draw()
     axes = figure.axes[0]
-    names = {text.get_text(): text.get_window_extent() for text in axes.texts if text.get_visible()}
-    assert "floor impact ×36" in names
+    legend = axes.get_legend()
+    assert legend is not None
+    assert "floor impact ×36" in [text.get_text() for text in legend.get_texts()]
+    boxes = [legend.get_window_extent(), *(text.get_window_extent() for text in axes.texts if text.get_visible())]
     drawn = [axes.transData.transform(line.get_xydata()) for line in axes.lines]
     marks, beside = np.concatenate(drawn[2:]), np.array([5.0, 0.0])  # after the rows and the curve
-    for box in names.values():
+    for box in boxes:
         assert not any(box.count_contains(points) for points in (*drawn, marks - beside, marks + beside))
 
 
