@@ -14,7 +14,6 @@ from xdynamics.dynamics.saltation import FlowStates, Met
 from xdynamics.dynamics.variational import LARGEST, Equations, NotVariedError, Variations, gauss, touches
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
-from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.record.flag_words import words_of
@@ -47,7 +46,7 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
         raise NotVariedError("an extreme is where the run has it")
     if read := sorted(model.read_at_start.intersection(inputs)):
         raise NotVariedError(f"values at the start follow '{read[0]}'")
-    along = Variations(run, _equations(run, model, inputs), METHODS[run.attrs["solver_method"]].order)
+    along = Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"]))
     change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
@@ -83,7 +82,7 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")
     equations = Equations(model, inputs)
-    if equations.size * len(gauss(METHODS[run.attrs["solver_method"]].order // 2 + 2)[0]) > LARGEST:
+    if equations.size * len(gauss(int(run.attrs["solver_order"]) // 2 + 2)[0]) > LARGEST:
         raise NotVariedError(f"{equations.size} variables are too many")
     return equations
 

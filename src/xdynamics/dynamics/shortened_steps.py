@@ -17,7 +17,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
 from xdynamics.march.dense_output import states_within
-from xdynamics.methods import METHODS
+from xdynamics.methods import METHODS, method_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import PLAIN
@@ -111,13 +111,13 @@ class Inside:
     def settings(self) -> Settings:
         """Settings of the march, as far as one step needs them."""
         attributes, start = self.run.attrs, self.model.initial["t"].si
-        method, estimator = METHODS[attributes["solver_method"]], str(attributes["solver_estimator"])
+        method = method_of(attributes["solver_method"], int(attributes["solver_order"]))
         # the same force samples as in the run, so that its law is compiled already
         samples = attributes.get("solver_force_samples") == "all"
         return Settings(
             method,
             start,
-            estimator=estimator,
+            estimator=str(attributes["solver_estimator"]),
             samples=samples,
             scales=scales_of(self.run),
             jacobian=str(attributes.get("solver_jacobian", EXACT)),

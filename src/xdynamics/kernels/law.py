@@ -25,14 +25,15 @@ from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
 from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_degree, curve_size
-from xdynamics.kernels.step_programs import Steps
 from xdynamics.methods.scheme import Scheme
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
 
 # positions among the addresses of a law; the programs of a step come last
 EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range(10)
+EXPAND = PROPOSE + 1  # of a method by series
 LINEARISED = PROPOSE  # of a method whose step `march.implicit.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
 HEADER = (

@@ -20,6 +20,7 @@ from xdynamics.kernels.heap_arrays import LACKING, refuse
 # what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
 
+AS_WRITTEN = "; loops as they are written"  # first line of a text whose loops are many and short, as those over orders
 PATIENCE = 1.0  # seconds of compiling before a warning
 # Lines of a text beyond which instructions are not scheduled: LLVM's time for one long block grows with its square,
 # to 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of elementary functions twice
@@ -155,7 +156,7 @@ def _object(text: str) -> bytes:
     module.triple = llvm.get_process_triple()
     # a machine of its own, as for every engine: an engine frees the one that it was given
     machine = _machine(0 if text.count("\n") > LONG_TEXT else 2)
-    optimise(module, machine, 2)
+    optimise(module, machine, 2, unrolling=not text.startswith(AS_WRITTEN))
     return bytes(machine.emit_object(module))
 
 
@@ -171,9 +172,11 @@ def _parsed(text: str) -> Any:
     return module
 
 
-def optimise(module: Any, machine: Any, level: int) -> None:
+def optimise(module: Any, machine: Any, level: int, *, unrolling: bool = True) -> None:
     """Run LLVM's passes over a module; none changes the order of IEEE operations."""
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=level))
+    options = llvm.create_pipeline_tuning_options(speed_level=level)
+    options.loop_unrolling = unrolling
+    builder = llvm.create_pass_builder(machine, options)
     passes = builder.getModulePassManager()
     passes.run(module, builder)
     # left to itself it is never freed, 0.1 MB a text: llvmlite's class inherits an empty `_dispose` before its own

@@ -10,6 +10,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jets import Expansion, Motion, UnexpandedError, expansion
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
@@ -54,10 +55,15 @@ def forces(layout: Layout) -> Program:
     last = (EngineCall(len(constants(layout.model))),) if layout.model.assemblies else ()
     if (nests := _in_loops(layout)) is not None:
         return Program("forces", about, (*nests.lines, *last), local=nests.local, tables=nests.tables)
+    return replace(elements := _by_elements(layout), about=about, body=(*elements.body, *last))
+
+
+def _by_elements(layout: Layout) -> Program:
+    """Write the forces of a model element by element."""
     lines = _moved(layout, motion(layout.model))
     for name in layout.evaluation:
         lines.store(Place("z", layout.record.place(name)), lines.named(name))
-    return Program("forces", about, (*lines.lines, *last))
+    return Program("forces", "", tuple(lines.lines))
 
 
 def has_loops(model: Model) -> bool:
@@ -106,6 +112,15 @@ def _derived(nests: Nests, layout: Layout, first: int) -> None:
     lines = nests.outermost
     for i, tree in enumerate(layout.derived.values()):
         lines.store(Place("z", first + i), lines.value(tree))
+
+
+def expanded(layout: Layout, degree: int) -> Expansion:
+    """Write the Taylor coefficients of the motion to `w`; where loops have none, those of the elements one by one."""
+    coordinates, states = layout.coordinates.size, layout.states.size
+    motion_of = Motion(coordinates, states)
+    with suppress(UnexpandedError):
+        return expansion(forces(layout), motion_of, degree)
+    return expansion(_by_elements(layout), motion_of, degree)
 
 
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:

@@ -9,7 +9,7 @@ from xdynamics.expressions import Node, parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.model_programs import changes, linearised
+from xdynamics.kernels.model_programs import changes, expanded, linearised
 from xdynamics.kernels.newton_matrix import Coupling, NewtonSystem
 from xdynamics.kernels.program import (
     AT,
@@ -25,31 +25,13 @@ from xdynamics.kernels.program import (
     element,
     nested,
 )
+from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Solve, VectorStatement
+from xdynamics.methods.lines import SCALARS, Evaluation, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import Update
-
-
-@dataclass(frozen=True)
-class Steps:
-    """The programs of one step.
-
-    Attributes
-    ----------
-    programs : tuple of Program
-        One for an explicit method. Where equations are solved: what comes before, one iteration, what comes after, and
-        so on; last the derivatives along a direction, where a matrix is found group by group.
-    equations : tuple of Equations
-    memory : int
-        Numbers of the working memory; the last ones are the coefficients of the step's polynomial, where it leaves one.
-    """
-
-    programs: tuple[Program, ...]
-    equations: tuple[NewtonSystem, ...]
-    memory: int
 
 
 @dataclass(frozen=True)
@@ -70,6 +52,13 @@ class _StepWriting:
         if scheme.error_lines:
             write.out("e", [f"{letter}e" for letter in "qvx"], layout.used)
         return write.finished("propose", f"One step by {scheme.method.name}.", (0, layout.state.size))
+
+    def by_series(self, degree: int) -> Steps:
+        """Write the lines of the method, then the program that expands the motion, whose coefficients they read."""
+        layout = self.layout
+        series = expanded(layout, degree)
+        lines = self.by_lines().programs
+        return Steps((*lines, series.program), (), series.memory)
 
     def by_stages(self, stages: int) -> Steps:
         """Write the derivatives at a state: all else is made by `march.implicit.radau`, with the stages in `w`."""
@@ -158,6 +147,14 @@ class _Stepping(Walker):
     def evaluate(self, line: Evaluation) -> None:
         """Evaluate the forces at a state that is assembled for it."""
         self._evaluation(line, "forces")
+
+    def expand(self, line: TaylorSeries) -> None:
+        """Take the coefficients of the motion as given in `w`."""
+        used = self.layout.used.size
+        for i in range(line.degree + 1):
+            for name in "qvx":
+                _, first, count = self._views[name]
+                self._views[f"{name}_{i}"] = ("w", i * used + first, count)
 
     def solve(self, line: Solve) -> None:
         """Write one iteration of Newton's method as a separate program, and go on after it."""

@@ -15,11 +15,12 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
 from xdynamics.march.root_methods import EARLIEST_FIRST
-from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances
-from xdynamics.methods import METHODS, Method, method_named
+from xdynamics.march.settings import LEAST_RTOL, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.methods import METHODS, Method, method_named, method_of
 from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
+from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, order_for
 from xdynamics.model import Model, check_model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
@@ -64,6 +65,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         if not method.estimate:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
+    order = KEYWORDS["order"].read(chosen["order"], model.time_unit) if chosen.get("order") is not None else None
+    method = _of_order(method, order, tolerances)
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
         raise InputError(
@@ -90,6 +93,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         columns_of(read.get("log", _default_log(model))),
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
+        "order" in read,
     )
     settings.check(model)
     return settings
@@ -223,6 +227,35 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
+def _of_order(method: Method, order: int | None, tolerances: Tolerances | None) -> Method:
+    """Return a method of the order that is asked for, or that its tolerance asks for.
+
+    Raises
+    ------
+    InputError
+        If the method has one order, or none as low or as high.
+    """
+    if not method.has_orders:
+        if order is None:
+            return method
+        raise InputError(f"order is {order!r}, and '{method.name}' is of order {method.order}; order is for taylor")
+    if order is None:
+        # a tolerance that is out of range is refused with the other settings
+        known = tolerances is not None and LEAST_RTOL <= tolerances.rtol < 1
+        order = order_for(tolerances.rtol) if tolerances is not None and known else DEFAULT_ORDER
+    if order < LEAST_ORDER:
+        raise InputError(
+            f"order is {order!r}, needs to be at least {LEAST_ORDER}: a step is chosen by the last two terms of the series,"
+            " and a series of one is the method forward_euler"
+        )
+    if order > MOST_ORDER:
+        raise InputError(
+            f"order is {order!r}, needs to be at most {MOST_ORDER}: the last terms are rounding alone from"
+            f" {order_for(LEAST_RTOL)} on, and longer series only let steps be longer"
+        )
+    return method_of(method.name, order)
+
+
 def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     """Return the default time tolerance of events: 1 ps, or 1e-12 of a run shorter than a second."""
     if "time_tolerance" in read:
@@ -240,5 +273,5 @@ def _switches(model: Model, choice: str) -> str:
 
 
 def _summation(method: Method) -> str:
-    """Return the default summation: symplectic methods are for long runs, where rounding accumulates."""
-    return COMPENSATED if method.symplectic and updates(method) else PLAIN
+    """Return the default summation: compensated where rounding is what is left of the error, in long runs and tight ones."""
+    return COMPENSATED if (method.symplectic or method.stepper.compensates) and updates(method) else PLAIN

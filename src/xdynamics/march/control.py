@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.kernels import step_control
 from xdynamics.kernels.compiling import compiled, shared
@@ -17,7 +19,9 @@ from xdynamics.march.force_evaluation import slope_of
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import tops_of
+from xdynamics.methods.method import Method
 
+State = NDArray[Any]
 SPACINGS = 10.0  # of t in the shortest step, as in scipy
 NONFINITE_FACTOR = 0.25
 ERROR_NORM = "largest component of |error|/(atol + rtol*max(|value before|, |value after|))"
@@ -26,6 +30,14 @@ FIRST_STEP = (
     " sqrt(size/curvature)): h0 = 0.01*size/slope, h = min(T, T*(0.01/max(slope*T, curvature*T**2))**(1/k)); size is 1"
     " at zero, h0 1e-6 of the time to the first node or the end where the slope is zero"
 )
+FORESEEN = "as every other: by the last two coefficients at the start"
+
+
+def first_step_rule(method: Method) -> str:
+    """Return how a method's first step is chosen, in words."""
+    return FORESEEN if method.stepper.foresees else FIRST_STEP
+
+
 # the lines as functions of numbers
 _allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
 _norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
@@ -41,6 +53,15 @@ _next = function_of(step_control.NEXT, "width factor cut rejected step min_step 
 def accepts(norm: float) -> bool:
     """Whether a trial passes the error test; nan does not."""
     return norm <= 1.0
+
+
+@shared
+def allowed_of(run: Run, state: State, i: int) -> float:
+    """Return the error that a variable may have at a state."""
+    plan, atol = run.plan[0], run.atol[i]
+    if plan.follows and run.followers[i]:
+        atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope_of(run, state, i))
+    return atol + plan.rtol * abs(state[i])
 
 
 @compiled

@@ -56,10 +56,11 @@ class Lanes(NamedTuple):
 
 
 class Solvers(NamedTuple):
-    """Addresses of the steps that solve equations."""
+    """Addresses of the steps that are more than one program."""
 
     newton: int  # `engine_entries.step_by_newton`
     radau: int  # `engine_entries.step_by_radau`
+    series: int  # `engine_entries.step_by_series`
 
 
 class Watchers(NamedTuple):
@@ -131,7 +132,11 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         "solvers",
         "the solvers of implicit methods",
         10,
-        ((engine_entries.step_by_newton, _STEP), (engine_entries.step_by_radau, _STEP)),
+        (
+            (engine_entries.step_by_newton, _STEP),
+            (engine_entries.step_by_radau, _STEP),
+            (engine_entries.step_by_series, _STEP),
+        ),
     ),
     EnginePart(
         "watchers",

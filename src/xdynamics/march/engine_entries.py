@@ -32,6 +32,7 @@ from xdynamics.march.run import (
     WATCH,
     Run,
 )
+from xdynamics.march.series import series_step
 from xdynamics.march.tolerance_sizes import derivatives, fastest_rate, natural_sizes
 from xdynamics.march.trial_step import copy, propose_apart
 
@@ -386,3 +387,8 @@ def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: An
 def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
     """Make a step by `march.implicit.radau`, in the same way."""
     radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)
+
+
+def step_by_series(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
+    """Make a step by `march.series`, in the same way."""
+    series_step(run_at(address), floats_at(y), floats_at(z), sample)

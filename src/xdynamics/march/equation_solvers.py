@@ -18,7 +18,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.methods import Method
 from xdynamics.methods.radau import SHARE
 from xdynamics.methods.scheme import EMBEDDED
-from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SIMPLIFIED
+from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SERIES, SIMPLIFIED
 
 Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
@@ -148,6 +148,13 @@ _SOLVERS = {
         reported=lambda _settings: {},
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
         in_lanes=lambda _law, _settings: True,
+    ),
+    SERIES: Solver(
+        address=lambda: solvers().series,
+        arrays=lambda _law: _NOTHING,
+        reported=lambda _settings: {},
+        corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
+        in_lanes=lambda _law, _settings: False,
     ),
     NEWTON: Solver(
         address=lambda: solvers().newton,

@@ -189,6 +189,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "assemblies": len(model.assemblies),
         "together": together(model),
         **_left_polynomial(law),
+        "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 

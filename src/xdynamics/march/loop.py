@@ -45,6 +45,7 @@ from xdynamics.march.run import (
     TAKE_SIDES,
     Run,
 )
+from xdynamics.march.series import foresee
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (
@@ -153,7 +154,7 @@ def start(run: Run) -> None:
         now.status = NONFINITE_OBSERVABLE
     now.rows = 1  # every run has an initial row, whatever it holds
     longest = begin_sizes(run) if plan.follows and now.status == RUNNING else np.inf
-    if plan.adaptive and now.status == RUNNING:
+    if plan.adaptive and now.status == RUNNING and not (plan.series > 0 and plan.first_step == 0.0):
         now.step = plan.first_step if plan.first_step > 0.0 else min(longest, first_step(run))
         now.first_step = now.step
     if plan.follows:
@@ -165,6 +166,8 @@ def aim(run: Run) -> None:
     """Choose the end and size of the next step; end the run where it cannot or may not advance."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
+    if plan.series > 0:
+        foresee(run)
     if plan.adaptive:
         aim_freely(run, node)
     else:

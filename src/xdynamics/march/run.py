@@ -29,13 +29,14 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what they do after one;
 # `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
 # `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s that a step leaves, 0 if it leaves
-# none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of their program.
+# none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of their program; `series` is the degree
+# of the Taylor series that steps are chosen by, 0 where they are not.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together"
-    " degree curve polynomial",
+    " degree curve polynomial series",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.

@@ -203,6 +203,8 @@ class Settings:
         Whether the archive is compressed.
     event_root_method : str
         How events are located, one of `ROOT_METHODS`.
+    order_given : bool
+        Whether the order of the method was asked for, and does not follow from the tolerance.
     """
 
     method: Method
@@ -223,6 +225,7 @@ class Settings:
     log: str | tuple[str, ...] = FULL
     compress: bool = False
     event_root_method: str = EARLIEST_FIRST
+    order_given: bool = False
 
     @property
     def partial(self) -> bool:

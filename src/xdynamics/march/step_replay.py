@@ -11,6 +11,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
 from xdynamics.methods import Evaluation, Solve, VectorStatement
 from xdynamics.methods.line_walk import Walker
+from xdynamics.methods.lines import TaylorSeries
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
 from xdynamics.schema import acceleration, rate, velocity
 
@@ -63,6 +64,7 @@ class _Retrace(Walker):
         self.whole = True  # until equations have to be solved
         self._forces = forces
         self._layout = layout = march.layout
+        self._left = march.run.w
         self._scalars = {"t": t, "h": h, "t1": t + h}
         self._vectors = {
             "q": {name: state[name] for name in layout.coordinates},
@@ -101,6 +103,19 @@ class _Retrace(Walker):
         self.found.append(result)
         vectors[line.acceleration] = {name: result[acceleration(name)] for name in layout.coordinates}
         vectors[line.rate] = {name: result[rate(name)] for name in layout.states}
+
+    def expand(self, line: TaylorSeries) -> None:
+        """Take the coefficients that the last trial left."""
+        n, m = self._layout.coordinates.size, self._layout.states.size
+        places = {"q": range(n), "v": range(n, 2 * n), "x": range(2 * n, 2 * n + m)}
+        for i in range(1, line.degree + 1):
+            for letter, owners in (
+                ("q", self._layout.coordinates),
+                ("v", self._layout.coordinates),
+                ("x", self._layout.states),
+            ):
+                numbers = self._left[[i * (2 * n + m) + place for place in places[letter]]]
+                self._vectors[f"{letter}_{i}"] = dict(zip(owners, numbers.tolist(), strict=True))
 
     def solve(self, line: Solve) -> None:
         """Make the first iteration; anything after it would start from unsolved equations."""

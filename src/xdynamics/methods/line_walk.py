@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from xdynamics.methods.lines import Evaluation, Line, Solve, VectorStatement
+from xdynamics.methods.lines import Evaluation, Line, Solve, TaylorSeries, VectorStatement
 
 
 class Walker(ABC):
@@ -18,6 +18,8 @@ class Walker(ABC):
                 self.evaluate(line)
             elif isinstance(line, Solve):
                 self.solve(line)
+            elif isinstance(line, TaylorSeries):
+                self.expand(line)
             else:
                 self.assign(line)
 
@@ -28,6 +30,10 @@ class Walker(ABC):
     @abstractmethod
     def evaluate(self, line: Evaluation) -> None:
         """Handle accelerations and rates at one time and state."""
+
+    @abstractmethod
+    def expand(self, line: TaylorSeries) -> None:
+        """Handle the coefficients of the motion from the start of the step on."""
 
     @abstractmethod
     def solve(self, line: Solve) -> None:

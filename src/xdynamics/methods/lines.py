@@ -11,12 +11,13 @@ from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
-from xdynamics.expressions import Node, Number, free_names, parse, text_of
+from xdynamics.expressions import Binary, Name, Node, Number, free_names, parse, text_of
 from xdynamics.expressions.polynomial import coefficients
 from xdynamics.model import Model
 
 SCALARS = ("t", "t1", "h", "s")
 _ENDS = ("qs", "vs", "xs")  # the state inside a step
+_TOTAL = "_total"  # stands for a sum while its line is parsed
 
 _HERMITE = """
     qi = q1 - q - h*v - h**2/2*a
@@ -29,6 +30,8 @@ _HERMITE = """
 
 _EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
 _SOLVE = re.compile(r"solve (.+):")
+_SERIES = re.compile(r"expand .+, i = 1 \.\.\. (\d+)")
+_SUM = re.compile(r"sum\((i\*)?(h|\(s\*h\))\*\*(i|\(i - 1\))\*(\w)_i, i = 1 \.\.\. (\d+)\)")
 _SPREAD = (("q", "v"), ("v", "a"), ("x", "r"))
 
 
@@ -74,6 +77,20 @@ class VectorStatement:
 
 
 @dataclass(frozen=True)
+class TaylorSeries:
+    """``expand f at t, …, i = 1 ... 8``: the coefficients q_i, v_i, x_i of the motion from the start of the step on."""
+
+    degree: int
+
+    def text(self, *, motion: bool, states: bool) -> str:
+        """Print it with the vectors that a model has."""
+        start = ["t", *(["q, v"] if motion else []), *(["x"] if states else [])]
+        rules = ["i*q_i = v_(i - 1)", "i*v_i = a_(i - 1)"] if motion else []
+        rules += ["i*x_i = r_(i - 1)"] if states else []
+        return f"expand f at {', '.join(start)}: {', '.join(rules)}, i = 1 ... {self.degree}"
+
+
+@dataclass(frozen=True)
 class Solve:
     """``solve v2, x2:`` and the indented equations for these unknowns, solved simultaneously by Newton's method.
 
@@ -114,7 +131,7 @@ class Solve:
         return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
 
 
-Line = VectorStatement | Evaluation | Solve
+Line = VectorStatement | Evaluation | TaylorSeries | Solve
 
 
 @dataclass(frozen=True)
@@ -176,6 +193,9 @@ def read_lines(text: str) -> tuple[Line, ...]:
     statements: list[Line] = []
     while lines:
         line = lines.pop(0)
+        if match := _SERIES.fullmatch(line):
+            statements.append(TaylorSeries(int(match.group(1))))
+            continue
         if not (match := _SOLVE.fullmatch(line)):
             statements.append(_read(line))
             continue
@@ -252,8 +272,32 @@ def _as(line: str, value: str, slope: str) -> str:
 def _read(line: str) -> VectorStatement | Evaluation:
     if match := _EVALUATION.fullmatch(line):
         return Evaluation(*match.groups())
-    target, expression = line.split(" = ")
+    target, expression = line.split(" = ", 1)
+    if match := _SUM.search(expression):
+        plain = parse(expression.replace(match.group(), _TOTAL))
+        return VectorStatement(target, _with_total(plain, _nested(*match.groups())), line)
     return VectorStatement(target, parse(expression), line)
+
+
+def _with_total(node: Node, total: Node) -> Node:
+    """Put a sum in the place that was kept for it."""
+    if isinstance(node, Binary):
+        return Binary(node.operator, _with_total(node.left, total), _with_total(node.right, total))
+    return total if node == Name(_TOTAL) else node
+
+
+def _nested(counted: str | None, way: str, power: str, letter: str, last: str) -> Node:
+    """Return a sum of powers as ``h*(q_1 + h*(q_2 + …))``, each coefficient times its number where it is counted."""
+    distance = parse(way)
+
+    def term(i: int) -> Node:
+        name = Name(f"{letter}_{i}")
+        return Binary("*", Number(float(i)), name) if counted and i > 1 else name
+
+    total = term(int(last))
+    for i in reversed(range(1, int(last))):
+        total = Binary("+", term(i), Binary("*", distance, total))
+    return Binary("*", distance, total) if power == "i" else total
 
 
 HERMITE = Interpolant(

@@ -85,6 +85,11 @@ class Method:
         """Return the update equations as one line, with the vectors that a model has."""
         return printed(self.update, model)
 
+    @property
+    def has_orders(self) -> bool:
+        """Whether there are methods of this name of many orders."""
+        return self.stepper.foresees
+
     def refusals(self, model: Model, *, by_differences: bool = False) -> list[str]:
         """List why the method cannot march a model, perhaps with derivatives by differences; empty if it can."""
         traits = traits_of(model) if self.refuses else {}

@@ -1,4 +1,4 @@
-"""How a method makes its steps: by its lines, by its lines over contacts, by collocation; here belongs one by jets.
+"""How a method makes its steps: by its lines, by its lines over contacts, by collocation, by jets.
 
 A stepper knows what is not in the lines of its method, and answers what a march asks of it: which programs make a step,
 what solves its equations, where derivatives may come from, what a step keeps for the next one, who chooses that, which
@@ -18,7 +18,12 @@ from xdynamics.model.parts import ENERGETIC
 from xdynamics.model.reactions import reactions
 
 EXACT, DIFFERENCES = JACOBIANS = ("exact", "differences")
-NOTHING, NEWTON, SIMPLIFIED = ("nothing", "newton", "simplified")  # what solves the equations of a step
+NOTHING, NEWTON, SIMPLIFIED, SERIES = (
+    "nothing",
+    "newton",
+    "simplified",
+    "series",
+)  # what solves the equations of a step
 CONTROLLER = (
     "PI: safety*norm**-alpha*norm_before**beta, beta = 0.2/k, alpha = 1/k - 0.75*beta, k = order of the estimate + 1"
     " (Hairer, Norsett, Wanner II.4 and IV.2; Gustafsson 1991, doi:10.1145/210232.210242)"
@@ -31,6 +36,9 @@ class StepWriter(Protocol[Programs_co]):
 
     def by_lines(self) -> Programs_co:
         """Write the lines of the method, and those of its estimate."""
+
+    def by_series(self, degree: int) -> Programs_co:
+        """Write the lines of the method, and the expansion of the motion that they read."""
 
     def by_stages(self, stages: int) -> Programs_co:
         """Write what the solver of that many stages asks for."""
@@ -49,6 +57,10 @@ class Stepper:
         Whether impacts are located as events; otherwise they act over whole steps.
     controller : str
         How the next step is chosen with an embedded formula.
+    foresees : bool
+        Whether a step is chosen by what is known at its start; otherwise by the one before it.
+    compensates : bool
+        Whether rounding errors of the state are carried along unless something else is asked for.
     inner : (float, Decimal) or None
         Factor and power of the relative tolerance that steps are judged by then, where it is not that of the run.
     """
@@ -57,6 +69,8 @@ class Stepper:
     has_memory: ClassVar[bool] = False
     locates: ClassVar[bool] = True
     controller: ClassVar[str] = CONTROLLER
+    foresees: ClassVar[bool] = False
+    compensates: ClassVar[bool] = False
     inner: ClassVar[tuple[float, Decimal] | None] = None
 
     def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
@@ -166,6 +180,46 @@ class Collocation(Stepper):
     def evaluations(self, update: Sequence[Line], _estimate: Sequence[Line]) -> int:
         """Count the force evaluations of a step that are kept: those of its estimate are not."""
         return super().evaluations(update, ())
+
+
+@dataclass(frozen=True)
+class Jets(Stepper):
+    """The Taylor series of the motion, of which a step is the sum; repeated from its start, a step keeps the series.
+
+    Attributes
+    ----------
+    degree : int
+    """
+
+    degree: int
+
+    foresees: ClassVar[bool] = True
+    compensates: ClassVar[bool] = True
+    controller: ClassVar[str] = (
+        "by the last two coefficients at the start of the step: safety*radius*norm(y)**(-1/order), radius = min over i ="
+        " order - 1, order of (norm(y)/norm(y_i))**(1/i), with the norm of errors (Jorba, Zou 2005, Exp. Math. 14, 99,"
+        " section 3.2); after a rejected trial safety*norm**(-1/(order + 1)) within the limits of growth"
+    )
+
+    def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
+        """Return the programs of a step."""
+        return writer.by_series(self.degree)
+
+    def solver(self, _update: Iterable[Line]) -> str:
+        """Return what makes a step besides its lines."""
+        return SERIES
+
+    def faults(self, model: Model, method: str, *, estimates: bool) -> list[str]:  # noqa: ARG002
+        """List why a model has no such steps: forces that are found by iteration have no series."""
+        if not model.assemblies:
+            return []
+        named = ", ".join(model.assemblies)
+        return [
+            (
+                f"method '{method}' has no series of the forces of contacts of many links ({named}), which are found by"
+                " iteration; take dop853 or velocity_verlet"
+            )
+        ]
 
 
 def _sum(weights: Sequence[str]) -> str:

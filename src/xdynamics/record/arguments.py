@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.elementary import kept_set
 from xdynamics.keywords import FULL, KEYWORDS
-from xdynamics.march.control import FIRST_STEP
+from xdynamics.march.control import FIRST_STEP, FORESEEN
 from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods.scheme import STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
@@ -57,6 +57,8 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         "log": _log_asked(recorded),
         "compress": True if schema.COMPRESSION in recorded else None,
     }
+    if recorded.get(schema.ORDER_CHOICE) == schema.GIVEN:
+        arguments["order"] = int(recorded["solver_order"])
     if "nodes" in arguments:
         arguments["nodes"] = np.atleast_1d(arguments["nodes"]).tolist()
     if schema.GIVEN_STEP.name in run:
@@ -66,7 +68,10 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     if "solver_rtol" in recorded:
         arguments |= _tolerances(run)
     if recorded["solver_step_control"] == "adaptive":
-        if recorded["solver_first_step_choice"] != FIRST_STEP:  # given, or chosen by the rule of another version
+        if recorded["solver_first_step_choice"] not in (
+            FIRST_STEP,
+            FORESEEN,
+        ):  # given, or chosen by the rule of another version
             arguments["step"] = float(recorded["solver_first_step"])
         if _asked_longest(run):
             arguments["max_step"] = float(recorded["solver_max_step"])

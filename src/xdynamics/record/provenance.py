@@ -13,7 +13,7 @@ from xdynamics import schema
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL
 from xdynamics.march import March
-from xdynamics.march.control import ERROR_NORM, FIRST_STEP, SPACINGS
+from xdynamics.march.control import ERROR_NORM, SPACINGS, first_step_rule
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
@@ -23,6 +23,7 @@ from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalu
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.lines import printed
 from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
+from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES
@@ -64,6 +65,7 @@ def settings_used(march: March) -> dict[str, Any]:
         "schema_version": schema.SCHEMA_VERSION,
         "solver_method": method.name,
         "solver_order": method.order,
+        **_order_choice(settings),
         "solver_update_equations": method.equations(model),
         "solver_update_order": method.words,
         "solver_reference": method.reference,
@@ -249,7 +251,7 @@ def _steps(march: March) -> dict[str, Any]:
         "solver_controller": settings.scheme.controller,
         **({"solver_first_step": settings.step} if settings.step else {}),
         "solver_first_step_units": second,
-        "solver_first_step_choice": "given" if settings.step else FIRST_STEP,
+        "solver_first_step_choice": "given" if settings.step else first_step_rule(settings.method),
         "solver_safety": pacing.safety,
         "solver_growth_limits": np.array(pacing.growth_limits),
         "solver_min_step": pacing.min_step,
@@ -258,6 +260,14 @@ def _steps(march: March) -> dict[str, Any]:
         **_longest(march),
         "solver_max_steps": pacing.max_steps,
     }
+
+
+def _order_choice(settings: Settings) -> dict[str, str]:
+    """Return why the method is of its order, where there are several."""
+    if not settings.method.has_orders:
+        return {}
+    rule = ORDER_RULE if settings.adaptive else f"{ORDER_RULE} for rtol = 1e-6"
+    return {schema.ORDER_CHOICE: schema.GIVEN if settings.order_given else rule}
 
 
 def _longest(march: March) -> dict[str, Any]:

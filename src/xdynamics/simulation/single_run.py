@@ -41,6 +41,7 @@ def simulate(
     # step control
     rtol: float | None = None,
     atol: float | Mapping[str, str | float | Quantity] | None = None,
+    order: int | None = None,
     estimator: str | None = None,
     safety: float | None = None,
     growth_limits: tuple[float, float] | None = None,
@@ -93,6 +94,9 @@ def simulate(
         starts at rest or at zero not less than a millionth of rtol times the largest of its kind, or times what the
         forces about the start make of it in the fastest time scale (`solver_atol_rule`; what was used last is the
         variable's `atol`). Without either, a method with an embedded formula and no step marches with rtol = 1e-6.
+    order : int
+        Order of `taylor`, from 2 to 60. By default the one with which a relative tolerance takes the least work,
+        ceil(1 - ln(rtol)/2), and 8 for given steps.
     estimator : {"embedded", "step_doubling", "step_doubling_extrapolated", "none"}
         Where the error estimate comes from; the method's embedded formula if it has one, else step doubling.
     safety, growth_limits, min_step, max_step, max_steps

@@ -14,7 +14,7 @@ from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, ex
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, VectorStatement
+from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.method import Method
 
 Floats = NDArray[np.float64]
@@ -138,6 +138,15 @@ class _Matrices(Walker):
     def evaluate(self, line: Evaluation) -> None:
         state = [self.vectors[line.position], self.vectors[line.velocity], self.vectors[line.state]]
         self.vectors[line.acceleration], self.vectors[line.rate] = _applied(self._system, state)
+
+    def expand(self, line: TaylorSeries) -> None:
+        vectors = self.vectors
+        slopes = {"q": vectors["v"], "v": vectors["a"], "x": vectors["r"]}
+        for i in range(1, line.degree + 1):
+            state = [slopes[letter] / i for letter in "qvx"]
+            vectors |= {f"{letter}_{i}": part for letter, part in zip("qvx", state, strict=True)}
+            slopes["q"] = state[1]
+            slopes["v"], slopes["x"] = _applied(self._system, state)
 
     def solve(self, line: Solve) -> None:
         self.vectors |= _solved(line, self.vectors, self._system)

@@ -37,6 +37,7 @@ FOR_INITIAL = "initial_"  # prefix of an initial value, for an axis that needs a
 SETTINGS = (
     "method",
     "until",
+    "order",
     "estimator",
     "safety",
     "min_step",

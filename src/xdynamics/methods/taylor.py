@@ -1,0 +1,72 @@
+"""Taylor series of the motion, of any order, from the jets of the forces."""
+
+from __future__ import annotations
+
+from decimal import ROUND_CEILING, Decimal
+from functools import lru_cache
+
+from xdynamics.methods.lines import Interpolant, spread
+from xdynamics.methods.method import Method
+from xdynamics.methods.steppers import Jets
+from xdynamics.model import Trait
+
+NAME = "taylor"
+DEFAULT_ORDER = 8  # of steps that are given; what the rule below gives for a relative tolerance of 1e-6
+LEAST_ORDER, MOST_ORDER = 2, 60
+ORDER_RULE = "ceil(1 - ln(rtol)/2)"
+
+
+def order_for(rtol: float) -> int:
+    """Return the order with which a relative tolerance is reached with the least work: Jorba and Zou 2005, section 3.2.
+
+    With it a step is the radius of convergence over e**2, whatever the tolerance. Decimal arithmetic gives the logarithm
+    the same digits on every machine.
+
+    Examples
+    --------
+    >>> [order_for(rtol) for rtol in (1e-6, 1e-9, 1e-12, 1e-15)]
+    [8, 12, 15, 19]
+    """
+    order = int((1 - Decimal(rtol).ln() / 2).to_integral_value(ROUND_CEILING))
+    return min(max(order, LEAST_ORDER), MOST_ORDER)
+
+
+@lru_cache(maxsize=64)
+def of_order(order: int) -> Method:
+    """Return the method of an order."""
+    series = f"expand f at t, q, v, x: i*q_i = v_(i - 1), i*v_i = a_(i - 1), i*x_i = r_(i - 1), i = 1 ... {order}"
+    return Method(
+        name=NAME,
+        synonyms=(
+            "Taylor series with jet transport",
+            "power series",
+            "automatic differentiation",
+            "recurrent power series",
+        ),
+        order=order,
+        symplectic=False,
+        evaluations=1,
+        update=f"{series}\n" + spread(f"y1 = y + sum(h**i*y_i, i = 1 ... {order})\nk1 = f(t1, y1)"),
+        words=(
+            "the Taylor coefficients of the motion and of all that forces consist of, order by order, from the state at"
+            " the start; their sum at t1, then the force"
+        ),
+        reference=(
+            "Jorba, Zou 2005, Exp. Math. 14, 99, doi:10.1080/10586458.2005.10128904; Griewank, Walther, Evaluating"
+            " Derivatives, 2nd ed., chapter 13; Moore 1966, Interval Analysis, chapter 11"
+        ),
+        refuses=(Trait.PYTHON_FORCES,),
+        # what the force at t1 lacks to the slope of the sum is (order + 1) h**order of the first coefficient left out
+        estimate=spread(f"ye = h*(k1 - sum(i*h**(i - 1)*y_i, i = 1 ... {order}))/{order + 1}"),
+        estimate_order=order,
+        interpolant=Interpolant(
+            f"{series}\n" + spread(f"ys = y + sum((s*h)**i*y_i, i = 1 ... {order})"),
+            f"the Taylor polynomial of degree {order} about the start of the step",
+            order=order,
+            given=True,
+        ),
+        stepper=Jets(order),
+    )
+
+
+METHODS = (of_order(DEFAULT_ORDER),)

@@ -1,0 +1,172 @@
+"""The method `taylor`: its order and steps, what its records say, what it refuses, what comes of its polynomial."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.methods.taylor import MOST_ORDER, of_order, order_for
+
+MODELS = Path(__file__).parents[2] / "data" / "models"
+W = 2.0  # rad/s
+GIVEN = {"method": "taylor", "force_samples": "none"}
+
+
+@lru_cache
+def oscillator(*, watched: bool = False) -> xd.Model:
+    """A mass on a spring, perhaps watched for its passages."""
+    return xd.Model(
+        name="oscillator",
+        coordinates={"x": "m"},
+        parameters={"m": "1 kg", "k": "4 N m-1"},
+        mass={"x": "m"},
+        forces={"spring": {"potential": "k*x**2/2"}},
+        initial={"x": "1 m", "v_x": "0 m s-1"},
+        events={"passage": {"function": "x"}} if watched else {},
+    )
+
+
+@lru_cache
+def model(name: str) -> xd.Model:
+    """A model of the repository."""
+    return xd.Model.from_toml(MODELS / f"{name}.toml")
+
+
+def error(**asked: Any) -> float:
+    """The largest error of an oscillator over ten seconds."""
+    run = xd.simulate(oscillator(), **GIVEN, until=10.0, **asked)
+    return float(np.abs(run.x - np.cos(W * run.time)).max())
+
+
+def test_order_follows_from_the_tolerance() -> None:
+    """Assert the rule of Jorba and Zou, what records say of it, and that a given order stays."""
+    for rtol, order in ((1e-3, 5), (1e-6, 8), (1e-9, 12), (1e-12, 15), (1e-15, 19)):
+        assert order_for(rtol) == order == int(np.ceil(1 - np.log(rtol) / 2))
+    run = xd.simulate(oscillator(), **GIVEN, rtol=1e-9, until=1.0)
+    assert run.attrs["solver_order"] == 12
+    assert run.attrs["solver_order_choice"] == "ceil(1 - ln(rtol)/2)"
+    assert "sum(h**i*q_i, i = 1 ... 12)" in run.attrs["solver_update_equations"]
+    given = xd.simulate(oscillator(), **GIVEN, rtol=1e-9, order=20, until=1.0)
+    assert (given.attrs["solver_order"], given.attrs["solver_order_choice"]) == (20, "given")
+    assert given.sizes["step"] < run.sizes["step"]
+
+
+def test_error_is_proportional_to_the_tolerance() -> None:
+    """Assert that the error falls as a power of the tolerance near 1, whatever the orders."""
+    rtols = 10.0 ** -np.arange(4, 13)
+    slope = np.polyfit(np.log(rtols), np.log([error(rtol=rtol) for rtol in rtols]), 1)[0]
+    assert 0.85 < slope < 1.15
+
+
+@pytest.mark.parametrize("order", [2, 3, 7, 14])
+def test_given_steps_have_the_order(order: int) -> None:
+    """Assert that on a grid the error falls with the power of the order, and the estimate with one more."""
+    steps = np.array([0.8, 0.4]) if order > 10 else np.array([0.1, 0.05])
+    runs = [xd.simulate(oscillator(), **GIVEN, step=step, order=order, until=4.8) for step in steps]
+    errors, estimates = (
+        [f(run) for run in runs]
+        for f in (lambda run: np.abs(run.x - np.cos(W * run.time)).max(), lambda run: np.abs(run.error_x).max())
+    )
+    powers = [np.log2(float(pair[0]) / float(pair[1])) for pair in (errors, estimates)]
+    # an even series has an error of the next power in one of position and velocity
+    assert order - 0.1 < powers[0] < order + 1.1
+    assert order + 0.9 < powers[1] < order + 2.1
+
+
+def test_long_runs_lose_digits_as_a_random_walk() -> None:
+    """Assert that rounding of 20,000 steps stays near its square root: that of sums is carried along."""
+    run = xd.simulate(oscillator(), **GIVEN, step=0.25, order=20, until=5000.0, log=["x"])
+    assert np.abs(run.x - np.cos(W * run.time)).max() < 20 * np.sqrt(20_000) * 2.0**-53
+    plain = xd.simulate(oscillator(), **GIVEN, step=0.25, order=20, until=5000.0, summation="plain", log=["x"])
+    assert plain.attrs["solver_summation"] == "plain"
+    assert run.attrs["solver_summation"] == "compensated"
+
+
+def test_a_step_that_is_too_long_is_a_rejected_trial() -> None:
+    """Assert that a given first step is judged by the estimate, and repeated from the same series."""
+    run = xd.simulate(oscillator(), **GIVEN, rtol=1e-9, step=3.0, until=5.0)
+    assert run.sizes["trial"] >= 1
+    assert run.trial_step_size[0] == 3.0
+    assert run.trial_error_norm[0] > 1.0
+    assert run.trial_reason[0] == run.trial_reason.attrs["flag_meanings"].split().index("error_test")
+    assert (run.error_norm <= 1.0).all()
+    assert np.abs(run.x - np.cos(W * run.time)).max() < 1e-8
+
+
+def test_its_polynomial_is_its_dense_output() -> None:
+    """Assert that between states the polynomial is the step that is shortened, to rounding."""
+    run = xd.simulate(oscillator(), **GIVEN, rtol=1e-12, until=5.0)
+    times = np.linspace(0.0, 5.0, 41)
+    for rule in ("reintegrate", "interpolant"):
+        inside = xd.sample(run, times, rule=rule)
+        assert np.abs(inside.x.values - np.cos(W * times)).max() < 1e-12
+
+
+def test_events_are_isolated_on_the_polynomial() -> None:
+    """Assert that passages of long steps are found with few substeps, and all of them."""
+    asked = {**GIVEN, "rtol": 1e-12, "order": 30, "until": 20.0}
+    run = xd.simulate(oscillator(watched=True), **asked)
+    assert run.step_size.max() > 1.5  # several passages in a step
+    exact = (np.arange(run.sizes["event"]) + 0.5) * np.pi / W
+    assert run.sizes["event"] == int(20.0 * W / np.pi + 0.5)
+    assert np.abs(run.event_time - exact).max() < 1e-12
+    assert run.event_substeps.mean() < 12
+
+
+@pytest.mark.parametrize(
+    "name", ["pendulum", "double_pendulum", "staged_rocket", "stick_slip_belt", "bouncing_ball", "relay_oscillator"]
+)
+def test_models_end_where_another_method_ends(name: str) -> None:
+    """Assert that drives, regimes, full masses, held contacts and friction come out as by another method of high order."""
+    ends = [
+        xd.simulate(model(name), method=method, rtol=1e-10, force_samples="none") for method in ("taylor", "dop853")
+    ]
+    assert ends[0].attrs["run_outcome"] == ends[1].attrs["run_outcome"]
+    assert ends[0].sizes.get("event", 0) == ends[1].sizes.get("event", 0)
+    for coordinate in model(name).coordinates:
+        first, second = (run[coordinate].values for run in ends)
+        assert first[-1] == pytest.approx(second[-1], abs=1e-7 * max(np.abs(second).max(), 1e-9))
+
+
+def test_archives_reproduce_and_runs_go_on(tmp_path: Path) -> None:
+    """Assert that a record is repeated to the bit from its file, and that an extended run is the longer one."""
+    asked = {"method": "taylor", "rtol": 1e-11}
+    run = xd.simulate(model("pendulum"), **asked, until=4.0)
+    xd.save(run, tmp_path / "run.nc")
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    fixed = xd.simulate(oscillator(), method="taylor", order=13, step="0.1 s", until="2 s")
+    xd.save(fixed, tmp_path / "fixed.nc")
+    assert xd.reproduce(tmp_path / "fixed.nc").attrs["identical"] == 1
+    longer = xd.extend(fixed, until="3 s")
+    whole = xd.simulate(oscillator(), method="taylor", order=13, step="0.1 s", until="3 s")
+    assert longer.x.values.tobytes() == whole.x.values.tobytes()
+
+
+def test_what_it_refuses() -> None:
+    """Assert that orders of other methods, too low and too high ones, and contacts of many links are refused in words."""
+    asked = {"until": 1.0, "step": 0.1}
+    with pytest.raises(xd.InputError, match="order is 4, and 'rk4' is of order 4; order is for taylor"):
+        xd.simulate(oscillator(), method="rk4", order=4, **asked)
+    with pytest.raises(
+        xd.InputError, match="order is 1, needs to be at least 2: a step is chosen by the last two terms"
+    ):
+        xd.simulate(oscillator(), method="taylor", order=1, **asked)
+    with pytest.raises(xd.InputError, match=f"order is 200, needs to be at most {MOST_ORDER}"):
+        xd.simulate(oscillator(), method="taylor", order=200, **asked)
+    with pytest.raises(xd.InputError, match=r"order is 2\.5, needs a whole number"):
+        xd.simulate(oscillator(), method="taylor", order=2.5, **asked)
+    with pytest.raises(xd.InputError, match="no series of the forces of contacts of many links"):
+        xd.simulate(model("granular_box"), method="taylor", rtol=1e-6, until=0.01)
+
+
+def test_equations_are_those_of_the_order() -> None:
+    """Assert that a method of an order says so in every part."""
+    method = of_order(17)
+    assert (method.order, method.estimate_order, method.interpolant.degree) == (17, 17, 17)
+    assert method.equations().count("i = 1 ... 17") == 4
+    assert method.estimate.count("/18") == 3
