@@ -128,6 +128,7 @@ def test_units_that_pint_orders_otherwise(tmp_path: Path) -> None:
     assert xd.verify(tmp_path / "a.nc") == xd.content_digest(run)
 
 
+@pytest.mark.dear
 def test_an_opened_run_has_its_accessor(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that the first verb of a process may be open_run, and that pint's registry is not read for it."""
     path = xd.save(run, tmp_path / "ball.nc")
@@ -139,6 +140,7 @@ def test_an_opened_run_has_its_accessor(run: xr.Dataset, tmp_path: Path) -> None
     assert done.stdout.split() == ["1", "LazyRegistry"]
 
 
+@pytest.mark.dear
 def test_pint_xarray_needs_no_other_word() -> None:
     """Assert `run.pint.quantify()` of a whole run, without cf-xarray, where pint-xarray was imported beside."""
     script = (

@@ -207,6 +207,7 @@ def test_no_refusal_has_a_second(asked: dict[str, Any]) -> None:
     check(iter([str(told.value)]), str(asked))
 
 
+@pytest.mark.dear
 def test_a_certificate_has_no_second(tmp_path: Path) -> None:
     """Assert that a certificate and the page of it say no second."""
     found = xd.certify(xd.Model(**LOTKA), "x", at="2", draws=100)
@@ -215,6 +216,7 @@ def test_a_certificate_has_no_second(tmp_path: Path) -> None:
     check(iter(call("show", tmp_path / "c.nc").output.splitlines()), "show certificate")
 
 
+@pytest.mark.dear
 def test_no_study_of_a_sweep_has_a_second(tmp_path: Path) -> None:
     """Assert what is computed from sweeps, of parameters and of steps; the relations of impacts; a fit."""
     model, ball = xd.Model(**DUFFING), xd.Model(**BALL)

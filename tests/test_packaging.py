@@ -131,6 +131,7 @@ def test_a_wheel_needs_what_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {requirement.split(">")[0] for requirement in asked} == {"numpy", "numba", "llvmlite"}
 
 
+@pytest.mark.dear
 def test_the_source_distribution_is_whole(built: Path) -> None:
     """Assert that it holds tests with their conftest, data, pipelines and sources, and nothing that was made of them."""
     (path,) = built.glob("*.tar.gz")

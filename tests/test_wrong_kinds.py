@@ -29,6 +29,8 @@ def test_what_is_of_another_kind_is_refused_in_words(
     ]
     if name == "validate" and given is None:
         return  # which is every method, as without an argument
+    if name == "cluster" and given != {}:
+        return  # a number of processes, none, and an address, which is asked when the cluster is entered
     with pytest.raises((xd.InputError, xd.ArchiveError, TypeError)) as caught:
         verb(*[given] * max(1, len(needed)))
     assert not isinstance(caught.value, TypeError) or "missing" in str(caught.value)

@@ -95,6 +95,7 @@ def test_runs_are_saved_several_at_once(store: Way, folder: ObjectName, tmp_path
     assert most[0] > 2
 
 
+@pytest.mark.dear
 def test_folders_and_stores_take_one_list(folder: ObjectName, tmp_path: Path) -> None:
     """Assert that each run goes where its path says."""
     made = runs()
@@ -103,7 +104,7 @@ def test_folders_and_stores_take_one_list(folder: ObjectName, tmp_path: Path) ->
     assert [xd.verify(path) for path in paths] == contents(made[:4])
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("where", ["uploads", "partNumber=1"])
 def test_if_one_cannot_be_sent_none_changes(store: Way, folder: ObjectName, where: str) -> None:
     """Assert the old files, nothing begun that is left, and one line with the file's name and how many have theirs."""

@@ -374,7 +374,7 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
 STORES = {"500 InternalError": "failed 2 times", "503 SlowDown": "failed 2 times", "507 StorageFull": "is full"}
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.parametrize("what", STORES)
 def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectName, what: str) -> None:
     """Assert that cases which were kept before a store broke off, or was full, are read, and the others found then."""

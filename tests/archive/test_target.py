@@ -339,7 +339,7 @@ def test_what_a_killed_process_left_is_removed(run: xr.Dataset, tmp_path: Path) 
     assert names(tmp_path) == ["two.nc"]
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("complete", [False, True])
 def test_sigterm_ends_the_command_cleanly(run: xr.Dataset, tmp_path: Path, *, complete: bool) -> None:
     """Assert that SIGTERM keeps the rows so far, beside a complete archive, leaves no temporary file, and says 143."""

@@ -271,6 +271,7 @@ def test_the_verb(tmp_path: Any) -> None:
     assert call("plot", tmp_path / "B.nc", "-o", tmp_path / "B.svg").exit_code == 0
 
 
+@pytest.mark.dear
 def test_draws_go_on_until_intervals_are_known() -> None:
     """Assert that draws are doubled until the ends are known, and that what cannot be wanted is named."""
     asked: dict[str, Any] = {"quantity": "t", "event": "ground", "method": "dormand_prince", "rtol": 1e-6}

@@ -69,6 +69,7 @@ def test_correlated_terms_keep_the_signs_of_their_slopes(correlation: float) -> 
     assert {letter: column(budget, "sensitivity_units")[letter] for letter in "abc"} == dict.fromkeys("abc", "g kg-1")
 
 
+@pytest.mark.dear
 def test_draws_are_those_of_correlated_inputs() -> None:
     """Assert mean, standard deviation and both intervals of 2 a - 3 b + c, and that another seed draws others."""
     model = weighed(0.5)

@@ -234,6 +234,7 @@ def test_a_small_uncertainty_of_old_is_written_otherwise(certificate: xr.Dataset
     assert len(_apart(old, new)) == 1
 
 
+@pytest.mark.dear
 def test_other_forgeries_are_named(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert a result that was written over, a file of which a byte was changed, and what is no certificate."""
     forged = certificate.copy()

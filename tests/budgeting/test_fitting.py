@@ -460,6 +460,7 @@ def test_a_start_that_is_off_does_not_lead_astray(case: int) -> None:
     )
 
 
+@pytest.mark.dear
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
 def test_a_fit_that_residuals_speak_against_is_warned_of_refused_and_kept(tmp_path: Path) -> None:
     """Assert the warning, adequate 0, the model's mark, budgets that refuse it unless asked, and exit code 1 of the verb."""
@@ -502,6 +503,7 @@ def test_a_fit_that_residuals_speak_against_is_warned_of_refused_and_kept(tmp_pa
     assert (tmp_path / "F.nc").exists()
 
 
+@pytest.mark.dear
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.AccuracyWarning")
 def test_without_uncertainties_the_order_of_residuals_tells() -> None:
     """Assert that a damping that is left out is seen by the signs of residuals, and that noise is not."""

@@ -105,6 +105,7 @@ def test_a_number_that_is_not_linear_in_its_rows_is_drawn_and_says_so(tmp_path: 
     assert f"± {doubt:.1g}" in (tmp_path / "B.svg").read_text()
 
 
+@pytest.mark.dear
 def test_more_rows_than_have_slopes_are_drawn() -> None:
     """Assert a standard uncertainty within three of its own of a table of 300 rows."""
     times = np.linspace(0.0, 1.0, 300)

@@ -245,7 +245,7 @@ def test_a_number_at_the_very_time_of_an_event_is_behind_it() -> None:
 @pytest.mark.parametrize(("method", "most"), [("rk4", 24), ("dop853", 16), ("forward_euler", 48)])
 def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the largest model of each method: variables times stages of a collocation of its order are 96 at most."""
-    model, run = falling(), xr.Dataset(attrs={"solver_method": method})
+    model, run = falling(), xr.Dataset(attrs={"solver_order": xd.METHODS[method].order})
     for size, fits in ((most, True), (most + 1, False)):
         monkeypatch.setattr("xdynamics.budgeting.slopes.Equations", lambda *_, size=size: SimpleNamespace(size=size))
         if fits:

@@ -117,6 +117,7 @@ def test_values_that_scatter_are_uncertain_by_their_scatter() -> None:
     assert still < 1e-14
 
 
+@pytest.mark.dear
 def test_the_uncertainty_holds_the_error_of_smooth_cases() -> None:
     """Assert for 200 random errors with three terms that the fit's bound holds all but 5 in 100 of them."""
     rng, held = np.random.default_rng(1), 0

@@ -40,7 +40,7 @@ def test_every_method_passes_or_refuses(ledger: Any) -> None:
     assert (~struck).sum() == 34 * len(xd.METHODS)
     passed = ledger.verdict.values == 0
     located = set(ledger.case_method.values[passed & (ledger.case_name.values == "impact.velocity")])
-    assert len(located) == 20
+    assert len(located) == 21
     counts = {name: int((struck & passed & (ledger.case_method.values == name)).sum()) for name in xd.METHODS}
     assert counts == {name: 5 if name in located else 0 for name in xd.METHODS}
 
@@ -141,12 +141,17 @@ for method, defect in zip(sys.argv[1::2], sys.argv[2::2]):
 """
 
 
-def test_planted_defects_are_named() -> None:
-    """Assert that the ledger fails where it should, in processes of their own that are broken first."""
-    told = [word for method, broken, _ in DEFECTS.values() for word in (method, broken)]
+def test_planted_defects_are_named(request: pytest.FixtureRequest) -> None:
+    """Assert that the ledger fails where it should, in processes of their own that are broken first; two in five, or all."""
+    planted = (
+        [*DEFECTS.items()]
+        if request.config.getoption("--whole")
+        else [*DEFECTS.items()][::5] + [*DEFECTS.items()][2::5]
+    )
+    told = [word for _, (method, broken, _) in planted for word in (method, broken)]
     done = subprocess.run([sys.executable, "-c", PLANTING, *told], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    for (defect, (_, _, case)), failed in zip(DEFECTS.items(), done.stdout.splitlines(), strict=True):
+    for (defect, (_, _, case)), failed in zip(planted, done.stdout.splitlines(), strict=True):
         assert case in failed.split(), defect
 
 

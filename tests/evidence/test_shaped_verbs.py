@@ -151,6 +151,7 @@ def test_more_time_is_the_longer_run(tmp_path: Path) -> None:
             np.testing.assert_array_equal(found.x.sel(body="b"), longer.x.sel(body="b"))
 
 
+@pytest.mark.dear
 def test_certificates_are_of_elements(chain: xd.Model, tmp_path: Path) -> None:
     """Assert the terms, gates and value of one element's certificate, and that a file of it is checked again."""
     found = xd.certify(chain, "u[b]", at="1 s", draws=0)

@@ -301,6 +301,7 @@ def test_a_lazy_stage_of_a_closed_file_opens_it_again(tmp_path: Path) -> None:
 # ----------------------------------------------------------------------------------------------------------- validate
 
 
+@pytest.mark.dear
 def test_a_lazy_ledger_has_the_bits_of_the_eager_one() -> None:
     """Assert the description, one task for each case and method, and values; methods that refuse cases among them."""
     methods = ["rk4", "velocity_verlet", "moreau_jean"]
@@ -334,6 +335,7 @@ def test_a_ledger_of_impacts_lists_as_many_as_are_asked_for() -> None:
 # -------------------------------------------------------------------------------------------------------------- modes
 
 
+@pytest.mark.dear
 def test_lazy_modes_have_the_bits_of_eager_ones() -> None:
     """Assert the description, and values about a model's start and about a row of a run; a bad state when computed."""
     masses = xd.Model.from_toml(MODELS / "coupled_masses.toml")

@@ -90,6 +90,7 @@ def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.array_equal(found.time[found.event_row_before], found.event_time)
 
 
+@pytest.mark.dear
 def test_a_run_in_chunks_is_reported_as_the_one_in_memory(tmp_path: Any) -> None:
     """Assert the same page, archive and figure."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
@@ -90,6 +91,7 @@ def test_a_field_over_two_dimensions_is_a_map() -> None:
     assert "at t = 0.2 s" in axes.get_title(loc="left")
 
 
+@pytest.mark.dear
 def test_colours_part_at_zero_for_values_of_both_signs_alone() -> None:
     """Assert two colours of equal reach for a chain that swings, and one scale from least to greatest for heat."""
     chain = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "toda_chain.toml"), until="2")).axes[0].collections[0]

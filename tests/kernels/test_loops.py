@@ -75,7 +75,7 @@ def test_runs_side_by_side_have_the_bits_of_plain_python(n: int, runs: int) -> N
         assert z[:, lane].tobytes() == plain_gravity(*case).tobytes()
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("n", [3, 12])
 def test_gravity_of_intervals(n: int) -> None:
     """Assert that bounds hold plain Python's numbers, are narrow, and have the same bits however they are printed."""

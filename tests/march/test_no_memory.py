@@ -100,6 +100,7 @@ def test_a_march_without_memory_ends_in_words(where: str, said: str) -> None:
 
 
 @only_on_linux
+@pytest.mark.dear
 def test_many_runs_without_memory_end_in_words() -> None:
     """Assert the same of runs one after the other and of runs side by side."""
     ended = marched("program", "many")

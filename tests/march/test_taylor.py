@@ -150,8 +150,8 @@ def test_archives_reproduce_and_runs_go_on(tmp_path: Path) -> None:
 def test_what_it_refuses() -> None:
     """Assert that orders of other methods, too low and too high ones, and contacts of many links are refused in words."""
     asked = {"until": 1.0, "step": 0.1}
-    with pytest.raises(xd.InputError, match="order is 4, and 'rk4' is of order 4; order is for taylor"):
-        xd.simulate(oscillator(), method="rk4", order=4, **asked)
+    with pytest.raises(xd.InputError, match="order is 5, and 'rk4' is of order 4; order is for taylor"):
+        xd.simulate(oscillator(), method="rk4", order=5, **asked)
     with pytest.raises(
         xd.InputError, match="order is 1, needs to be at least 2: a step is chosen by the last two terms"
     ):

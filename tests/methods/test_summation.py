@@ -52,6 +52,7 @@ def test_rounding_does_not_add_up(method: Method) -> None:
     assert drift_of_momentum(kept) < 5e-15
 
 
+@pytest.mark.dear
 def test_energy_keeps_its_digits() -> None:
     """Assert that of 10**6 steps by a high order the rms of the energy's error falls by a factor of 50."""
     errors = []

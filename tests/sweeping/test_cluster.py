@@ -217,6 +217,7 @@ def test_stages_on_a_cluster_have_the_bits_of_threads(client: Any, request: pyte
     assert all(0.0 <= done <= 1.0 for done in told)
 
 
+@pytest.mark.dear
 def test_the_finest_level_begins_first_and_each_study_ends_before_the_next(client: Any) -> None:
     """Assert the order that priorities give: a longer study first, its finest level, its others; what reads is never behind."""
     client.wait_for_workers(2, timeout=60)

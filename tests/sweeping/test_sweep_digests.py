@@ -35,6 +35,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.dear
 def test_two_laboratories_have_one_digest(first: Path, tmp_path: Path) -> None:
     """Assert that a sweep marched again has other bytes, other seals of its files, and the same content digest."""
     time.sleep(1.1)  # dates have seconds

@@ -145,6 +145,7 @@ def killed_in_a_run(folder: Path) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
 
 
+@pytest.mark.dear
 def test_whole_runs_stand_beside_the_arrays(tmp_path: Path) -> None:
     """Assert each run's file, found by member and by open_logs; after a kill no run is marched twice, and the digests are the same."""
     folder, whole = tmp_path / "grid.zarr", xd.sweep(MODEL, **LOGGED, path=tmp_path / "folder")

@@ -61,7 +61,7 @@ def stored(whole: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(whole, tmp_path / "grid.zarr"))
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("more", [STIFFER | THIRD, THIRD])
 def test_added_members_are_as_if_made_at_once(
     more: dict[str, Any], stored: Path, tmp_path: Path, marched: list[int]
@@ -91,6 +91,7 @@ def test_added_members_are_as_if_made_at_once(
     assert xd.verify(stored)
 
 
+@pytest.mark.dear
 def test_whole_runs_are_added(tmp_path: Path) -> None:
     """Assert that archives of members that are there stay, and that what was kept of them is found."""
     asked = ASKED | {"keep": ["log", "end"], "times": None, "method": "rk4", "path": tmp_path / "grid.zarr"}
@@ -239,6 +240,7 @@ def kill_in_the_middle(model: Path, folder: str, axes: dict[str, Any], left: int
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
 
 
+@pytest.mark.dear
 def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path: Path, marched: list[int]) -> None:
     """Assert the old sweep after kill -9 behind the third of six blocks, and that the same call marches what is missing."""
     old, after = xd.verify(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}

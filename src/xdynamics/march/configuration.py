@@ -236,7 +236,7 @@ def _of_order(method: Method, order: int | None, tolerances: Tolerances | None) 
         If the method has one order, or none as low or as high.
     """
     if not method.has_orders:
-        if order is None:
+        if order in (None, method.order):
             return method
         raise InputError(f"order is {order!r}, and '{method.name}' is of order {method.order}; order is for taylor")
     if order is None:

@@ -18,7 +18,7 @@ class Methods(dict[str, Method]):
     --------
     >>> import xdynamics as xd
     >>> print(xd.METHODS)  # doctest: +ELLIPSIS
-    method                   order  kind ... evaluations  estimate  refuses
+    method                    order  kind ... evaluations  estimate  refuses
     ...
     >>> xd.METHODS["rk4"].order
     4

@@ -525,6 +525,7 @@ print(*(one.tobytes().hex() for one in (march.run.under, march.run.over, march.r
 """
 
 
+@pytest.mark.dear
 def test_compiled_equals_plain_python() -> None:
     """Assert that intervals of every operation have the same bits without numba."""
     command = [sys.executable, "-c", SAME, "curve - 1", *(text for text, *_ in OPERATIONS.values())]
