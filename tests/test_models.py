@@ -235,6 +235,7 @@ def test_an_archive_reproduces(archived: Path) -> None:
     assert xd.reproduce(archived).attrs["identical"] == 1
 
 
+@pytest.mark.dear
 def test_archives_pass_cf(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that archives are clean under the strict CF check: so many that every kind of variable is among them, or all.
 

@@ -145,6 +145,7 @@ def test_evidence_is_not_taken_for_a_run() -> None:
             verb(study)
 
 
+@pytest.mark.dear
 def test_a_lazy_certificate_is_made_again() -> None:
     """Assert that a certificate that is not computed yet is computed, and then compared with the one made again."""
     ball = xd.Model.from_toml(MODELS / "ball_drag.toml")

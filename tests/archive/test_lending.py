@@ -104,6 +104,7 @@ def test_a_name_that_others_take_is_asked_for_again(archived: Path, monkeypatch:
     assert len(tried) == shared_handles.MOST_REPLACED
 
 
+@pytest.mark.dear
 def test_a_file_is_lent_until_nobody_can_read_it(archived: Path, tmp_path: Path) -> None:
     """Assert that it is told of this file alone, by whatever name, and not of runs that are closed, gone or in memory."""
     (tmp_path / "link.nc").symlink_to(archived)

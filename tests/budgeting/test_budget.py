@@ -284,6 +284,7 @@ def test_draws_go_on_until_intervals_are_known() -> None:
             xd.error_budget(BALL, **asked, until_uncertainty=bad)
 
 
+@pytest.mark.dear
 def test_shares_of_a_number_that_is_not_linear() -> None:
     """Assert Sobol indices from declared distributions: of the mass calibration the densities count together alone."""
     model = xd.Model.from_toml(MODELS / "mass_calibration.toml")
@@ -375,6 +376,7 @@ def test_draws_have_what_the_linear_budget_has() -> None:
     assert int(budget.linear_verdict) != 1
 
 
+@pytest.mark.dear
 def test_two_digits_of_the_uncertainty_ask_more() -> None:
     """Assert JCGM 101:2008, 9.2.4: one rectangular input that dominates is not adequate by two digits."""
     model = xd.Model(

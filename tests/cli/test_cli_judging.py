@@ -27,6 +27,7 @@ def swing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.dear
 def test_refine_keeps_shows_and_draws(tmp_path: Path) -> None:
     """Assert levels, orders with verdicts, the archive, and that show, verify and plot know it."""
     path = tmp_path / "r.nc"

@@ -48,6 +48,7 @@ class Reader(HTMLParser):
         self.text += data
 
 
+@pytest.mark.dear
 def test_a_report_is_one_whole_file(bundled: Path, tmp_path: Path) -> None:
     """Assert well-formed HTML with everything in it and nothing from elsewhere, the same twice, and by the verb."""
     from click.testing import CliRunner
@@ -125,6 +126,7 @@ def test_every_model_is_written_in_formulas(path: Path) -> None:
     assert {*stated.parameters, *stated.arrays, *at_start} <= {re.sub(r"\[.*?\]|, along .*", "", row) for row in rows}
 
 
+@pytest.mark.dear
 def test_formulas_of_elements_are_one_formula() -> None:
     """Assert that a chain of 5,000 sites is written in as many formulas as quantities, with places of a shift in them."""
     text = (MODELS / "heat.toml").read_text(encoding="utf-8").replace("cell = 50", "cell = 5000")

@@ -69,6 +69,7 @@ def test_chunks_of_one_row_change_nothing() -> None:
     assert_same(xd.diagnose(run.chunk(step=1), companion=False), whole)
 
 
+@pytest.mark.dear
 def test_a_figure_reads_each_chunk_once(tmp_path: Path) -> None:
     """Assert that a run in chunks is drawn as the run in memory, and forces and samples are read where they are named."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)

@@ -140,6 +140,7 @@ def test_section_values_over_a_parameter_are_a_bifurcation_diagram() -> None:
     assert len({*np.asarray(axes.lines[0].get_xdata()).tolist()}) == 3
 
 
+@pytest.mark.dear
 def test_runs_of_a_sweep_are_drawn_together(tmp_path: Path) -> None:
     """Assert a line for each of few members; of many a band with their median, nothing where all are over."""
     asked: dict[str, Any] = {"method": "rk4", "step": 0.1, "keep": ["log"]}

@@ -63,6 +63,7 @@ def test_units_are_not_mixed_on_one_axis() -> None:
 
 
 @given(arrays(float, st.integers(5000, 30_000), elements=st.floats(-1e6, 1e6), fill=st.just(0.0)))
+@pytest.mark.dear
 def test_thinning_keeps_least_and_greatest(values: np.ndarray) -> None:
     """Assert that thinning keeps the extremes, the ends and the order, and at most 4,002 rows."""
     rows = thinned(values)

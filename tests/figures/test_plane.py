@@ -182,6 +182,7 @@ def test_beside_a_run(orbit: xr.Dataset, tmp_path: Path) -> None:
         xd.plot(orbit, beside=tmp_path / "other.csv")
 
 
+@pytest.mark.dear
 def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> None:
     """Assert inches and dots, a dark ground, and that wrong ones are named."""
     run = xd.save(orbit, tmp_path / "orbit.nc")

@@ -80,6 +80,7 @@ def test_orbits_are_drawn_in_space() -> None:
     assert (paths[1][:, -1] == run.r.sel(body="b").values[-1]).all()
 
 
+@pytest.mark.dear
 def test_a_field_over_two_dimensions_is_a_map() -> None:
     """Assert that the map shows the last state, the first dimension across, with its unit beside the colours."""
     run = xd.simulate(xd.Model.from_text(PLATE))

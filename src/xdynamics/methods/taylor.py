@@ -38,7 +38,7 @@ def of_order(order: int) -> Method:
     return Method(
         name=NAME,
         synonyms=(
-            "Taylor series with jet transport",
+            "Taylor series integration",
             "power series",
             "automatic differentiation",
             "recurrent power series",
