@@ -46,6 +46,7 @@ def test_pint_xarray_itself_reads_the_units(run: xr.Dataset) -> None:
     assert float(found.v_y.pint.to("km/h")[0].data.magnitude) == pytest.approx(72.0)
 
 
+@pytest.mark.dear
 def test_every_verb_takes_and_gives_units(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that stages take quantified records, converted ones too, and give quantified results."""
     found = run.dynamics.quantify()

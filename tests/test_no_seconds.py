@@ -127,7 +127,7 @@ def stages(model: xd.Model, kind: str, run: xr.Dataset) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.parametrize("kind", MODELS)
 def test_no_stage_has_a_second(kind: str, tmp_path: Path) -> None:
     """Assert units, words, figures and what the command shows, of the run and of every stage."""

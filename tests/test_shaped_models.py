@@ -77,6 +77,7 @@ def test_the_lax_matrix_keeps_its_spectrum() -> None:
     assert np.abs(spectrum(-1) - spectrum(0)).max() < 2e-8
 
 
+@pytest.mark.dear
 def test_each_mode_of_the_rod_decays_by_its_exponential() -> None:
     """Assert the closed form of the model itself, cell by cell."""
     ledger = xd.validate(model=model("heat"), methods=["radau_iia"])

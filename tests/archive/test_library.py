@@ -131,6 +131,7 @@ def test_who_reads_by_xarray_is_waited_for() -> None:
     thread.join()
 
 
+@pytest.mark.dear
 def test_the_interpreter_ends_without_a_word(archived: Path) -> None:
     """Assert that a run that is still open when a script ends says nothing of it."""
     script = (

@@ -149,6 +149,7 @@ def test_a_store_that_fails_between_names_is_told(store: Way, folder: ObjectName
     assert left_in(folder) == []
 
 
+@pytest.mark.dear
 def test_an_answer_that_is_lost_is_understood(store: Way, folder: ObjectName) -> None:
     """Assert that a file whose last answer did not arrive is known to have its name."""
     made = runs()

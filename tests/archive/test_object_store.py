@@ -72,6 +72,7 @@ def test_a_run_is_the_same_from_a_store(place: ObjectName, tmp_path: Path, monke
     assert not [*(tmp_path / "copies").glob(".run.nc.*")]
 
 
+@pytest.mark.dear
 def test_a_signature_is_kept_beside_it(place: ObjectName, tmp_path: Path) -> None:
     """Assert that a signed object verifies, and not when another takes its name."""
     public = new_key(tmp_path / "key.pem")
@@ -133,7 +134,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_is_refused_is_one_line(store: Way, place: ObjectName, what: str) -> None:
     """Assert one line that names the object and the remedy, no secret in it, and the old object untouched."""

@@ -210,6 +210,7 @@ def test_a_write_that_fails_says_why(
     assert (tmp_path / "run.nc").read_text() == "old"
 
 
+@pytest.mark.dear
 def test_an_archive_that_is_read_is_refused(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that an opened run keeps its file until it is closed, loaded or gone."""
     path = xd.save(run, tmp_path / "run.nc")

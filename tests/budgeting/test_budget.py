@@ -98,6 +98,7 @@ def test_the_mass_calibration_of_jcgm_101(request: pytest.FixtureRequest) -> Non
     assert calibrated(1000).attrs["result"].startswith("(1.23 ± 0.15)e-6 kg (k = 2, drawn, numerical part ")
 
 
+@pytest.mark.dear
 def test_a_linear_number_has_an_adequate_linear_budget() -> None:
     """Assert sums with correlations, shares, and the verdict, of y = y0 + v t at 1 s."""
     text = doubtful(
@@ -145,6 +146,7 @@ def test_uncertain_tables_and_discrepancies() -> None:
     assert float(budget.physical_rss) == pytest.approx(math.hypot(table["f"], 3e-3))
 
 
+@pytest.mark.dear
 def test_declared_terms_are_of_this_very_number() -> None:
     """Assert that a term of another quantity, unit, time, event or occurrence is refused by name."""
     ok = xd.Declared("scale", "y", parse_quantity("1 mm"), at=1.0, description="reading the scale")

@@ -27,6 +27,7 @@ def rows(budget: xr.Dataset) -> dict[str, list[str]]:
     return {name: sorted(f"{row}: {budget[row].values[i]}" for row in along) for i, name in enumerate(names)}
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize("compute", [True, False])
 def test_a_term_is_the_same_alone_and_with_others(compute: bool) -> None:
     """Assert every term of a budget against the one computed alone, and against one that is left out."""

@@ -166,6 +166,7 @@ def test_a_certificate_in_words() -> None:
     ]
 
 
+@pytest.mark.dear
 def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path: Path) -> None:
     """Assert the same numbers from an archive, with the model's file gone, and the verbs."""
     from click.testing import CliRunner
@@ -255,6 +256,7 @@ def test_other_forgeries_are_named(certificate: xr.Dataset, tmp_path: Path) -> N
         xd.certify(BALL, "t", terms=[], **ASKED)
 
 
+@pytest.mark.dear
 def test_a_number_that_is_not_defended_fails_its_gates() -> None:
     """Assert that numbers of coarse steps, and of a linear budget that is not adequate, do not pass."""
     coarse = xd.certify(BALL, "y", at="1 s", method="forward_euler", step="0.25 s", draws=500)

@@ -259,6 +259,7 @@ def test_records_of_unlike_bodies_and_of_events_are_one_fit() -> None:
     assert np.isfinite(found.residual_event_time_floor.values).tolist() == [False] * 12 + [True] * 3
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy"])
 def test_outliers_do_not_lead_a_robust_loss_astray(loss: str) -> None:
     """Assert estimates of a line with three gross outliers against scipy's, with and without uncertainties, and marks."""
@@ -407,6 +408,7 @@ def test_event_times_that_cannot_be_used_are_named() -> None:
         xd.fit(ball(), late, ["e"], starts=1, method="rk4", step="0.05 s", until="2 s")
 
 
+@pytest.mark.dear
 def test_the_verb_takes_several_files_and_writes_their_models(tmp_path: Path) -> None:
     """Assert a fit of two files by the command line, with a model for each, intervals said, a figure; and the files' names."""
     rng, times = np.random.default_rng(4), np.linspace(0.0, 4.0, 6)

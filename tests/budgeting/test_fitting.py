@@ -74,6 +74,7 @@ def test_uncertainties_hold_the_true_numbers() -> None:
     assert square == pytest.approx(1.0, abs=0.04)
 
 
+@pytest.mark.dear
 def test_without_uncertainties_residuals_tell_them() -> None:
     """Assert the same uncertainties within their own scatter where the data tell none."""
     angles = swung()

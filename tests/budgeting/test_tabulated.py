@@ -50,7 +50,7 @@ def term(budget: xr.Dataset, variable: str, name: str) -> float:
     return float(budget[variable][row_of(budget, name)])
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.cases(200)
 def test_rows_have_the_weights_of_the_trapezoidal_rule(case: int) -> None:
     """Assert what independent and common errors of random forces do to a speed, and to a sum with a start's own."""
@@ -88,6 +88,7 @@ def test_a_table_that_moves_as_a_whole_is_an_input_in_its_own_unit() -> None:
     assert term(budget, "sensitivity", "f_common") == pytest.approx(-1.5 * 0.055, rel=1e-9)
 
 
+@pytest.mark.dear
 def test_a_number_that_is_not_linear_in_its_rows_is_drawn_and_says_so(tmp_path: Any) -> None:
     """Assert the standard deviation of a square, the uncertainty of so few draws, and both in lines, figure and document."""
     times, zero = np.linspace(0.0, 1.0, 3), np.zeros(3)

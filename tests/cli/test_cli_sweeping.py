@@ -20,6 +20,7 @@ def call(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
+@pytest.mark.dear
 def test_a_sweep_is_marched_shown_drawn_and_verified(tmp_path: Path) -> None:
     """Assert axes, outcomes, files, figure and seals, and that the same command marches nothing again."""
     folder, asked = tmp_path / "s", ["--axis", "vt=20:60:5 m s-1", "--axis", "method=heun,dop853", "--rtol", "1e-8"]

@@ -469,6 +469,7 @@ def test_damped_oscillator(method: str, asked: float | None) -> None:
     assert math.isinf(found.lyapunov_time)
 
 
+@pytest.mark.dear
 def test_saddle_at_rest_and_stiff_decay() -> None:
     """Assert both exponents of a saddle at which nothing moves, and of decays 30,000 times apart."""
     saddle = exponents(marched(oscillator("4*x", (0.0, 0.0)), 30.0))
@@ -730,7 +731,7 @@ def shaken(case: int) -> xd.Model:
     )
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.cases(200)
 def test_growth_is_that_of_runs_that_start_beside(case: int) -> None:
     """Assert the growth over impacts, resets, kinks and jumps of forces against differences of whole runs."""

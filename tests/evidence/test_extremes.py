@@ -279,6 +279,7 @@ def test_budgets_of_extremes_hold_closed_forms(case: int) -> None:
     assert budget.attrs["extreme_rule"] in ("interpolated", "sampled", "located")
 
 
+@pytest.mark.dear
 def test_an_extreme_is_budgeted_certified_and_made_again(tmp_path: Path) -> None:
     """Assert rule and place in lines, gates, the same from the file alone, and the verb."""
     from click.testing import CliRunner

@@ -59,6 +59,7 @@ def test_a_comparison_of_runs_to_be_marched_has_the_bits_of_the_eager_one(times:
     assert xd.content_digest(whole) == xd.content_digest(eager)
 
 
+@pytest.mark.dear
 def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
     """Assert nan behind the last time and event and where an event is never met, and the archive of the eager one."""
     eager = xd.compare(*pair(compute=True))
@@ -140,7 +141,7 @@ def test_a_run_to_be_marched_beside_measured_data() -> None:
         short.difference_theta.compute()
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.parametrize(
     "name", ["truss", "heat", "coupled_masses", "stick_slip_belt", "relay_oscillator", "woodpecker"]
 )

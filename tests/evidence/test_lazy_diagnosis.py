@@ -29,7 +29,7 @@ DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any], int]] = {
 SAID_LATER = ("drift_", "energy_drift", "cycle_time", "lyapunov_exponents")  # whose words depend on cycles and pieces
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("name", DIAGNOSED)
 def test_a_lazy_diagnosis_is_described_and_has_the_bits_of_the_eager_one(name: str) -> None:
     """Assert names, units and sizes of a run that is still to be marched, each march once, and the same numbers."""

@@ -174,6 +174,7 @@ def test_whole_quantities_have_no_certificate(chain: xd.Model) -> None:
         xd.fit(chain, xr.Dataset({"u": (("time", "site"), data.u.values, {"units": "m"})}), ["k[7]"])
 
 
+@pytest.mark.dear
 def test_links_and_masses_are_fitted(chain: xd.Model) -> None:
     """Assert that the stiffness of one link and the mass of one site are found again from motions of all, or of one."""
     asked = {"method": "dop853", "rtol": 1e-10, "step": None}
@@ -207,6 +208,7 @@ y = "(1 + index(ball))*0.01*metre"
 """
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize(("text", "until"), [(CHAIN, "20 s"), (BALLS, "0.4 s")], ids=["chain", "balls"])
 def test_runs_of_elements_are_resumed(text: str, until: str, tmp_path: Path) -> None:
     """Assert that a run of elements, and one of many contacts, that was stopped goes on from its file to the same bits."""

@@ -283,6 +283,7 @@ def bodies(count: int) -> xr.Dataset:
     return xd.simulate(model, method="velocity_verlet", step=0.2, until=1.0)
 
 
+@pytest.mark.dear
 def test_every_body_is_drawn() -> None:
     """Assert a path for each of twenty bodies, and of very many that the picture says how many it shows."""
     run = bodies(20)

@@ -63,6 +63,7 @@ def test_modes_are_shapes() -> None:
     assert np.asarray(against)[0] == pytest.approx(-np.asarray(against)[1], rel=1e-12)
 
 
+@pytest.mark.dear
 def test_the_distance_of_two_runs_is_on_a_logarithmic_scale() -> None:
     """Assert a straight line of slope 1 for runs that part as exp(t)."""
     hill = xd.Model(
@@ -106,6 +107,7 @@ def test_maps_have_contours_and_their_optimum(throws: xr.Dataset) -> None:
     assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
 
 
+@pytest.mark.dear
 def test_what_rounding_leaves_of_zero_is_no_map(throws: xr.Dataset) -> None:
     """Assert that heights at landing are said to be zero and not drawn, but for those of nanometres, which are none."""
     drawn = xd.plot(throws)

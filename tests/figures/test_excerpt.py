@@ -32,6 +32,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(excerpt, "MOST_NUMBERS", 200_000)
 
 
+@pytest.mark.dear
 @pytest.mark.usefixtures("few")
 def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
     """Assert the least and greatest value of every state and energy, and the states at events, with each chunk read once."""
@@ -46,7 +47,7 @@ def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
     assert np.array_equal(found.time, long.time[found.step])
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.usefixtures("few")
 def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Dataset) -> None:
     """Assert the same panels, marks and names, axes of the same extents, with each chunk read once."""

@@ -16,7 +16,7 @@ from cases.problems import MODELS, oscillator
 from xdynamics.figures.curves import between, has_chords, thinned
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_every_format_is_written(tmp_path: Path, ending: str) -> None:
     """Assert that a figure of each format begins as such a file does."""

@@ -26,6 +26,7 @@ def traces_of(shown: Any, axis: str) -> list[Any]:
     return [trace for trace in shown.figure.data if getattr(trace, "xaxis", None) == axis]
 
 
+@pytest.mark.dear
 def test_lines_have_the_values_of_the_record(ball: Any) -> None:
     """Assert values, units, titles, marks and names of events in the panels of a run."""
     shown = xd.plot(ball, only=["y", "v_y"]).interactive()
@@ -39,6 +40,7 @@ def test_lines_have_the_values_of_the_record(ball: Any) -> None:
     assert {"floor impact", "y", "v_y"} & {note.text for note in shown.figure.layout.annotations}
 
 
+@pytest.mark.dear
 def test_scales_words_maps_and_lines_in_space_are_kept() -> None:
     """Assert logarithmic and inverted axes, words at ticks, bands and bars, cells of a map, and lines in space."""
     drawn = Picture(figsize=(8, 8))

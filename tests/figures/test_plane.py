@@ -128,6 +128,7 @@ def test_many_variables_are_a_map() -> None:
     assert max(len(axis.lines) for axis in figure.axes) < 3
 
 
+@pytest.mark.dear
 def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
     """Assert a logarithmic axis of Robertson's reaction, whose rows stand at decades, and none of an orbit's."""
 
@@ -267,6 +268,7 @@ def test_units_in_print(units: str, shown: str) -> None:
     assert typeset(units) == shown
 
 
+@pytest.mark.dear
 def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
     """Assert that other orbits stand in the plane and beside the energy, by name."""
     other = xd.simulate(xd.Model.from_toml(MODELS / "kepler.toml"), method="euler_cromer", step="20 ms", until="13 s")

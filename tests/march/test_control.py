@@ -212,6 +212,7 @@ def test_replay_of_given_steps_is_reproduced_from_the_file(tmp_path: object) -> 
         assert xd.reproduce(tmp_path / f"{kind}.nc").attrs["identical"] == 1
 
 
+@pytest.mark.dear
 def test_same_rows_in_another_process() -> None:
     """Assert that another process accepts and rejects the same trials, by the content digest."""
     code = (

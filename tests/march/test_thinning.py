@@ -118,7 +118,7 @@ def marched(model: xd.Model, asked: dict[str, Any], way: str, path: Path, rng: r
     return xd.simulate(model, **asked, path=path).load()
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.cases(400)
 @pytest.mark.usefixtures("small")
 def test_rows_have_the_bits_of_the_whole_march(case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -264,6 +264,7 @@ def test_wrong_distance_in_a_model_is_refused(given: str) -> None:
         xd.Model.from_text(text.replace("[run]", f"[run]\nkeep_every = {given}"))
 
 
+@pytest.mark.dear
 def test_command_line_keeps_one_row_in_so_many(tmp_path: Path) -> None:
     """Assert that `run --keep-every` says what it left out, and `reproduce` marches it so again."""
     path = str(tmp_path / "thin.nc")

@@ -85,7 +85,7 @@ def by_sympy(given: dict[str, Any], state: dict[str, float]) -> list[float]:
     return found
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("given", [DOUBLE, SPHERICAL, ELASTIC, TOP, ROTATING], ids=lambda one: one["name"])
 def test_accelerations_are_those_of_sympy(given: dict[str, Any]) -> None:
     """Assert accelerations at random states against another derivation of the same energies."""

@@ -73,6 +73,7 @@ def test_numbers_are_those_of_scipy(fun: Any, y0: list[float], args: tuple[float
     assert [float(run[f"y{i}"][-1]) for i in range(len(y0))] == pytest.approx(right.y[:, -1], rel=1e-8, abs=1e-9)
 
 
+@pytest.mark.dear
 def test_a_stiff_one_has_its_exact_derivatives() -> None:
     """Assert that scipy's Radau is ours, with the Jacobian of the expressions."""
 

@@ -55,6 +55,7 @@ def larger(rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any], di
     return before, after, {} if kind == 0 else {"method": "heun"}
 
 
+@pytest.mark.dear
 @pytest.mark.cases(60)
 def test_added_members_are_as_if_made_at_once(case: int, tmp_path: Path, marched: list[int]) -> None:
     """Assert bits, digests of content and members, and that what was there was not marched again."""
@@ -96,7 +97,7 @@ def test_a_finer_axis_takes_what_is_there(tmp_path: Path, marched: list[int]) ->
     )
 
 
-@pytest.mark.every(3)
+@pytest.mark.dear
 @pytest.mark.parametrize(
     ("changed", "words"),
     [

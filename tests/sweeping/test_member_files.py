@@ -16,6 +16,7 @@ MODEL = oscillator().model
 ASKED: dict[str, Any] = {"keep": ["log"], "method": "rk4", "step": 0.1, "until": 1.0}
 
 
+@pytest.mark.dear
 def test_one_file_of_a_block_is_read_again_in_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert one full reading a block, and that all members are files that verify."""
     compared: list[str] = []

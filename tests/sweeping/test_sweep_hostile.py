@@ -41,6 +41,7 @@ def walled(unit: str = "m") -> xd.Model:
     )
 
 
+@pytest.mark.dear
 @pytest.mark.parametrize(("unit", "rtol", "atol"), [("m", 0.5, 1.0), ("m", 0.1, 0.1), ("um", 1e-6, None)])
 def test_no_member_knows_the_one_before(unit: str, rtol: float, atol: float | None) -> None:
     """Assert ends of members one a task, many a task and alone, where motions are small beside the tolerances."""
@@ -174,6 +175,7 @@ def begun(folder: Path, **settings: Any) -> Path:
     return next((folder / UNFINISHED).iterdir())
 
 
+@pytest.mark.dear
 def test_a_part_is_what_it_holds_and_not_its_name(tmp_path: Path) -> None:
     """Assert that parts copied over each other, other archives and damaged cuts are marched again."""
     right = xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, **LONG).compute()

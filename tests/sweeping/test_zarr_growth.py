@@ -117,7 +117,7 @@ def broken(times: int, function: Any) -> Any:
     return stopped
 
 
-@pytest.mark.every(2)
+@pytest.mark.dear
 @pytest.mark.parametrize("blocks", [1, 5])
 def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     blocks: int, stored: Path, marched: list[int]
@@ -149,6 +149,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     assert xd.verify(stored) == grown.attrs["content_digest"] != before
 
 
+@pytest.mark.dear
 def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
     """Assert a sweep that is verified, whichever file was to be replaced when it was stopped, and that the call goes on."""
     after, exchange, replace, given = BEFORE | STIFFER, zarr_growth._exchange, zarr_growth._replace, []
