@@ -72,12 +72,18 @@ def shortened(t: Any, y: Any) -> Any:
 
 
 def chosen(t: Any, y: Any) -> Any:
-    """Elements that conditions choose, set in place; of two axes too."""
-    d, square = 0.2 - y, y.reshape(2, -1) / 9
+    """Elements that conditions choose, set in place."""
+    d = 0.2 - y
     d[(y > 0.4) & (y < 0.8)] = 0.05 * t
-    d[~(y > -5)] = 7.0
-    square[square > 0.05] = 0.0
-    return d + square.ravel()
+    d[~(y > -5) | (y > 0.9)] = 7.0
+    return d
+
+
+def chosen_of_plane(t: Any, y: Any) -> Any:
+    """The same of two axes."""
+    d = y.reshape(2, -1) / 9
+    d[d > 0.06] = 0.5
+    return d.ravel()
 
 
 SECOND = np.eye(14, k=1) + np.eye(14, k=-1) - 2 * np.eye(14)
@@ -90,7 +96,8 @@ CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
     "burgers": (burgers, bump(20), ()),
     "mean field": (mean_field, np.linspace(0, 3, 15), (1.5,)),
     "shortened": (shortened, bump(12) + 1, ()),
-    "chosen": (chosen, np.linspace(0.5, 0.75, 14), ()),
+    "chosen": (chosen, np.r_[np.linspace(0.5, 0.75, 12), 0.3, 0.95], ()),
+    "chosen of a plane": (chosen_of_plane, np.linspace(0.3, 0.7, 14), ()),
     "diagonals": (lambda t, y, A: A @ y, bump(14), (SECOND,)),
     "sparse": (lambda t, y, A: A @ y, bump(14), (scipy.sparse.csr_matrix(SECOND),)),
     "dense": (lambda t, y: DENSE.dot(y), bump(14), ()),
@@ -119,7 +126,7 @@ def test_rows_have_scipys_numbers(name: str) -> None:
     assert run.dynamics.solution.y.shape == (len(y0), run.sizes["step"])
 
 
-@pytest.mark.parametrize("fun", [heat, advected, wave])
+@pytest.mark.parametrize("fun", [heat, advected, wave, chosen, chosen_of_plane])
 def test_a_model_is_as_long_for_any_number(fun: Any) -> None:
     """Assert that the expression of a thousand numbers is that of forty."""
     models = [model_of(fun, (0, 1), bump(n), (), None, None, None) for n in (40, 1000)]
