@@ -4,8 +4,8 @@ python tests/benchmarks/cluster_traffic.py [WORKERS] [SECONDS]
 
 Ten methods are refined over eight levels each, of so many seconds of motion, and computed at once. Dask takes 2 to 3 ms
 from one task of a worker to its next, so with few seconds most of what is seen is that. Then a sweep is marched lazily, and
-one with whole runs into a folder. What every process writes to the scheduler, and the scheduler to every process, is
-counted as it is sent.
+one with whole runs into a folder, whose states are then read together; a budget is drawn, a ledger is filled. What every
+process writes to the scheduler, and the scheduler to every process, is counted as it is sent.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ import xdynamics as xd
 from xdynamics.evidence.cluster import cluster_of
 from xdynamics.evidence.stages import computed
 
-MODEL = xd.Model.from_toml(Path(__file__).parents[2] / "data" / "models" / "harmonic_oscillator.toml")
+MODELS = Path(__file__).parents[2] / "data" / "models"
+MODEL = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 METHODS = [
     "rk4",
     "heun",
@@ -125,8 +127,16 @@ def main() -> None:
         refined(client, float(sys.argv[2]) if len(sys.argv) > 2 else 400.0)
         with traffic(client, "a sweep of 4,000 members, gathered", 4000):
             xd.sweep(MODEL, axes, keep=["end", "x", "v_x"], times=[0.25, 0.5], **asked).compute()
-        with tempfile.TemporaryDirectory() as folder, traffic(client, "200 members with whole runs, in a folder", 200):
-            xd.sweep(MODEL, {"k": "1:2:200 N m-1"}, keep=["log"], path=folder, **asked)
+        with tempfile.TemporaryDirectory() as folder:
+            with traffic(client, "200 members with whole runs, in a folder", 200):
+                grid = xd.sweep(MODEL, {"k": "1:2:200 N m-1"}, keep=["log"], path=folder, **asked)
+            with traffic(client, "states of these runs at 20 times, opened together", 200):
+                xd.open_logs(grid, "0.25:5:20 s").compute()
+        with traffic(client, "a budget of 10,000 draws, by block of 512", 20):
+            computed(xd.error_budget(BALL, "y", at="1 s", draws=10_000, method="rk4", step="20 ms", compute=False))
+        ledger = xd.validate(METHODS[:3], compute=False)
+        with traffic(client, "a ledger of three methods, by case", ledger.sizes["case"]):
+            computed(ledger)
 
 
 if __name__ == "__main__":

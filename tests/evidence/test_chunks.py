@@ -61,6 +61,15 @@ def test_a_diagnosis_of_more_than_is_remembered_reads_again(tmp_path: Path, monk
     assert {reads[name, 0] for name in ("time", "force_gravity_y")} == {1}
 
 
+def test_chunks_of_quantities_with_dimensions_are_read_once() -> None:
+    """Assert every result of three bodies in a plane, whose six elements lie in one chunk, with exponents."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "figure_eight.toml"), until=1.0)
+    lazy, reads = chunked(run, ragged(run.sizes["step"], 4, 0))
+    asked: dict[str, Any] = {"companion": False, "lyapunov": 1}
+    assert_same(xd.diagnose(lazy, **asked), xd.diagnose(run, **asked))
+    assert {*reads.values()} == {1}
+
+
 def test_chunks_of_one_row_change_nothing() -> None:
     """Assert cycles, turns and extremes of a short run in which every row is a chunk."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.4, until=7.0)

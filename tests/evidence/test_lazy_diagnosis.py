@@ -118,7 +118,7 @@ def test_exponents_of_a_run_in_chunks() -> None:
     asked: dict[str, Any] = {"companion": False, "lyapunov": True}
     found, whole = (xd.diagnose(item, **asked) for item in (lazy, run))
     assert found.lyapunov_exponents.values.tobytes() == whole.lyapunov_exponents.values.tobytes()
-    assert reads["th1", 0] <= 2  # for exponents, and for all else
+    assert {*reads.values()} == {1}
 
 
 @pytest.mark.parametrize("observables", [None, ["x1", "total_energy"]])

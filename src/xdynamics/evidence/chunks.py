@@ -93,6 +93,12 @@ class Chunks(StoredColumns):
         others = {name: variable for name, variable in self.run.variables.items() if STEPS not in variable.dims}
         return xr.Dataset(others | columns, attrs=self.run.attrs), np.searchsorted(wanted, rows)
 
+    def whole(self, run: xr.Dataset) -> xr.Dataset:
+        """Return a record of some of the variables in memory; those that are kept are not read again."""
+        rows = np.arange(self.size)
+        read = {name: (STEPS, self.at(name, rows), run[name].attrs) for name in self._kept if name in run.variables}
+        return run.assign(read).compute()
+
     def _with_neighbours(self, rows: Rows) -> Rows:
         """Add the rows before and after, and all at the same times: which of them a time belongs to is then decided alike."""
         wanted = np.unique(np.clip(np.concatenate([rows - 1, rows, rows + 1]), 0, self.size - 1))

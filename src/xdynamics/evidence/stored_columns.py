@@ -1,4 +1,8 @@
-"""Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once."""
+"""Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once.
+
+Elements of a quantity with dimensions are variables of their own that lie in the same chunks: whichever is read first, the
+others are taken from the chunk, too.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from xdynamics.runtime.cached_properties import cached_property
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,10 +83,10 @@ class StoredColumns:
             self._read(columns, low, high)
             values = {name: column.stretch(low, high) for name, column in zip(names, columns, strict=True)}
             yield RowRange(begin, end - begin, begin - low, values)
-            for name, column in zip(names, columns, strict=True):
-                self._forget(name, column, end - 1)
-        for name, column in zip(names, columns, strict=True):
-            self._forget(name, column, self.size)
+            for column in columns:
+                self._forget(column, end - 1)
+        for column in columns:
+            self._forget(column, self.size)
 
     def at(self, name: str, rows: Any) -> Any:
         """Return values of a column in some rows, in any order."""
@@ -93,13 +99,29 @@ class StoredColumns:
             part = column.stretch(begin, end)
             values = np.empty(rows.shape, part.dtype) if values is None else values
             values[chunks == chunk] = part[rows[chunks == chunk] - begin]
-            self._forget(name, column, end)
+            self._forget(column, end)
         return np.zeros(rows.shape) if values is None else values
 
     def _column(self, name: str) -> _Column:
         if name not in self._columns:
-            self._columns[name] = _Column(self.run[name].variable)
+            self._columns[name] = _Column(name, self.run[name].variable)
         return self._columns[name]
+
+    @cached_property
+    def _sources(self) -> dict[str, list[str]]:
+        """The kept variables that are elements of one stored array, by its name."""
+        sources: dict[str, list[str]] = {}
+        for name in self._kept:
+            if (source := _source(self.run[name].variable)) is not None:
+                sources.setdefault(source, []).append(name)
+        return sources
+
+    def _beside(self, column: _Column, chunk: int) -> Iterator[_Column]:
+        """Yield the kept columns whose values lie in the same chunk of a file and are not read yet."""
+        for name in self._sources.get(_source(column.variable) or "", ()) if self._room > 0 else ():
+            other = self._column(name)
+            if chunk not in other.read and np.array_equal(other.borders, column.borders):
+                yield other
 
     def _read(self, columns: Sequence[_Column], begin: int, end: int) -> None:
         """Read what is missing of some rows, all chunks at once."""
@@ -108,27 +130,47 @@ class StoredColumns:
             return
         import dask.base
 
+        wanted = {(column.name, chunk) for column, chunk in missing}
+        for column, chunk in [*missing]:
+            beside = [(other, chunk) for other in self._beside(column, chunk) if (other.name, chunk) not in wanted]
+            wanted |= {(other.name, chunk) for other, _ in beside}
+            missing += beside
         compute: Any = dask.base.compute  # it is not typed
-        for (column, chunk), values in zip(
-            missing, compute(*(column.block(chunk) for column, chunk in missing)), strict=True
-        ):
+        blocks = compute(*(column.block(chunk) for column, chunk in missing))
+        for (column, chunk), values in zip(missing, blocks, strict=True):
             column.read[chunk] = values
+        for column, chunk in missing:
+            if column not in columns:
+                self._keep(column, chunk)
 
-    def _forget(self, name: str, column: _Column, row: int) -> None:
+    def _forget(self, column: _Column, row: int) -> None:
         """Forget the chunks before a row, but for those that are kept."""
         for chunk in [chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept]:
-            size = column.read[chunk].nbytes
-            if name in self._lasting or (name in self._kept and size <= self._room):
-                self._room -= size
-                column.kept.add(chunk)
-            else:
-                del column.read[chunk]
+            self._keep(column, chunk)
+
+    def _keep(self, column: _Column, chunk: int) -> None:
+        """Keep a chunk that was read, or forget it where there is no room."""
+        size = column.read[chunk].nbytes
+        if column.name in self._lasting or (column.name in self._kept and size <= self._room):
+            self._room -= size
+            column.kept.add(chunk)
+        else:
+            del column.read[chunk]
 
 
-@dataclass
+def _source(variable: xr.Variable) -> str | None:
+    """Name the array of dask that a variable is an element of; None where it is none."""
+    if variable.chunks is None:
+        return None
+    sources: set[str] = variable.data.dask.dependencies[variable.data.name]
+    return next(iter(sources)) if len(sources) == 1 else None
+
+
+@dataclass(eq=False)
 class _Column:
     """A variable along `step`, and which of its chunks have been read."""
 
+    name: str
     variable: xr.Variable
     read: dict[int, Any] = field(default_factory=dict)
     kept: set[int] = field(default_factory=set)

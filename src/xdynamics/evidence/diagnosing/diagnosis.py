@@ -245,7 +245,7 @@ def _lyapunov(rows: Chunks, request: DiagnosisRequest) -> dict[str, Any]:
         return chaos.described(str(run["time"].attrs["units"]), rows.model, wanted=wanted)
     if rows.is_stored:
         run = run.drop_dims(SAMPLES, errors="ignore")
-        run = run.drop_vars([name for name in run.data_vars if run[name].attrs.get("role") in NOT_FOLLOWED]).compute()
+        run = rows.whole(run.drop_vars([name for name in run if run[name].attrs.get("role") in NOT_FOLLOWED]))
     return chaos.lyapunov(run, request.functions, wanted=wanted)
 
 
