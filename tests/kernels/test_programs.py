@@ -18,7 +18,7 @@ from xdynamics.kernels import Law, law_of, layout_of
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.law_cache import key_of
-from xdynamics.kernels.llvm_program import UNROLLED
+from xdynamics.kernels.llvm_loops import UNROLLED
 from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import Scheme
@@ -170,13 +170,13 @@ def test_printed_python_tells_what_is_unsound() -> None:
 def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that vectors as loops and vectors written out are one computation."""
     assert len(model_named("chain").coordinates) > UNROLLED
-    from xdynamics.kernels import llvm_program
+    from xdynamics.kernels import llvm_loops
 
     one = law("chain", xd.METHODS["dormand_prince"])
     states, steps = starts(one, 1)
     loops, lines = Bench(one, 1, states, steps), Bench(one, 1, states, steps)
     assert "phi" in one.text()
-    monkeypatch.setattr(llvm_program, "UNROLLED", 1000)
+    monkeypatch.setattr(llvm_loops, "UNROLLED", 1000)
     assert "phi" not in one.text()
     written = one.compiled()
     for program, address in zip(one.entries, one.addresses_inside[len(CONTROL) :], strict=True):

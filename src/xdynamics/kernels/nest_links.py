@@ -93,8 +93,8 @@ class LinkSums(Reductions):
             return self.compute("negative", self._of_link(self._parts.operands[number][0], dim, link, by, env))
         if dim not in self._parts.dims[number]:
             return self.value(number, env)
-        dims, (stride, far) = self.shapes.ordered(set(self._parts.dims[number])), by
-        place = self._staged(number)
+        (stride, far), place = by, self._staged(number)
+        dims = self._order(number)
         if not link.name:
             return self._load(self._at(place, dims, {**env, dim: link}), dims, {**env, dim: link})
         apart = math.prod(self.shapes.shape(dims[dims.index(dim) + 1 :]))
@@ -103,7 +103,7 @@ class LinkSums(Reductions):
         return self._load(at, dims, {**env, dim: link})
 
     def _stage_pairs(self, relation: Relation) -> None:
-        """Write for every element the sum over all others: those before it, then those after it."""
+        """Write for every element the sum over all others, those before it and then those after it; each pair once."""
         parts, dim = self._parts, relation.source
         inner = self._nested_sums()
         numbers = [
@@ -116,7 +116,7 @@ class LinkSums(Reductions):
             others = tuple(other for other in self._dims(number) if other != dim)
             if not self._written_out(others):
                 raise UnprintedError
-            self._arrays[number] = self._new_array(number)
+            self._arrays[number], self._orders[number] = self._new_array(number), (*others, dim)
             sums += [(number, env) for env in self._all(others)]
         size = self.shapes.extent(dim).size
 
@@ -125,40 +125,40 @@ class LinkSums(Reductions):
             assert isinstance(i, LoopIndex)  # noqa: S101 - elements, no links
             if not i.name or (i.first, i.last) != (0, size):
                 raise UnprintedError
-            totals: list[Operand] = [-0.0] * len(sums)
-            for end in (1, 0):
-                totals = self._over_others(relation, end, i, sums, totals)
+            totals = self._over_others(relation, i, sums)
             for (number, inner), total in zip(sums, totals, strict=True):
-                self._store(self._at(self._arrays[number], self._dims(number), {**env, **inner}), total)
+                self._store(self._at(self._arrays[number], self._order(number), {**env, **inner}), total)
 
         if size <= 1:
             raise UnprintedError
         with self._outside():
             self._nest((dim,), write, whole=True)
 
-    def _over_others(
-        self, relation: Relation, end: int, i: LoopIndex, sums: Sequence[tuple[int, Env]], totals: list[Operand]
-    ) -> list[Operand]:
-        """Write the sums over all elements before one, to whose links it is second, or over all after it."""
-        size = i.last
-        acting = [k for k, (number, _) in enumerate(sums) if self._gives(number, end)]
-        if not acting:
-            return totals
+    def _over_others(self, relation: Relation, i: LoopIndex, sums: Sequence[tuple[int, Env]]) -> list[Operand]:
+        """Write the links to all elements before one: sums of what they give to it, as their second; add to the others.
+
+        Elements come in order, so that each has got all sums before it when the next begin to add to it.
+        """
+        acting = [k for k, (number, _) in enumerate(sums) if self._gives(number, 1)]
         with self._scope() as level:
-            j = LoopIndex(f"_i{next(self._serial)}", 0, 0, size, level)
-            link = Link(j, i) if end else Link(i, j)
+            j = LoopIndex(f"_i{next(self._serial)}", 0, 0, i.last, level)
+            links = {relation.name: Link(j, i)}
             now, new = [self._total(level) for _ in acting], []
             with self._whole(i, j):
                 for name, k in zip(now, acting, strict=True):
                     number, env = sums[k]
-                    term = self.value(self._parts.operands[number][end], {**env, relation.name: link})
-                    new.append(self.compute("add", name, term))
+                    new.append(self.compute("add", name, self.value(self._parts.operands[number][1], {**env, **links})))
+                for number, env in sums:
+                    if self._gives(number, 0):
+                        dims, here = self._order(number), {**env, relation.source: j}
+                        place = self._at(self._arrays[number], dims, here)
+                        term = self.value(self._parts.operands[number][0], {**env, **links})
+                        self._store(place, self.compute("add", self._load(place, dims, here), term))
             body = tuple(self._scopes[-1].lines)
-        start = tuple(totals[k] for k in acting)
-        bounds = {"below" if end else "above": i.name}
-        line = Reduction(j.name, size, body, tuple(map(str, new)), tuple(now), "newest", start, **bounds)
+        start = (-0.0,) * len(acting)
+        line = Reduction(j.name, i.last, body, tuple(map(str, new)), tuple(now), "newest", start, below=i.name)
         joined = dict(zip(acting, self._joined(line), strict=True))
-        return [joined.get(k, total) for k, total in enumerate(totals)]
+        return [joined.get(k, -0.0) for k in range(len(sums))]
 
     def _gives(self, number: int, end: int) -> bool:
         """Whether links give something to the elements at one of their ends."""

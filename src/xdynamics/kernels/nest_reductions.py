@@ -23,6 +23,7 @@ class Reductions(NestedLoops):
     def __init__(self, shapes: Shapes, find: Callable[[Assignments, str], Operand]) -> None:
         super().__init__(shapes, find)
         self._arrays: dict[int, Place] = {}
+        self._orders: dict[int, tuple[str, ...]] = {}
 
     @abstractmethod
     def value(self, number: int, env: Env) -> Operand:
@@ -133,6 +134,10 @@ class Reductions(NestedLoops):
             self._arrays[number] = array
         return self._arrays[number]
 
+    def _order(self, number: int) -> tuple[str, ...]:
+        """Return the dimensions of an array that holds a part, the fastest last."""
+        return self._orders.get(number, self._dims(number))
+
     def _direct(self, number: int, env: Env) -> Operand:
         """Write a part for its array: a reduction in the loop over what is left."""
         node = self._parts.nodes[number]
@@ -140,5 +145,5 @@ class Reductions(NestedLoops):
         return self._along_all(number, node, env) if reduces else self.value(number, env)  # type: ignore[arg-type]
 
     def _load_staged(self, number: int, env: Env) -> Operand:
-        place, dims = self._staged(number), self._dims(number)
+        place, dims = self._staged(number), self._order(number)
         return self._load(self._at(place, dims, env), dims, env)

@@ -136,13 +136,13 @@ class Loop:
                 written.setdefault(line.place.array, []).append(line.place)
         return all(
             self.index in dict(places[0].strides)
-            and _apart(places, counts)
+            and apart(places, counts)
             and all(load in places for load in loads if load.array == array)
             for array, places in written.items()
         )
 
 
-def _apart(places: list[Place], counts: Mapping[str, int]) -> bool:
+def apart(places: list[Place], counts: Mapping[str, int]) -> bool:
     """Whether places of an array are other elements for any other values of their indices."""
     first = min(place.offset for place in places)
     distances = [place.offset - first for place in places]

@@ -1,0 +1,261 @@
+"""Loops and reductions of one program as LLVM text: one pass after the other, or neighbouring elements side by side."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+
+from xdynamics.elementary import PAIRS
+from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
+from xdynamics.elementary.numbers import choose
+from xdynamics.elementary.text import written_intervals
+from xdynamics.kernels.llvm_places import Index, Places
+from xdynamics.kernels.program import (
+    INTERVAL,
+    Compute,
+    Instruction,
+    Loop,
+    Operand,
+    Program,
+    Reduction,
+    StoreTo,
+    nested,
+    size,
+)
+
+UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
+WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
+_ALL_OF = Counter(pair for pair, _ in PAIRS.values())
+
+Value = LaneValue | Interval
+Pass = Callable[[Index, list[Value]], list[Value]]  # prints one; returns the totals after it
+
+
+def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
+    """Return what is computed together for one argument, such as a sine and a cosine."""
+    computed = {
+        (entry.operation, entry.arguments) for entry in body if isinstance(entry, Compute) and entry.operation in PAIRS
+    }
+    counts = Counter((PAIRS[name][0], arguments) for name, arguments in computed)
+    return {entry for entry, count in counts.items() if count == _ALL_OF[entry[0]]}
+
+
+def parts_of(value: Value) -> Sequence[LaneValue]:
+    """Return a number alone, or the bounds of an interval."""
+    return value if isinstance(value, Interval) else (value,)
+
+
+def alike(value: Value, parts: Sequence[LaneValue]) -> Value:
+    """Return a number, or an interval, as another value is, of these parts."""
+    return Interval(*parts) if isinstance(value, Interval) else parts[0]
+
+
+class LoopText(ABC):
+    """Prints the loops of one program; its values are numbered, and the arrays that it is given have a prefix.
+
+    Parameters
+    ----------
+    program : Program
+    runs : int
+        Runs side by side.
+    abreast : int
+        Neighbouring elements side by side, in the outermost loops of a single run whose passes are independent; not
+        more than there are runs: none.
+    """
+
+    def __init__(self, program: Program, runs: int, abreast: int = 1) -> None:
+        self._program, self._runs, self._abreast = program, runs, abreast
+        self._lines = FunctionLines(runs)
+        self._intervals = written_intervals(self._lines, rough=True)
+        self._places = Places(program, self._lines, runs)
+        self._values: dict[str, Value] = {}
+        self._outside: dict[str, Value] = {}  # of every lane, computed before the elements side by side
+        self._joint = together(program.body)
+        self._pairs: dict[tuple[str, str], str] = {}
+
+    @abstractmethod
+    def _print(self, body: Iterable[Instruction]) -> None:
+        """Print lines."""
+
+    @abstractmethod
+    def _of(self, kind: str) -> Callable[..., Value]:
+        """Return the operations of a kind of numbers."""
+
+    def _operand(self, operand: Operand) -> Value:
+        if not isinstance(operand, str):
+            return self._lines.constant(float(operand))
+        if operand not in self._values:
+            value = self._outside[operand]
+            repeated = [
+                self._lines.broadcast(part.letter, part.text) for part in map(self._lines.value, parts_of(value))
+            ]
+            self._values[operand] = alike(value, repeated)
+        return self._values[operand]
+
+    def _number(self, operand: Operand) -> LaneValue:
+        value = self._operand(operand)
+        assert isinstance(value, LaneValue)  # noqa: S101 - an interval is no operand of operations on numbers
+        return value
+
+    def _put(self, text: str) -> None:
+        self._lines.lines.append(text)
+
+    def _begin(self, label: str, target: str = "") -> None:
+        """End the block with a branch, to the next block or to another."""
+        self._put(f"br label %{target or label}")
+        self._lines.begin(label)
+
+    @contextmanager
+    def _pass(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
+        """Print the lines of one pass; what they compute is forgotten after it."""
+        outside = dict(self._values), self._joint, dict(self._pairs), dict(self._places.indices)
+        self._places.indices[line.index] = index
+        if isinstance(line, Reduction):
+            self._values.update(zip(line.totals, totals, strict=True))
+        self._joint = self._joint | together(line.body)
+        self._print(line.body)
+        yield
+        self._values, self._joint, self._pairs, self._places.indices = outside
+
+    def _loop(self, line: Loop) -> None:
+        wide, whole = self._abreast, 0
+        if wide > self._runs and not self._places.indices and not self._into_row(line) and line.independent:
+            whole = line.count // wide * wide
+        if whole:
+            with self._side_by_side(wide):
+                self._passes(line, 0, whole, wide, [])
+        self._passes(line, whole, line.count, 1, [])
+
+    def _into_row(self, line: Loop) -> bool:
+        """Whether a loop writes to a row of the log, whose elements are apart."""
+        written = {inner.place.array for inner in nested(line.body) if isinstance(inner, StoreTo)}
+        return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in written)
+
+    @contextmanager
+    def _side_by_side(self, wide: int) -> Iterator[None]:
+        """Let every number be a vector of neighbouring elements; what was computed before is repeated for each."""
+        self._outside, self._values, self._lines.lanes = self._values, {}, wide
+        pairs, self._pairs = self._pairs, {}
+        yield
+        self._outside, self._values, self._lines.lanes = {}, self._outside, self._runs
+        self._pairs = pairs
+
+    def _reduce(self, line: Reduction) -> None:
+        totals: list[Value] = [self._operand(start) for start in line.starts]
+        if line.kind == INTERVAL:
+            of = self._intervals.of
+            pairs = zip(line.starts, totals, strict=True)
+            totals = [value if isinstance(start, str) else of("point", value) for start, value in pairs]
+        totals = (
+            self._bounded(line, totals) if line.below or line.above else self._passes(line, 0, line.count, 1, totals)
+        )
+        self._values.update(zip(line.totals, totals, strict=True))
+
+    def _bounded(self, line: Reduction, totals: list[Value]) -> list[Value]:
+        """Print the passes before, or after, the number of an index; of lanes with several numbers some by a mask."""
+        of = self._places.indices[line.below or line.above]
+        if isinstance(of.value, int):
+            bounds = (0, of.value) if line.below else (of.value + 1, line.count)
+            return self._passes(line, *bounds, 1, totals) if bounds[0] < bounds[1] else totals
+        beyond = self._lines.line("p", f"add i64 {of.value}, {self._lines.lanes if of.step else 1}").text
+        made, masked = partial(self._made, line), partial(self._made, line, masked=True)
+        if not of.step:
+            return self._inner(made, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
+        if line.below:
+            return self._inner(masked, of.value, beyond, self._inner(made, "0", of.value, totals))
+        return self._inner(made, beyond, str(line.count), self._inner(masked, of.value, beyond, totals))
+
+    def _inner(self, made: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
+        """Print passes between two numbers that are known when they are made; there may be none."""
+        lines, label, before = self._lines, self._lines.label(), self._lines.block
+        self._put(f"%{label}any = icmp ult i64 {first}, {last}")
+        self._put(f"br i1 %{label}any, label %{label}, label %{label}end")
+        lines.begin(label)
+        index, head = f"%{label}i", len(lines.lines)
+        carried = self._phis(label, totals, "t")
+        new = made(Index(index), carried)
+        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
+        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
+        self._put(f"{index}n = add i64 {index}, {step}")
+        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
+        inside = lines.block
+        lines.begin(f"{label}end")
+        joined = self._phis(label, totals, "e")
+        lines.lines += self._merged(joined, totals, before, new, inside)
+        return joined
+
+    def _phis(self, label: str, totals: list[Value], letter: str) -> list[Value]:
+        """Name what totals are where two ways through the text meet."""
+        parts = [[self._lines.value(part) for part in parts_of(total)] for total in totals]
+        return [
+            alike(
+                total, [LaneValue(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(own)]
+            )
+            for i, (total, own) in enumerate(zip(totals, parts, strict=True))
+        ]
+
+    def _merged(
+        self, names: list[Value], old: list[Value], before: str, new: list[Value], inside: str = ""
+    ) -> list[str]:
+        """Return lines that say what totals are: as they were, or as a pass left them."""
+        lines, phis = self._lines, []
+        for name, *ways in zip(names, old, new, strict=True):
+            for part, first, second in zip(
+                parts_of(name), *(map(lines.value, parts_of(way)) for way in ways), strict=True
+            ):
+                ends = f"[ {first.text}, %{before} ], [ {second.text}, %{inside or lines.block} ]"
+                phis.append(f"{part.text} = phi {lines.kind(part.letter)} {ends}")
+        return phis
+
+    def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
+        """Print passes of a loop, written out if they are few; return the totals after them."""
+        if step == 1 and last - first <= UNROLLED and (last - first) * size(line.body) <= self._most(line):
+            for k in range(first, last):
+                totals = self._made(line, Index(k), totals)
+            return totals
+        lines, label, before = self._lines, self._lines.label(), self._lines.block
+        self._begin(label)
+        index, head = f"%{label}i", len(lines.lines)
+        carried = self._phis(label, totals, "t")
+        new = self._made(line, Index(index, int(step > 1)), carried)
+        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
+        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
+        self._put(f"{index}n = add i64 {index}, {step}")
+        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
+        lines.begin(f"{label}end")
+        return new
+
+    def _most(self, line: Loop | Reduction) -> float:
+        return WRITTEN_OUT if any(isinstance(inner, Loop | Reduction) for inner in line.body) else float("inf")
+
+    def _made(self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False) -> list[Value]:
+        """Print one pass; return the totals after it."""
+        with self._pass(line, index, totals):
+            if isinstance(line, Loop):
+                return totals
+            joined = self._joined(line, totals)
+            if line.where or masked:
+                truth = self._side(line, index) if masked else self._operand(str(line.where))
+                joined = [
+                    alike(old, [choose(truth, *pair) for pair in zip(parts_of(new), parts_of(old), strict=True)])
+                    for old, new in zip(totals, joined, strict=True)
+                ]
+            return joined
+
+    def _joined(self, line: Reduction, totals: list[Value]) -> list[Value]:
+        """Join totals with the terms of a pass."""
+        join = partial(self._of(line.kind), line.operation)
+        return [join(total, self._operand(term)) for total, term in zip(totals, line.terms, strict=True)]
+
+    def _side(self, line: Reduction, index: Index) -> LaneValue:
+        """Return in which lanes a pass is before, or after, the number of the index that bounds it."""
+        indices = self._places.indices
+        indices[line.index] = index
+        own, bound = (self._places.ordinal(name) for name in (line.index, line.below or line.above))
+        return own < bound if line.below else own > bound

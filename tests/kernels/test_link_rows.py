@@ -1,0 +1,119 @@
+"""Loops in which every two elements meet once: rows side by side have the bits of plain Python."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.array_programs import compiled, in_python
+from xdynamics.kernels.link_rows import link_rows
+from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.program import Compute, Line, Load, Loop, Place, Program, Reduction, StoreTo, element
+
+WIDTHS = (1, 4, 8, 16)
+MEETING = (
+    Load("qj", element("p", 0, "j")),
+    Compute("sum", "add", ("qi", "qj")),
+    Compute("force", "divide", ("qi", "sum")),
+    Compute("opposite", "negative", ("force",)),
+)
+ADDED = (
+    Load("own", element("z", 0, "j")),
+    Compute("more", "add", ("own", "opposite")),
+    StoreTo(element("z", 0, "j"), "more"),
+)
+
+
+def meetings(n: int, *links: Line, after: tuple[Line, ...] = ()) -> Program:
+    """Forces between every two of n elements, `z`, of numbers `p`; each pair once."""
+    new = Compute("new", "add", ("total", "force"))
+    row = Reduction("j", n, (*MEETING, *(links or ADDED), new), ("new",), ("total",), "newest", -0.0, below="i")
+    body = (Load("qi", element("p", 0, "i")), row, *(after or (StoreTo(element("z", 0, "i"), "total"),)))
+    return Program("meetings", "Forces of every two.", (Loop("i", n, body),))
+
+
+def by_hand(q: np.ndarray) -> np.ndarray:
+    """The same by plain loops over all others, ascending."""
+    found = np.zeros_like(q)
+    for i in range(q.size):
+        total = -0.0
+        for j in range(q.size):
+            if j != i:
+                total += q[i] / (q[i] + q[j]) if j < i else -(q[j] / (q[j] + q[i]))
+        found[i] = total
+    return found
+
+
+@pytest.mark.parametrize("n", [2, 8, 9, 15, 16, 18, 33, 40])
+def test_each_pair_once_has_the_bits_of_ascending_sums(n: int) -> None:
+    """Assert that 1, 4, 8, 16 rows at once, and plain Python, add up what all others give in their order."""
+    q = np.random.default_rng(n).normal(size=n) * 10.0 ** np.arange(n)[::-1]
+    wanted = by_hand(q)
+    for call in (in_python(meetings(n)), *(compiled(meetings(n), abreast=wide) for wide in WIDTHS)):
+        z = np.full(n, 7.0)
+        call(p=q, z=z)
+        assert z.tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("runs", [4, 8])
+def test_runs_side_by_side_meet_once(runs: int) -> None:
+    """Assert that every lane has the bits of a single run."""
+    q = np.random.default_rng(runs).normal(size=(19, runs))
+    z = np.zeros_like(q)
+    compiled(meetings(19), runs=runs)(p=q, z=z)
+    assert all(z[:, lane].tobytes() == by_hand(q[:, lane].copy()).tobytes() for lane in range(runs))
+
+
+def test_rows_are_side_by_side_in_tiles() -> None:
+    """Assert quotients of eight rows at once: with an element that is left over, and with eight; and single ones."""
+    for n, tiles in ((15, 0), (16, 8), (17, 9)):
+        text = llvm_of([meetings(n)], abreast=8)
+        assert text.count("fdiv <8 x double>") == tiles
+        assert "fdiv double" in text
+
+
+def test_the_text_is_as_long_for_any_number() -> None:
+    """Assert that a thousand elements take as many lines as forty, with the same remainder by eight."""
+    assert len({llvm_of([meetings(n)], abreast=8).count("\n") for n in (40, 1000)}) == 1
+
+
+SET = StoreTo(element("z", 0, "i"), "total")
+DEPENDENT = {
+    "what is added is another sum's": (
+        *ADDED[:2],
+        Load("far", element("z", 1, "j")),
+        replace(ADDED[1], arguments=("own", "far")),
+        ADDED[2],
+    ),
+    "what is added is the row's own sum": (ADDED[0], replace(ADDED[1], arguments=("own", "total")), ADDED[2]),
+    "a sum is set, not added to": (StoreTo(element("z", 0, "j"), "force"),),
+    "a number is set besides": (*ADDED, StoreTo(element("z", 60, "j"), "force")),
+    "a sum is read twice": (*ADDED, Compute("square", "multiply", ("own", "own"))),
+    "a sum is multiplied": (ADDED[0], replace(ADDED[1], operation="multiply"), ADDED[2]),
+    "two sums are in one place": (*ADDED, Load("l", element("z", 0, "j")), Compute("m", "add", ("l", 1.0)),
+                                  StoreTo(element("z", 0, "j"), "m")),
+    "a sum of all": (Load("l", Place("z", 3)), Compute("m", "add", ("l", "force")), StoreTo(Place("z", 3), "m")),
+}  # fmt: skip
+DEPENDENT_AFTER = {
+    "a row changes another's sum": (SET, StoreTo(element("z", 1, "i"), "total")),
+    "a row reads its numbers after it wrote them": (SET, StoreTo(element("p", 0, "i"), "total")),
+}
+
+
+@pytest.mark.parametrize("name", [*DEPENDENT, *DEPENDENT_AFTER])
+def test_rows_that_depend_on_one_another_come_one_by_one(name: str) -> None:
+    """Assert that a row which reads or changes what another changes is made by itself, with the bits of Python."""
+    n, links, after = 24, DEPENDENT.get(name, ()), DEPENDENT_AFTER.get(name, ())
+    made = meetings(n, *links, after=after)
+    (line,) = made.body
+    assert isinstance(line, Loop)
+    assert link_rows(line) is None
+    assert link_rows(replace(line, body=meetings(n).body[0].body)) is not None  # type: ignore[union-attr]
+    found = []
+    for call in (in_python(made), compiled(made, abreast=8)):
+        q, z = np.random.default_rng(3).uniform(1.0, 2.0, 99), np.ones(99)
+        call(p=q, z=z)
+        found.append(z.tobytes() + q.tobytes())
+    assert found[0] == found[1]
