@@ -206,3 +206,15 @@ def test_a_shape_is_given_by_name() -> None:
 
     assert xd.solve(decay, (0, 1), np.ones(12), rtol=1e-8).y.values[-1] == pytest.approx(np.exp(-1.0), rel=1e-7)
     assert float(xd.solve(decay, (0, 1), [1.0, 2.0], rtol=1e-8).y1[-1]) == pytest.approx(2.0 * np.exp(-1.0), rel=1e-7)
+
+
+def test_results_are_written_where_numpy_is_told() -> None:
+    """Assert `out=` of a function of numpy, and that arrays of no numbers are joined with others."""
+
+    def limited(t: float, y: Any) -> Any:
+        rates = np.empty_like(y)
+        np.clip(y, -0.5, 0.5, out=rates)
+        return -np.concatenate((rates[:1], y[2:], rates[1:]))
+
+    run = xd.solve(limited, (0, 1), [2.0, 0.25], rtol=1e-9)
+    assert run.dynamics.solution.y[:, -1] == pytest.approx([1.5, 0.25 * np.exp(-1.0)], rel=1e-8)

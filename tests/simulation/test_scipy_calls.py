@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -78,3 +79,63 @@ def test_times_that_are_an_end_but_for_rounding_are_that_end() -> None:
     assert (solution.sol(-1e-17) == solution.y[:, 0]).all()
     with pytest.raises(xd.InputError, match="0.3000000001 s is outside the run"):
         solution.sol(0.3000000001)
+
+
+def clipped(t: float, y: Any) -> Any:
+    y[y < 0.0] = 0.0
+    return -y
+
+
+def doubled(t: float, y: Any) -> Any:
+    y *= 2.0
+    return -y
+
+
+def held(t: float, y: Any) -> Any:
+    y[0] = y[-1] = 0.0
+    return np.concatenate(([0.0], y[2:] - 2.0 * y[1:-1] + y[:-2], [0.0]))
+
+
+def cut(t: float, y: Any) -> Any:
+    np.clip(y, 0.0, None, out=y)
+    return -y
+
+
+@pytest.mark.parametrize("size", [2, 12, 400])
+@pytest.mark.parametrize("function", [clipped, doubled, held, cut])
+def test_functions_that_write_into_their_argument_are_refused(function: Any, size: int) -> None:
+    """Assert it of numbers with names, of a row, and of more than are written out, with the remedy, which works."""
+    start = np.linspace(-1.0, 1.0, size)
+    with pytest.raises(
+        xd.InputError, match=rf"^{function.__name__} writes into its argument, y.*with y = np.array.y.,"
+    ):
+        xd.solve(function, (0.0, 1.0), start)
+    if size == 2:
+        run = xd.solve(lambda t, y: function(t, np.array(y)), (0.0, 0.5), start, rtol=1e-9)
+        right = solve_ivp(lambda t, y: function(t, np.array(y)), (0.0, 0.5), start, "DOP853", rtol=1e-10, atol=1e-12)
+        assert run.dynamics.solution.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-7)
+
+
+def test_events_that_write_into_their_argument_are_refused() -> None:
+    """Assert it, though the function of the rates leaves its own alone."""
+
+    def through(t: float, y: Any) -> Any:
+        y[0] = 0.0
+        return y[1]
+
+    with pytest.raises(xd.InputError, match=r"^through writes into its argument, y\[0\]"):
+        xd.solve(lambda t, y: -y, (0.0, 1.0), [1.0, -1.0], events=through)
+
+
+@pytest.mark.parametrize(
+    ("function", "start", "said"),
+    [
+        (lambda t, y: [np.where(y[0] > 0, -1, 1)], [0.2], "^at t = 0.2 s: 'y0' switches where y0 = 0, "),
+        (lambda t, y: [-np.sign(2 * y[0] - t)], [0.2], "'y0' switches where 2.y0 = t/second, "),
+        (lambda t, y: np.where(y > 0.5, -1, 1) * np.ones(12), np.arange(12) / 6 + 0.02, r"where y\[3\] = 0.5, "),
+    ],
+)
+def test_motions_that_slide_name_their_switch(function: Any, start: Any, said: str) -> None:
+    """Assert the two sides that are equal there, and elements as functions have them."""
+    run = xd.solve(function, (0.0, 1.0), start, rtol=1e-8)
+    assert re.search(said, run.attrs["run_outcome_text"])

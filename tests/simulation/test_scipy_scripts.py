@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -63,11 +64,23 @@ REFUSED = {
 }
 
 
+def script(name: str) -> Any:
+    """The function of a script, or the method of an object."""
+    head, _, method = name.partition(".")
+    return getattr(getattr(scripts, head), method) if method else getattr(scripts, head)
+
+
+def test_as_many_scripts_as_were_collected() -> None:
+    """Assert that 37 that differ run, and four more are told what to write."""
+    texts = {inspect.getsource(script(name)) for name in SCRIPTS}
+    assert len(texts) == 37
+    assert len(REFUSED) == 4
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts_give_scipys_numbers(name: str) -> None:
     """Assert the state at the end, and events, against solve_ivp at its tightest."""
-    head, _, method = name.partition(".")
-    fun = getattr(scripts, head) if not method else getattr(getattr(scripts, head), method)
+    fun = script(name)
     asked = dict(SCRIPTS[name])
     span, y0, knots = asked.pop("t"), asked.pop("y0"), asked.pop("knots", 0)
     solution = xd.solve(fun, span, y0, rtol=1e-8, **{"atol": 1e-10} | asked).dynamics.solution

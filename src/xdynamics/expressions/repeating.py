@@ -1,4 +1,4 @@
-"""Checks that a function traced as expressions gives the same again: when traced once more, and with numbers."""
+"""Checks that a function traced as expressions gives the same again, traced and with numbers, and leaves its argument."""
 
 from __future__ import annotations
 
@@ -18,6 +18,46 @@ REMEDY = (
     "what is marched is one expression, so a random draw, a counter, a clock or anything else that changes would be"
     " frozen at its first value: make such numbers before, and hand them over in args"
 )
+
+
+class WrittenArgumentError(InputError):
+    """A function writes into the state that it is given."""
+
+
+def check_unwritten(called: str, given: Any, left: Any) -> None:
+    """Refuse a function that writes into its argument.
+
+    scipy hands over its own arrays: what is written into that of an accepted step stays in the solution, and what is
+    written into that of a stage does not.
+
+    Parameters
+    ----------
+    called : str
+        The name of the function in messages.
+    given, left : array or row
+        The argument before the call and after it, traced or of numbers.
+
+    Raises
+    ------
+    WrittenArgumentError
+        With the first number that is another, and the remedy.
+    """
+    if isinstance(given, np.ndarray):
+        pairs = zip(given.ravel().tolist(), left.ravel().tolist(), strict=True)
+        changed = [i for i, (one, other) in enumerate(pairs) if one is not other and not _is_same(one, other)]
+        place = f"[{changed[0]}]" if changed else ""
+    else:
+        changed, place = [0] if left.value is not given.value else [], ""
+    if changed:
+        raise WrittenArgumentError(
+            f"{called} writes into its argument, y{place}; solve_ivp would keep that in the solution where a step ends and"
+            " nowhere else; begin it with y = np.array(y), and only the rates have what it writes"
+        )
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    """Whether two numbers are equal, or none is a number."""
+    return isinstance(one, float) and isinstance(other, float) and (one == other or one != one)
 
 
 def check_repeats(called: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
@@ -71,12 +111,14 @@ def check_numbers(
     Raises
     ------
     InputError
-        With both numbers, and the time.
+        With both numbers, and the time; or if the function writes into its argument.
     """
     with np.errstate(all="ignore"):
         try:
             direct = np.asarray(function(), float).ravel()
             expected = np.array([evaluate(node, values) for node in nodes])
+        except WrittenArgumentError:
+            raise
         except Exception:  # noqa: BLE001 - somebody else's code, at a state where it may fail
             return
     if direct.shape != expected.shape:

@@ -93,6 +93,10 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
     InputError
         If it is none that can be traced.
     """
+    if (out := options.pop("out", None)) is not None:
+        into = out[0] if isinstance(out, tuple) else out
+        into[...] = of_numpy(function, *arguments, **options)
+        return into
     if lines_in((*arguments, *options.values())):
         return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):
@@ -201,16 +205,18 @@ def _by_kinks(x: Traced, xp: Any, fp: Any) -> Any:
 
 
 def _of_floats(value: Any) -> Any:
-    """Return an array of objects without traced numbers as one of floats."""
+    """Return an array of objects without traced numbers, also one in a list, as one of floats."""
     if isinstance(value, TracedArray) and not is_traced(value):
         return np.asarray(value, float)
-    return value
+    return type(value)(map(_of_floats, value)) if type(value) in (list, tuple) else value
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return np.asarray(value, object) if is_traced(value) else _of_floats(value)
-    return type(value)(map(_plain, value)) if isinstance(value, list | tuple) and is_traced(value) else value
+    return (
+        type(value)(map(_plain, value)) if isinstance(value, list | tuple) and is_traced(value) else _of_floats(value)
+    )
 
 
 def _mapped(rule: Callable[[Any], Any], values: Any) -> Any:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
-from xdynamics.expressions import text_of
+from xdynamics.expressions import Binary, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import spoken
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
 from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.chattering import NOWHERE, PASSAGES
@@ -76,7 +77,7 @@ def ending(march: March) -> Ending:
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
     march.doubts = doubts(march)
     remarks = (_chattering(march), *march.doubts, of_smooth_switches(march), advice)
-    return Ending(failure.outcome, "; ".join(filter(None, (text, *remarks))))
+    return Ending(failure.outcome, spoken("; ".join(filter(None, (text, *remarks)))))
 
 
 def _digits(march: March, t: float, h: float) -> int:
@@ -159,12 +160,18 @@ def _chattering(march: March) -> str:
 def _jump(march: March, switch: Detector) -> str:
     """Say where a force switches."""
     owner, function = switch.name.split(".")
-    where = f"switches where {text_of(switch.function)} = 0, the argument of its {function}"
+    where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
         at = _asked(march, switch.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
         where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
     return f"'{owner}' {where}"
+
+
+def _equation(function: Node) -> str:
+    """Say where an expression is zero; of a difference, where both are equal."""
+    sides = (function.left, function.right) if isinstance(function, Binary) and function.operator == "-" else None
+    return " = ".join(map(text_of, sides)) if sides else f"{text_of(function)} = 0"
 
 
 def _cause(march: March) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 
 from xdynamics.expressions import Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.expressions.fields import Field, unknown
-from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
+from xdynamics.expressions.repeating import NEGLIGIBLE, WrittenArgumentError, check_numbers
 from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.traced_grid import Grid, IrregularError, moved
-from xdynamics.expressions.tracing import Traced, name, node_of, traced
+from xdynamics.expressions.tracing import Traced, name, node_of
 from xdynamics.expressions.tree import Along, Binary
 from xdynamics.faults import InputError
 from xdynamics.shapes import Extent, Shapes, at
@@ -28,6 +28,8 @@ from xdynamics.simulation.right_sides import (
     events_of,
     numbers_of,
     with_arguments,
+    with_names,
+    with_numbers,
 )
 from xdynamics.units import parse_time
 
@@ -55,6 +57,8 @@ def array_sections(
             _check_numbers(written, grid, t_span, numbers, given, args, tables)
         except IrregularError:
             continue
+        except WrittenArgumentError:
+            raise
         except InputError:
             if whole:  # a view that is filled, say: an array of numbers does as numpy does
                 continue
@@ -101,7 +105,7 @@ def _once(
     fun, *events = functions
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
-    rates = traced(tables.of(fun), t, y.copy(), *arguments)
+    rates = with_names(fun, tables, t, y, arguments)
     if not isinstance(rates, Field | np.ndarray):
         return []
     if np.size(rates) != grid.size if isinstance(rates, np.ndarray) else rates.size != grid.size:
@@ -109,7 +113,7 @@ def _once(
     rate = _of_row(rates, grid) if isinstance(rates, Field) else _of_elements(rates, grid)
     written = [WrittenFunction(fun, (f"the rate of '{grid.name}'",), (rate,))]
     for event in events:
-        value = traced(tables.of(event), t, y.copy(), *arguments)
+        value = with_names(event, tables, t, y, arguments)
         if isinstance(value, Field | np.ndarray) and value.size != 1:
             raise InputError(f"event {called(event)} returns {value.size} numbers, needs one; write an event for each")
         one = value[0] if isinstance(value, Field) else np.asarray(value, object).item()
@@ -170,9 +174,9 @@ def _check_numbers(
             wanted: list[Mapping[str, int]] = [{grid.dim: place} for place in places] if i == 0 else [{}]
             nodes = [at(part.nodes[0], place, shapes) for place in wanted]
             span = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(_some, part.function, t, y.copy(), row, places if i == 0 else [0])
+            call = partial(_some, part.function, t, y, row, places if i == 0 else [0])
             check_numbers(called(part.function), part.words * len(nodes), nodes, call, values, least / span)
 
 
 def _some(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:
-    return np.asarray(function(t, y, *row), float).ravel()[places]
+    return np.asarray(with_numbers(function, t, y, row), float).ravel()[places]

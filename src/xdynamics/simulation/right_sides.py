@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.expressions import Node, text_of
-from xdynamics.expressions.repeating import check_repeats
+from xdynamics.expressions.repeating import check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution
 from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
 from xdynamics.faults import InputError
@@ -202,10 +202,26 @@ def each_written(
     fun, *events = functions
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
-    rates = _as_many(fun, traced(tables.of(fun), t, y.copy(), *arguments), len(words))
+    rates = _as_many(fun, with_names(fun, tables, t, y, arguments), len(words))
     yield WrittenFunction(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
-        yield WrittenFunction(event, ("its value",), (traced(tables.of(event), t, y.copy(), *arguments),))
+        yield WrittenFunction(event, ("its value",), (with_names(event, tables, t, y, arguments),))
+
+
+def with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
+    """Call a function with names in the place of numbers, and refuse one that writes into y."""
+    own = y.copy()
+    result = traced(tables.of(function), t, own, *arguments)
+    check_unwritten(called(function), y, own)
+    return result
+
+
+def with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:
+    """Call a function with numbers, and refuse one that writes into y."""
+    own = y.copy()
+    result = function(t, own, *row)
+    check_unwritten(called(function), y, own)
+    return result
 
 
 def drive(word: str, times: Any, values: Any) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from xdynamics.simulation.right_sides import (
     numbers_of,
     starts_of,
     with_arguments,
+    with_numbers,
     written_down,
 )
 from xdynamics.simulation.single_run import simulate
@@ -103,8 +104,8 @@ def solve(
     Raises
     ------
     InputError
-        If `fun` or an event cannot be written down, or gives something else when it is called again, or something has
-        another shape or unit.
+        If `fun` or an event cannot be written down, gives something else when it is called again, or writes into y, or
+        something has another shape or unit.
 
     Examples
     --------
@@ -218,7 +219,7 @@ def _check_numbers(
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
         for i, part in enumerate(written):
             of_rates = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(part.function, t, y.copy(), *row)
+            call = partial(with_numbers, part.function, t, y, row)
             check_numbers(called(part.function), part.words, part.nodes, call, values, least / of_rates)
 
 
