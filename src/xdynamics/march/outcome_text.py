@@ -32,10 +32,12 @@ from xdynamics.march.outcomes import (
 )
 from xdynamics.march.runner import March
 from xdynamics.march.step_replay import retraced, undefined_part
+from xdynamics.march.unlocated_switches import STEPS
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.model.detectors import SWITCH, Detector
 from xdynamics.model.reactions import TANGENT, reactions
+from xdynamics.model.switches import Switch
 from xdynamics.schema import (
     REASON_CONTACT,
     REASON_DOMAIN,
@@ -139,6 +141,11 @@ def diagnose(march: March) -> Failure:
 
 def _sliding(march: March) -> str:
     """Name the switch to which both sides drive the motion back."""
+    if march.slides is not None:
+        return (
+            f"{_jump(march, march.slides)}, and the last {STEPS} steps went to and fro across it: it slides along the switch"
+            f" (Filippov), which is no motion by this force; {_SMOOTHER}"
+        )
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
     return (
@@ -157,7 +164,7 @@ def _chattering(march: March) -> str:
     )
 
 
-def _jump(march: March, switch: Detector) -> str:
+def _jump(march: March, switch: Detector | Switch) -> str:
     """Say where a force switches."""
     owner, function = switch.name.split(".")
     where = f"switches where {_equation(switch.function)}, the argument of its {function}"

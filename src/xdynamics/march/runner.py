@@ -28,7 +28,9 @@ from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
+from xdynamics.march.unlocated_switches import end_if_sliding
 from xdynamics.model import Model
+from xdynamics.model.switches import Switch
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import EVENT_AFTER
 from xdynamics.units import TIME, unit_suffix
@@ -84,6 +86,9 @@ class March:
         self.interrupted = False
         self.stopping_event = ""
         self.chattering = NOWHERE  # the detector of the switch that a march without end passed to and fro
+        self.slides: Switch | None = (
+            None  # the switch, not located, along which an adaptive march went on in tiny steps
+        )
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
         self.doubts: list[str] = []  # doubts about its accuracy, once it is over; see `outcome_text.ending`
         self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
@@ -265,6 +270,8 @@ class March:
                 raise NoMemoryError(
                     f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
                 ) from None
+            filled = log.rows[:, : _counts(self.run)[0] - first[0]]
+            self.slides = end_if_sliding(self.run, self.model, self.layout, self.settings.scales, filled)
             looked, took = clock(), clock() - looked
             pause = _rows_to_come(pause, counts[0], took)
             if self.progress:
