@@ -13,10 +13,12 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import oscillator
+from xdynamics import schema
 from xdynamics.archive import reading, seals
 from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.seals import Tail
 from xdynamics.archive.shared_handles import is_lent
+from xdynamics.evidence import evidence_dataset
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +150,23 @@ def test_chunks_that_cannot_be_made_are_refused(archived: Path, chunks: Any, mes
     """Assert one line that shows them."""
     with pytest.raises(xd.InputError, match=message):
         xd.open_run(archived, chunks=chunks)
+
+
+def test_an_archive_of_a_newer_schema_is_not_taken_for_one_of_this(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert one line with the remedies for a run, evidence and both kinds of sweep that a later version wrote."""
+    paths = [tmp_path / name for name in ("run.nc", "study.nc", "grid", "grid.zarr")]
+    asked: dict[str, Any] = {"method": "rk4", "until": 0.2}
+    with monkeypatch.context() as patch:
+        for module in (schema, evidence_dataset, reading):
+            patch.setattr(module, "SCHEMA_VERSION", "3")
+        xd.save(xd.simulate(oscillator().model, step=0.1, **asked), paths[0])
+        xd.save(xd.refine(oscillator().model, steps=[0.1, 0.05], **asked), paths[1])
+        for path in paths[2:]:
+            xd.sweep(oscillator().model, {"k": "1:2:2 N m-1"}, step=0.1, path=path, **asked)
+    for path, verb in zip(paths, [xd.open_run] * 2 + [xd.open_sweep] * 2, strict=True):
+        with pytest.raises(xd.ArchiveError, match=r"schema 3, written by xdynamics .* reads schemas up to 2: install"):
+            verb(path)
+    with xd.open_run(paths[0], check=False) as run:
+        assert run.attrs["schema_version"] == "3"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import signal
@@ -252,3 +253,24 @@ def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
     digest = xd.verify(stored)
     assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == digest
     assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json", "zarr.json"]
+
+
+def test_a_full_disk_is_named_and_the_store_goes_on(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert one line where the chunks of a block cannot be written, and the digest of a sweep that never stopped."""
+    path, written = tmp_path / "other.zarr", iter(range(10))
+
+    def synchronise(*given: Any) -> None:
+        if next(written) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        zarr_digests.synchronise(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr_blocks, "synchronise", synchronise)
+        with pytest.raises(
+            xd.ArchiveError, match=r"other\.zarr' cannot be written: No space left .* the same call goes"
+        ):
+            xd.sweep(MODEL, **ASKED, path=path, members_per_task=2)
+    xd.sweep(MODEL, **ASKED, path=path, members_per_task=2)
+    assert xd.verify(path) == xd.verify(stored)

@@ -23,10 +23,11 @@ from xdynamics.archive.stores import store_of
 from xdynamics.archive.text_encoding import form_of
 from xdynamics.faults import ArchiveError, InputError, KindWarning, numbered, warn
 from xdynamics.record import faults_of
+from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import ROOT_DIGEST, SEALED
+from xdynamics.schema import ROOT_DIGEST, SCHEMA_VERSION, SEALED
 
 if TYPE_CHECKING:
     import netCDF4
@@ -50,7 +51,7 @@ def open_run(
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
         process has seen the same bytes before, else twice, the second time in a process of its own, which a
         malicious file may hang or end. Without the check, the objects of an unknown file are still listed, so that no
-        link out of it is followed.
+        link out of it is followed, and a file of a newer schema is read as if it were of this version's.
     quantify : bool
         Whether to return numbers with units in their arrays, by pint-xarray. They are read then, not when they are used.
     chunks : mapping of str to int, or int or "auto", optional
@@ -63,11 +64,17 @@ def open_run(
     InputError
         If there is no such file, or it is none: a directory, a pipe, a socket, a device; or chunks cannot be made so.
     ArchiveError
-        If the file is damaged or no run archive; names what differs.
+        If the file is damaged or no run archive, or of a schema that this version does not know; names what differs.
     """
     place = placed(path)
     run, foreign = _opened(_held(place), check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
+    if check:
+        try:
+            check_schema(run.attrs, place)
+        except ArchiveError:
+            run.close()
+            raise
     _check_record(run, place, values=foreign)
     result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))))
     result = result if chunks is None else _chunked(result, chunks)
@@ -189,6 +196,31 @@ def _again(path: Place, digest: str) -> xr.Dataset | None:
     except InputError:
         return None
     return run if run.attrs[ROOT_DIGEST] == digest else None
+
+
+def check_schema(
+    attributes: Mapping[Any, Any], path: Place, reader: str = "xdynamics.open_run(path, check=False)"
+) -> None:
+    """Check that a file or store was not written by a version whose records may mean something that is unknown here.
+
+    Parameters
+    ----------
+    attributes : mapping
+    path : Path, or name of an object
+    reader : str
+        What opens it all the same.
+
+    Raises
+    ------
+    ArchiveError
+    """
+    schema = str(attributes.get("schema_version", SCHEMA_VERSION))
+    if not (schema.isdecimal() and int(schema) <= int(SCHEMA_VERSION)):
+        writer = attributes.get("xdynamics_version", "of unknown version")
+        raise ArchiveError(
+            f"'{path}' has schema {schema}, written by xdynamics {writer}; this is {xdynamics_version()}, which reads schemas"
+            f" up to {SCHEMA_VERSION}: install a newer one; {reader} shows the variables as they are"
+        )
 
 
 def _check_record(run: xr.Dataset, path: Place, *, values: bool) -> None:

@@ -209,10 +209,12 @@ machines of your own, with the same versions of xdynamics and a folder that all 
 SLURM: pip install dask-jobqueue; jobs of the queue are the workers. In Python, and in a shell beside it:
   from dask_jobqueue import SLURMCluster
   cluster = SLURMCluster(cores=8, processes=8, memory="16 GB", walltime="01:00:00"); cluster.scale(jobs=10)
-  print(cluster.scheduler_address)                  # for --scheduler, or xd.cluster(address)
-Kubernetes: pip install dask-kubernetes; the image has to have xdynamics in it.
+  cluster.wait_for_workers(8)                       # until the queue lets the first job begin; later ones join in
+  print(cluster.scheduler_address)                  # for --scheduler, or xd.cluster(address), while this Python lives
+Kubernetes: pip install dask-kubernetes; the image has to have xdynamics[distributed] in it, the cluster dask's operator:
+  helm install --repo https://helm.dask.org --create-namespace -n dask-operator --generate-name dask-kubernetes-operator
   from dask_kubernetes.operator import KubeCluster
-  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10)
+  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10); cluster.wait_for_workers(1)
   kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
 Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
 the verb, or xd.cluster, ends with a line for each; a Client of your own is not asked. The finest level of a study begins first, and of several studies one ends before the next

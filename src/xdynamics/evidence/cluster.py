@@ -90,7 +90,8 @@ def check_workers(client: Any) -> None:
         raise InputError(f"the workers of {_address(client)} cannot be asked for their versions: {error}") from None
     if not found:
         raise InputError(
-            f"the cluster at {_address(client)} has no workers; start one with: dask worker {_address(client)}"
+            f"the cluster at {_address(client)} has no workers; start one with: dask worker {_address(client)}; or where"
+            " jobs still wait in a queue, wait for them: cluster.wait_for_workers(1)"
         )
     mine = environment()
     faults = [fault for worker, theirs in found.items() for fault in _faults(worker, mine, theirs)]

@@ -42,8 +42,20 @@ def fill(plan: Plan, members: int | None, folder: Place, progress: Progress | No
     ------
     InputError
         If the package zarr is missing, or the store holds a sweep that this one does not extend so.
+    ArchiveError
+        If it cannot be written: the disk is full, or others' alone.
     """
     zarr_package()
+    try:
+        _fill(plan, members, folder, progress)
+    except OSError as error:  # zarr raises it as it comes
+        raise ArchiveError(
+            f"'{folder}' cannot be written: {error.strerror or error}; blocks of members that are whole are kept, and the"
+            " same call goes on with the others"
+        ) from None
+
+
+def _fill(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> None:
     store, notes = store_of(folder), folder / NOTES
     is_whole = store.kind(notes / DIGESTS) is None
     if is_whole and facts_of(folder)["sweep"] == plan.digest and not zarr_growth.is_left(plan, folder):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
+from xdynamics.archive.reading import check_schema
 from xdynamics.faults import ArchiveError
 from xdynamics.record.folding import labelled
 from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
@@ -29,13 +30,14 @@ def opened(folder: Place) -> xr.Dataset:
     Raises
     ------
     ArchiveError
-        If the folder holds no sweep.
+        If the folder holds no sweep, or one of a newer schema.
     """
     import xarray as xr
 
     zarr_package()
     facts = facts_of(folder)
     stored = xr.open_zarr(str(folder), consolidated=True, mask_and_scale=False, decode_times=False)
+    check_schema(stored.attrs, folder, "xarray.open_zarr")
     sweep = stored.assign(
         {name: _as_texts(stored[name]) for name in (OUTCOME, STOPPED_BY, *HEXADECIMAL) if name in stored}
     )
