@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.faults import AccuracyWarning
 
 RODS = """
 name = "rods on a rough floor"
@@ -76,3 +77,14 @@ def test_a_fast_slip_that_wedges_ends_the_run() -> None:
     run = xd.simulate(xd.Model.from_text(RODS.format(mu=1.8, slip=1.0)))
     assert run.run_outcome == "contact_undetermined"
     assert "forces" in run.run_outcome_text
+
+
+def test_a_slip_that_is_stopped_outside_its_cone_is_told() -> None:
+    """Assert that where one rod wedges, those beside it that friction cannot stop at once are told, and by how much."""
+    text = RODS.format(mu=1.8, slip=1e-3).replace('mu = "1.8"', 'mu = "where(index(rod) > 0.5, 1.2, 1.8)"')
+    with pytest.warns(AccuracyWarning, match="29 of the slow slips"):
+        run = xd.simulate(
+            xd.Model.from_text(text.replace('mu = "', 'mu = { dims = ["rod"], value = "').replace('1.8)"', '1.8)" }'))
+        )
+    assert f"{1.6 / 1.2 / 1.2:.3g} times what its friction allows" in run.run_outcome_text
+    assert "'floor' of " in run.run_outcome_text

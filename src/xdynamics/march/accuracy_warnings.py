@@ -13,6 +13,7 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.march.assembly.broad_phase import NEEDED, NEEDED_AT, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF
 from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import jacobian_at
@@ -44,6 +45,7 @@ def doubts(march: March) -> list[str]:
         *_of_contacts(march.model),
         *_of_gains(march),
         *_of_places(march),
+        *_of_stopped_slips(march),
     ]
 
 
@@ -193,6 +195,26 @@ def _of_places(march: March) -> Iterator[str]:
             f"the position tolerance of {', '.join(names)} was not met by every event: rounding of the function, or of"
             " t, leaves more; event_position says where"
         )
+
+
+def _of_stopped_slips(march: March) -> Iterator[str]:
+    """Report impulses that stopped slips which wedged, and rubbed by more than friction allows."""
+    run, model = march.run, march.model
+    count = int(run.tallies[OUTSIDE]) if model.assemblies else 0
+    if not count:
+        return
+    assembly = assemblies(model)[int(run.tallies[OUTSIDE_OF])]
+    time = float(run.spans[NEEDED_AT]) * march.settings.scales.of(TIME)
+    needed = float(run.spans[NEEDED])
+    most = (
+        f"{needed:.3g} times what its friction allows" if needed < math.inf else "by a pull, which no friction allows"
+    )
+    yield (
+        f"{count} of the slow slips that wedged were stopped by impulses outside their cone of friction, most of all that of"
+        f" contact '{assembly.name}' of {assembly.label(int(run.tallies[OUTSIDE_LINK]))} at t ="
+        f" {time:.6g}{unit_suffix(model.time_unit)}, {most}: what follows is not Coulomb's law to the last; a smaller"
+        " rest_height stops fewer"
+    )
 
 
 def _condition(mass: NDArray[np.float64]) -> float:

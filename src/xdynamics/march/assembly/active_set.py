@@ -13,7 +13,21 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import shared
-from xdynamics.march.assembly.broad_phase import LOSS, ROWS, STRAIN, STRAINED, TERMS, TOGETHER, WORK, blame
+from xdynamics.march.assembly.broad_phase import (
+    LOSS,
+    NEEDED,
+    NEEDED_AT,
+    OUTSIDE,
+    OUTSIDE_LINK,
+    OUTSIDE_OF,
+    ROWS,
+    STRAIN,
+    STRAINED,
+    TERMS,
+    TOGETHER,
+    WORK,
+    blame,
+)
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,
@@ -335,4 +349,20 @@ def take_energy(run: Run, t: float) -> None:
                 run.spans[LOSS] -= pull * (slip + slip_of(run, a)) / 2.0
                 run.spans[WORK] -= pull * run.touching[a, SLIP_EARLY]
                 run.spans[TERMS] += abs(pull) * (abs(slip) + abs(slip_of(run, a)))
+                if run.touching[a, HALTED] == 1.0:
+                    check_cone(run, a, impulse, abs(pull))
             row += rows
+
+
+@shared
+def check_cone(run: Run, a: int, pressing: float, rubbing: float) -> None:
+    """Note an impulse that stopped a slip and rubs by more than friction allows, or pulls."""
+    most = run.touching[a, STATIC] * pressing
+    if rubbing <= most * (1.0 + ALLOWED):
+        return
+    run.tallies[OUTSIDE] += 1
+    needed = rubbing / most if most > 0.0 else inf
+    if needed > run.spans[NEEDED]:
+        k = int(run.touching[a, CANDIDATE])
+        run.spans[NEEDED], run.spans[NEEDED_AT] = needed, run.trial[0].t
+        run.tallies[OUTSIDE_OF], run.tallies[OUTSIDE_LINK] = run.candidates[k, ASSEMBLY], run.candidates[k, LINK]

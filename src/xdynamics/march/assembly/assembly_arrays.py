@@ -78,7 +78,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     """
     every, layout = assemblies(model), law.layout
     if not every:
-        return _NOTHING | {"tallies": np.zeros(16, np.int64), "spans": np.zeros(16)}, []
+        return _NOTHING | {"tallies": np.zeros(18, np.int64), "spans": np.zeros(16)}, []
     _check(law, settings)
     # links are looked for between states, whatever polynomial a step leaves
     bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
@@ -88,7 +88,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     slots, width = slots_of(model, layout.coordinates)
     rows_each, tallies = (
         2 if any(assembly.contact.slip is not None for assembly in every) else 1,
-        np.zeros(16, np.int64),
+        np.zeros(18, np.int64),
     )
     tallies[SLOTS], tallies[ROWS] = width, rows_each
     room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))

@@ -30,13 +30,16 @@ from xdynamics.march.run import Run
 # trial was to land
 # whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
 # steps in a row in which forces of closed links hardly changed; events that followed each other within what times are
-# located to
+# located to; links whose slip was stopped by more than their friction, with assembly and link of the worst
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
-ROWS, QUIET, HASTE = range(12, 15)
+ROWS, QUIET, HASTE, OUTSIDE, OUTSIDE_OF, OUTSIDE_LINK = range(12, 18)
 OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED = range(1, 11)  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
-# gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms
-SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE = range(13)
+# gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms;
+# the largest coefficient of friction, over that of its link, that an impulse needed which stopped a slip, and when
+SHARE, WHOLE_STEP, LEFT, RESIDUAL, FASTEST, DEPTH, AIM, STRAIN, ASTRAY, LOSS, WORK, TERMS, FIGURE, NEEDED, NEEDED_AT = (
+    range(15)
+)
 GROUP = 16  # elements of a group
 AHEAD = 32.0  # steps that a box is to last, at the velocities of the step
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates
