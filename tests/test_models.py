@@ -264,6 +264,7 @@ def test_archives_pass_cf(tmp_path: Path, request: pytest.FixtureRequest) -> Non
     assert not strict_faults(archives, tmp_path / "report.txt")
 
 
+@pytest.mark.dear
 def test_the_strict_check_finds_faults(tmp_path: Path) -> None:
     """Assert that a unit that there is not is a fault, of that file alone."""
     pytest.importorskip("compliance_checker")

@@ -22,6 +22,7 @@ def run() -> xr.Dataset:
     return xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), method="dop853", rtol=1e-8)
 
 
+@pytest.mark.dear
 def test_a_quantified_record_is_the_same_again(run: xr.Dataset) -> None:
     """Assert that units go into arrays and come out as they were, flags and texts untouched."""
     from xdynamics.record.pint_records import is_quantified, plain
@@ -100,6 +101,7 @@ def test_the_engine_verifies(run: xr.Dataset, tmp_path: Path) -> None:
     assert not xr.backends.list_engines()["xdynamics"].guess_can_open(path)
 
 
+@pytest.mark.dear
 def test_the_engine_imports_light() -> None:
     """Assert that xarray's look at its engines loads neither the engine of the march nor pint."""
     script = "import sys, xarray as xr; xr.backends.list_engines(); print(*(one for one in ('numba', 'pint', 'scipy', 'matplotlib') if one in sys.modules and 'xdynamics' in sys.modules))"

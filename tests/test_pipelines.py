@@ -60,7 +60,7 @@ def main_of(name: str) -> Callable[..., str]:
     return found
 
 
-@pytest.mark.every(5)
+@pytest.mark.every(17)
 @pytest.mark.parametrize("name", PIPELINES)
 def test_it_leaves_archives_figures_and_a_page(name: str, tmp_path: Path) -> None:
     """Assert that everything is there, verified, and that the page names each with its digest."""

@@ -116,6 +116,7 @@ def test_a_catalogue_that_names_files_elsewhere_is_refused(file: str, tmp_path: 
 # ------------------------------------------------------------------------------------------- lazy, where it is not wanted
 
 
+@pytest.mark.dear
 def test_a_part_of_a_stage_is_said_to_be_one(tmp_path: Path) -> None:
     """Assert what is told of a lazy variable taken out of its stage: drawn, reported beside a whole one, saved."""
     study = xd.refine(OSCILLATOR, steps=[0.1, 0.05], compute=False, **ASKED)

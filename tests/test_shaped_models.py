@@ -51,6 +51,7 @@ def test_three_bodies_chase_each_other() -> None:
     assert np.abs(run.angular_momentum.values).max() < 1e-10
 
 
+@pytest.mark.dear
 def test_energy_comes_back_to_the_longest_mode() -> None:
     """Assert recurrence: most energy leaves the mode, and over 95 % is back near 157 of its periods."""
     run = xd.simulate(model("fermi_pasta_ulam"))

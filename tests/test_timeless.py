@@ -36,6 +36,7 @@ BOUNCING: dict[str, Any] = {
 }
 
 
+@pytest.mark.dear
 def test_no_number_has_a_second(tmp_path: Path) -> None:
     """Assert units without s, bits from the file alone, and the states of the same equations in seconds."""
     model = xd.Model(**LORENZ)

@@ -62,6 +62,7 @@ def test_streamed_equals_saved(tmp_path: Path) -> None:
     assert xd.verify(tmp_path / "streamed.nc") == streamed.attrs["content_digest"]
 
 
+@pytest.mark.dear
 def test_dask_backed_run_is_saved(archived: Path, tmp_path: Path) -> None:
     """Assert that a chunked run is written a chunk at a time, to the same content."""
     xd.save(xd.open_run(archived).chunk({"step": 50}), tmp_path / "chunked.nc")

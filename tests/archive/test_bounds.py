@@ -235,6 +235,7 @@ def test_a_crash_is_one_error(tmp_path: Path, other: _Examiner, monkeypatch: pyt
         other.examine(path, tail_of(path)).settle(path)
 
 
+@pytest.mark.dear
 def test_a_process_that_is_gone_is_replaced(tmp_path: Path, other: _Examiner) -> None:
     """Assert that a process that ended, for want of questions or otherwise, is started again."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")

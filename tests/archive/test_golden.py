@@ -30,6 +30,7 @@ def test_the_set_is_whole() -> None:
     assert (len(ARCHIVES), len(SECOND)) == (10, 20)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("path", ARCHIVES, ids=lambda one: one.stem)
 def test_numbers_are_reproduced(path: Path) -> None:
     """Assert that every number has the same bits, or that one sentence tells why not and the largest difference, a tiny one."""
@@ -54,7 +55,7 @@ def test_version_0_2_is_reproduced_to_the_bit(path: Path) -> None:
     assert xd.reproduce(path).attrs["identical"] == 1
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("path", ARCHIVES + SECOND[::4], ids=lambda path: path.stem)
 def test_they_are_read_by_everything(path: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Assert that an old archive is verified, shown and sampled, and every third drawn; with --whole, all."""

@@ -15,6 +15,7 @@ from xdynamics.archive.signatures import new_key, protection
 RUN = xd.simulate(oscillator().model, step=0.1, until=1.0)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("length", range(243, 256))
 def test_a_run_may_have_any_name(length: int, tmp_path: Path) -> None:
     """Assert that a march into a file leaves that file alone, and its segments have a folder of their own."""
@@ -25,6 +26,7 @@ def test_a_run_may_have_any_name(length: int, tmp_path: Path) -> None:
     assert folder_of(path) != folder_of(tmp_path / ("n" * (length - 4) + "m.nc"))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("length", range(250, 256))
 def test_an_archive_of_any_name_is_signed(length: int, tmp_path: Path) -> None:
     """Assert that it is verified before, signed, and verified with its signature, which is of this name alone."""

@@ -98,6 +98,7 @@ def test_of_two_writers_one_is_told(place: ObjectName) -> None:
         assert digest(place) == xd.content_digest(run)
 
 
+@pytest.mark.dear
 def test_an_opened_run_is_not_another(place: ObjectName) -> None:
     """Assert that a run which travels to another process is refused there when its object was replaced."""
     xd.save(RUN, str(place))
@@ -214,6 +215,7 @@ def test_no_credentials_are_told(store: Way, place: ObjectName, monkeypatch: pyt
         xd.save(RUN, str(place))
 
 
+@pytest.mark.dear
 def test_an_interrupted_march_is_resumed(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that segments are objects beside it, are gone on from to the same bits, and are removed then."""
     monkeypatch.setattr(segments, "EVERY", 0.0)
@@ -302,6 +304,7 @@ def uploads(place: ObjectName) -> list[Any]:
     return [entry for entry in object_upload.uploads_of(place, place.key) if entry[0] == place.key]
 
 
+@pytest.mark.dear
 def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that nothing stands under the name, and that the next call aborts the upload and frees the lock."""
     done = subprocess.run([sys.executable, "-c", KILLED, str(place), "complete_multipart_upload"], check=False)
@@ -388,6 +391,7 @@ def test_a_ledger_that_broke_off_goes_on_in_a_store(store: Way, place: ObjectNam
         assert xd.validate(methods, keep=keep).equals(whole)
 
 
+@pytest.mark.dear
 @pytest.mark.every(8)
 @pytest.mark.parametrize("what", STORES)
 @pytest.mark.parametrize("name", ["grid", "grid.zarr"])
@@ -415,6 +419,7 @@ def test_a_zarr_store_is_of_objects_too(place: ObjectName) -> None:
     assert xr.open_zarr(folder).end_x.values.tolist() == xd.sweep(MODEL, **asked).end_x.values.tolist()
 
 
+@pytest.mark.dear
 def test_a_refinement_keeps_its_levels_in_a_store(place: ObjectName) -> None:
     """Assert the numbers of a refinement in memory, an archive for each level, and that what is there is not marched again."""
     asked: dict[str, Any] = {"method": "rk4", "steps": [0.1, 0.05], "until": 1.0, "at": [1.0]}
@@ -425,6 +430,7 @@ def test_a_refinement_keeps_its_levels_in_a_store(place: ObjectName) -> None:
         assert xd.refine(MODEL, keep=str(place.parent), **asked).limit_x.identical(kept.limit_x)
 
 
+@pytest.mark.dear
 def test_a_sweep_is_one_process_s(place: ObjectName) -> None:
     """Assert that who marches into a folder of a store keeps others off."""
     folder = place.parent / "grid"

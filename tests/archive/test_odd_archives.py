@@ -79,7 +79,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.every(7)
+@pytest.mark.every(23)
 @pytest.mark.parametrize("what", FAULTS)
 def test_an_odd_record_is_one_error_from_every_verb(swing: Path, tmp_path: Path, what: str) -> None:
     """Assert that each verb names the fault in one error and ends with 1, where the digests hold."""
@@ -105,6 +105,7 @@ def hostile(run: xr.Dataset) -> xr.Dataset:
     return run.assign({"a$_{b": ("step", np.zeros(run.sizes["step"]), extra)})
 
 
+@pytest.mark.dear
 def test_no_text_of_a_file_reaches_the_terminal_as_it_is(swing: Path, tmp_path: Path) -> None:
     """Assert that titles, names, units and attributes are shown written out by every verb, and drawn as they are."""
     found = answers(changed(swing, tmp_path / "odd.nc", hostile), swing)
@@ -178,6 +179,7 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path: Path, name: str, value: ob
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.dear
 def test_words_of_flags_are_found_by_their_numbers(swing: Path, tmp_path: Path) -> None:
     """Assert that numbers of flags need not begin at zero, nor a word of another version be there."""
 

@@ -122,6 +122,7 @@ def test_a_file_is_hashed_once_to_be_verified(archived: Path, monkeypatch: pytes
     assert hashed == [archived]
 
 
+@pytest.mark.dear
 def test_a_run_is_opened_in_chunks(archived: Path) -> None:
     """Assert dask arrays of the wanted sizes, of those in the file for none, and the digest of the whole run."""
     whole = xd.open_run(archived)

@@ -183,6 +183,7 @@ def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monk
     assert xd.verify(tmp_path / "run.nc") == whole()
 
 
+@pytest.mark.dear
 def test_a_run_that_broke_off_while_it_was_sealed(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """Assert that no segment is of a run that is over, so that what stopped it is found out again."""
     rocket, path = xd.Model.from_toml(MODELS / "rocket_c6.toml"), tmp_path / "run.nc"
@@ -204,6 +205,7 @@ def test_short_runs_are_small_files(tmp_path: Path) -> None:
     assert streamed.stat().st_size == pytest.approx(saved.stat().st_size, rel=0.01)
 
 
+@pytest.mark.dear
 def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """Assert that after a segment that could not be written there is none, at a Ctrl-C neither: rows would be missing."""
     whole_ones = iter([True, True, False])
@@ -267,7 +269,7 @@ def flipped(content: bytearray, at: int) -> bytes:
     return bytes(content)
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -295,6 +297,7 @@ def test_a_damaged_segment_is_named(broken: Path, damage: Any, message: str) -> 
     assert xd.verify(broken) == whole()
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("lost", "told"),
     [
@@ -314,6 +317,7 @@ def test_a_missing_segment_is_named(broken: Path, lost: Callable[[list[Path]], o
     assert xd.verify(broken) == whole()
 
 
+@pytest.mark.dear
 def test_nothing_to_resume(tmp_path: Path) -> None:
     """Assert that it is said, and the run made; that a whole one is left as it is; and where resume has no place."""
     path = tmp_path / "run.nc"
@@ -366,6 +370,7 @@ def test_two_processes_do_not_share_segments(broken: Path) -> None:
     assert len(names(broken)) == 5
 
 
+@pytest.mark.dear
 def test_slow_steps_are_kept_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a block is handed over when its time is up, with the same bits."""
     monkeypatch.setattr("xdynamics.march.runner.LOOK", 0.0)

@@ -24,6 +24,7 @@ def runs(count: int, until: float = 1.0) -> list[xr.Dataset]:
     return [xd.simulate(PENDULUM, method="rk4", step=0.01 + 0.001 * k, until=until) for k in range(count)]
 
 
+@pytest.mark.dear
 def test_files_are_those_of_save(tmp_path: Path) -> None:
     """Assert names, digests and compression of runs in a folder, by name and at paths."""
     made = runs(3)
@@ -38,6 +39,7 @@ def test_files_are_those_of_save(tmp_path: Path) -> None:
     assert found[0].stat().st_size < found[3].stat().st_size
 
 
+@pytest.mark.dear
 def test_the_disk_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert one synchronisation for all files and one of the folder; and so for each batch."""
     asked: list[Any] = []
@@ -52,6 +54,7 @@ def test_the_disk_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert asked[2:] == [2, "fsync", 2, "fsync", 1, "fsync"]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("where", ["_finish", "sync_file_systems"])
 def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that no name is taken where one file, or the disk, fails, that nothing is left beside, and one error names it."""
@@ -70,6 +73,7 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
     assert [xd.verify(entry) for entry in sorted(tmp_path.iterdir())] == before
 
 
+@pytest.mark.dear
 @pytest.mark.every(6)
 @pytest.mark.cases(200)
 def test_killed_at_any_moment(case: int, tmp_path: Path) -> None:

@@ -96,6 +96,7 @@ def test_verify_says_what_it_checked(signed: Path) -> None:
     assert call("verify", signed).output == start + "(sealed; not signed)\n"
 
 
+@pytest.mark.dear
 def test_signatures_of_0_2_are_of_what_they_covered(made: Path, signed: Path) -> None:
     """Assert that a signature of content and circumstances alone is verified as such, which is said in words."""
     key = serialization.load_pem_private_key((made / "key.pem").read_bytes(), None)

@@ -95,6 +95,7 @@ def test_a_row_beyond_the_end_is_an_error(tmp_path: Path) -> None:
             chosen(stored, (np.array([1, 4]),))
 
 
+@pytest.mark.dear
 def test_evidence_of_an_opened_run_is_that_of_the_run(tmp_path: Path) -> None:
     """Assert that states between, a diagnosis and a comparison have the same bits from a file as from memory."""
     model = xd.Model.from_toml(Path(__file__).parents[2] / "data" / "models" / "kepler.toml")

@@ -387,6 +387,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_any_name_is_right(run: xr.Dataset, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file gets the very name that it was given, byte by byte, relative to where the process is."""

@@ -57,6 +57,7 @@ def test_texts_come_back_from_numbers(case: int) -> None:
     assert str(form.texts(found.values[at])) == texts[at]
 
 
+@pytest.mark.dear
 def test_a_catalogue_of_numbers_is_that_of_letters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert words, types, attributes and digests of a catalogue as it was kept before, whose file still opens."""
     new = swept(tmp_path / "new")

@@ -83,6 +83,7 @@ def calibrated(draws: int) -> xr.Dataset:
     return xd.error_budget(xd.Model.from_toml(MODELS / "mass_calibration.toml"), "dm", at="1 s", draws=draws, seed=2)
 
 
+@pytest.mark.dear
 def test_the_mass_calibration_of_jcgm_101(request: pytest.FixtureRequest) -> None:
     """Assert 0.0539 mg by first order, 0.0755 mg drawn, the interval, and that the linear budget is not adequate."""
     budget = calibrated(200_000 if request.config.getoption("--whole") else 50_000)
@@ -224,6 +225,7 @@ def test_intervals_and_verdicts_of_draws() -> None:
     assert judged(5.0, 0.3, drawn(5.0 + 0.3 * np.random.default_rng(4).standard_normal(60), 0.9), 0.9)[0] == 2
 
 
+@pytest.mark.dear
 def test_the_same_budget_twice_and_from_a_file(tmp_path: Any) -> None:
     """Assert that a budget is the same each time, and is saved, opened, verified, told and drawn."""
     from xdynamics.documenting.summary import summary
@@ -524,6 +526,7 @@ def test_units_of_inputs_are_spelled_as_they_were_declared(given: str, si: str, 
     assert float(budget.standard_uncertainty[i]) == pytest.approx(0.2 * value, rel=1e-9)
 
 
+@pytest.mark.dear
 def test_a_time_without_a_unit_has_no_seconds() -> None:
     """Assert that nothing of a budget of a model without units of time says s: variables, attributes, lines, document, figure."""
     from xdynamics.documenting.summary import summary

@@ -72,6 +72,7 @@ def test_without_truncation_no_finer_run_is_marched() -> None:
     assert xd.error_budget(BALL, "y", without="truncation", **steps).attrs["left_out"] == "truncation"
 
 
+@pytest.mark.dear
 def test_a_lazy_budget_of_a_part_has_the_bits_of_the_eager_one() -> None:
     """Assert the description while every march fails, and the bits, with draws of the inputs that are left."""
     left_out = ["truncation", "drag_coefficient"]

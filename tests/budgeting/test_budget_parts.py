@@ -364,6 +364,7 @@ def test_tolerances_that_leave_no_room_for_finer_runs_are_refused() -> None:
         xd.error_budget(standing(), "s", rtol=7.9 * 20.0 * EPS, **asked)
 
 
+@pytest.mark.dear
 def test_an_extreme_says_how_it_was_found() -> None:
     """Assert rule, place and what interpolation does of an apex between states, of a start, and of a landing."""
     model = xd.Model(

@@ -205,6 +205,7 @@ def test_it_is_made_again_from_the_file_alone(certificate: xr.Dataset, tmp_path:
     assert call("recheck", MODELS / "ball_drag.toml").exit_code != 0
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -356,6 +357,7 @@ def test_a_bundle_with_another_run_is_found_out(certificate: xr.Dataset, tmp_pat
         xd.recheck(folder)
 
 
+@pytest.mark.dear
 def test_a_method_that_fails_its_ledger_is_no_witness(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a failed case of the method fails the gate."""
     from xdynamics.budgeting import certificate as room

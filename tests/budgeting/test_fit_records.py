@@ -295,6 +295,7 @@ def test_intervals_of_a_linear_law_are_the_same_both_ways(told: bool) -> None:
     assert by["profile"].interval.values == pytest.approx(wanted, rel=1e-4)
 
 
+@pytest.mark.dear
 def test_a_profile_follows_a_law_that_is_not_linear() -> None:
     """Assert unlike sides of the interval of a rate, at a bound too, against the roots of its sum of squares."""
     model = xd.Model(
@@ -340,6 +341,7 @@ class Line:
         raise AssertionError(scaled, share)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("loss", "outliers", "known", "wanted"),
     [

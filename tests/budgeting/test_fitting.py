@@ -273,6 +273,7 @@ def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
     assert fitted.digest == result.attrs["fitted_digest"]
 
 
+@pytest.mark.dear
 def test_a_straight_line_is_that_of_the_normal_equations() -> None:
     """Assert estimates, uncertainties and correlation of x = x0 + v t against weighted linear least squares."""
     rng = np.random.default_rng(5)
@@ -445,6 +446,7 @@ def swing(seed: int) -> tuple[xd.Model, pd.DataFrame, dict[str, float], float]:
     return model, frame, true, end
 
 
+@pytest.mark.dear
 @pytest.mark.every(3)
 @pytest.mark.cases(100)
 def test_a_start_that_is_off_does_not_lead_astray(case: int) -> None:
@@ -564,6 +566,7 @@ def test_searches_that_cannot_be_are_named(more: dict[str, Any], said: str) -> N
         xd.fit(pendulum(), bench(swung(), 1), ["L"], **MARCH | more)
 
 
+@pytest.mark.dear
 def test_runs_of_one_sign() -> None:
     """Assert probabilities of few, usual and many runs, against all arrangements counted."""
     from itertools import combinations

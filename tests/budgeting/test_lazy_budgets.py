@@ -23,7 +23,7 @@ BUDGETS: dict[str, tuple[xd.Model, str, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("case", BUDGETS)
 def test_a_lazy_budget_has_the_bits_of_the_eager_one(case: str) -> None:
     """Assert the description while every march fails, one graph, and the bits of the eager budget."""
@@ -77,6 +77,7 @@ def test_draws_that_end_by_themselves_are_refused() -> None:
         xd.error_budget(BALL, "y", at="1 s", until_uncertainty="1 m", compute=False)
 
 
+@pytest.mark.dear
 def test_a_lazy_certificate_has_the_bits_of_the_eager_one() -> None:
     """Assert a whole certificate: budget, gates and ledger."""
     asked = {"event": "apex", "draws": 200, **RK4}

@@ -72,6 +72,7 @@ def test_rows_have_the_weights_of_the_trapezoidal_rule(case: int) -> None:
     assert term(budget, "standard_uncertainty_doubt", "f_common") == 0.0
 
 
+@pytest.mark.dear
 def test_a_table_that_moves_as_a_whole_is_an_input_in_its_own_unit() -> None:
     """Assert slope, sign, uncertainty and units of what all rows have together, and that rows that part are a pure number."""
     times = np.linspace(0.0, 1.0, 5)
@@ -118,6 +119,7 @@ def test_more_rows_than_have_slopes_are_drawn() -> None:
     assert doubt == pytest.approx(size / 8.0)
 
 
+@pytest.mark.dear
 def test_draws_have_the_tables_too() -> None:
     """Assert that the standard deviation of draws is that of rows, of what is common to them and of a start together."""
     times = np.linspace(0.0, 1.0, 5)

@@ -201,6 +201,7 @@ def test_plot_writes_a_figure(ball: Path, tmp_path: Path) -> None:
     assert call("plot", ball, "-o", tmp_path / "ball.gif").exit_code == 2
 
 
+@pytest.mark.dear
 def test_plot_without_a_name_writes_beside_the_archive(ball: Path, tmp_path: Path) -> None:
     """Assert that the figure is called after the archive, beside it, and that the line says where."""
     archive = tmp_path / "ball.of.5ms.nc"
@@ -319,6 +320,7 @@ def test_start_imports_little() -> None:
         assert not absent & set(loaded.split()), command
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("output", "code", "said"),
     [

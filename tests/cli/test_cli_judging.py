@@ -62,6 +62,7 @@ def test_refine_keeps_shows_and_draws(tmp_path: Path) -> None:
     assert call("reproduce", path).exit_code == 2
 
 
+@pytest.mark.dear
 def test_refine_by_tolerances_and_by_location(tmp_path: Path) -> None:
     """Assert the other things that are varied, a ratio, and levels that are added."""
     rtols = call(
@@ -96,6 +97,7 @@ def test_refine_by_tolerances_and_by_location(tmp_path: Path) -> None:
     assert "stopped   every change under its tolerance" in more.output
 
 
+@pytest.mark.dear
 def test_diagnose_growth(swing: Path) -> None:
     """Assert all Lyapunov exponents of a spring or the largest alone, and that no time follows from 0."""
     every = call("diagnose", swing, "--no-companion", "--lyapunov").output

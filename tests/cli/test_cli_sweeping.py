@@ -118,6 +118,7 @@ def test_wrong_options_are_named(tmp_path: Path, asked: list[str], message: str)
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.dear
 def test_figures_of_every_kind_of_grid() -> None:
     """Assert panels: maps over two axes, lines over one, bands and histograms of draws, points for words."""
     model = xd.Model.from_toml(BALL)

@@ -101,6 +101,7 @@ def test_a_hangup_keeps_what_was_marched(tmp_path: Path) -> None:
     assert xd.open_run(tmp_path / "run.nc").attrs["run_outcome"] == "interrupted"
 
 
+@pytest.mark.dear
 def test_a_hangup_that_is_ignored_stays_so(tmp_path: Path) -> None:
     """Assert that what `nohup` started goes on."""
     script = f"trap '' HUP; {COMMAND} {LONG} & sleep 1; kill -HUP $!; wait $!"

@@ -125,6 +125,7 @@ def pd_error() -> type[Exception]:
     return InvalidIndexError
 
 
+@pytest.mark.dear
 def test_runs_of_one_shape_are_put_together_by_xarray(tmp_path: Path) -> None:
     """Assert that without a preprocess runs with as many rows are along a new dimension, each with its bits."""
     runs = [xd.simulate(ball(g), path=tmp_path / f"{g}.nc") for g in (9.7, 9.8, 9.9)]
@@ -145,6 +146,7 @@ def test_sweeps_at_times_are_put_together_by_xarray(tmp_path: Path) -> None:
         assert together.y.values.tobytes() == np.stack([one.y.values for one in found]).tobytes()
 
 
+@pytest.mark.dear
 def test_runs_of_other_shapes_are_sampled(tmp_path: Path) -> None:
     """Assert the AlignmentError that the page quotes, and that its two remedies give the states of each run."""
     steps = ["100 ms", "125 ms"]

@@ -106,7 +106,7 @@ def test_the_same_in_markdown(bundled: Path, tmp_path: Path) -> None:
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in block.strip().split("\n")}) == 1
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.toml")), ids=lambda one: one.stem)
 def test_every_model_is_written_in_formulas(path: Path) -> None:
     """Assert that all formulas of every model are drawn by matplotlib's mathematics, and that its numbers are all there.

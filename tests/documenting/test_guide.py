@@ -103,7 +103,7 @@ def test_names_that_are_none(path: str, said: str, tmp_path: Path) -> None:
     assert (done.exit_code, said in done.output) == (2, True), done.output
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.toml")), ids=lambda one: one.stem)
 def test_check_reads_every_model(path: Path) -> None:
     """Assert that each model is told, with all methods, and nothing is marched."""

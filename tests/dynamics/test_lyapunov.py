@@ -896,6 +896,7 @@ def test_some_of_the_largest() -> None:
     assert two.lyapunov_exponents.values == pytest.approx(every.lyapunov_exponents.values[:2], rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.dear
 def test_force_in_python() -> None:
     """Assert that a force without derivatives is followed by differences."""
 
@@ -973,6 +974,7 @@ def test_impulses_over_whole_steps_are_refused() -> None:
         exponents(run)
 
 
+@pytest.mark.dear
 def test_chunks_have_the_exponents_of_the_whole() -> None:
     """Assert the same bits of a run that is read in chunks."""
     run = marched(oscillator("-x", (1.0, 0.0)), 5.0)

@@ -65,6 +65,7 @@ def test_collocation_is_gauss(stages: int) -> None:
         assert (inner * nodes**k).sum(axis=1) == pytest.approx(nodes ** (k + 1) / (k + 1), abs=1e-15)
 
 
+@pytest.mark.dear
 def test_the_tenth_impact_to_rounding() -> None:
     """Assert dt/de and dt/dh of the tenth impact to 1e-14, where differences come to 1e-12."""
     model = doubtful(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), e="uncertainty = 0.001", y="half_width = 0.001")
@@ -117,6 +118,7 @@ def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
         slopes_along(run, model, Target("maximum_y"), [*model.uncertain])
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("quantity", "where"),
     [
@@ -131,6 +133,7 @@ def test_impacts_on_a_moving_floor_by_a_changing_restitution(quantity: str, wher
     agree(falling(contacts={"floor": floor}), quantity, **where)
 
 
+@pytest.mark.dear
 def test_an_impact_whose_normal_and_masses_change() -> None:
     """Assert slopes through bounces on a curved floor, of a body with two inertias that depend on uncertain numbers."""
     model = xd.Model(
@@ -175,6 +178,7 @@ def test_a_force_that_jumps() -> None:
     agree(model, "x", at="9 s")
 
 
+@pytest.mark.dear
 def test_a_mass_matrix_that_depends_on_coordinates_and_parameters() -> None:
     """Assert slopes of a double pendulum by masses, lengths and starts."""
     spreads = dict.fromkeys(("m1", "m2", "l1", "l2"), "uncertainty = 1e-5")
@@ -183,6 +187,7 @@ def test_a_mass_matrix_that_depends_on_coordinates_and_parameters() -> None:
     agree(model, "kinetic_energy", at="1 s", close=1e-6)
 
 
+@pytest.mark.dear
 def test_first_order_states_and_drives() -> None:
     """Assert slopes of a state whose rate reads a table of time and one of the motion."""
     model = falling(
@@ -206,6 +211,7 @@ def test_first_order_states_and_drives() -> None:
     agree(model, "q", at="1.7 s")
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("name", "first", "where", "said"),
     [
@@ -255,6 +261,7 @@ def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypa
             _equations(run, model, ())
 
 
+@pytest.mark.dear
 def test_a_slope_below_the_rounding_of_its_number_is_that_of_the_equations() -> None:
     """Assert the closed form of a push that moves an oscillator by less than rounding does, without a warning."""
     model = xd.Model(
@@ -278,6 +285,7 @@ def test_a_touch_counts_from_its_very_row() -> None:
         _check_open({"contact_state_floor": 3}, 3)
 
 
+@pytest.mark.dear
 def test_the_rule_says_both_ways() -> None:
     """Assert that a slope says how it was found and how far differences are from it."""
     budget = xd.error_budget(falling(), "y", at="0.3 s")
@@ -286,6 +294,7 @@ def test_the_rule_says_both_ways() -> None:
     assert float(budget.sensitivity[4]) == pytest.approx(-0.045, rel=1e-13)
 
 
+@pytest.mark.dear
 def test_changes_that_are_not_small_are_told_by_differences() -> None:
     """Assert that an uncertainty over which a number bends keeps the slope of differences, with the other one told."""
     model = doubtful(xd.Model.from_toml(MODELS / "impact_oscillator.toml"), w="uncertainty = 0.001")

@@ -257,7 +257,7 @@ def applied(code: machine.Code, name: str, given: tuple[NDArray[np.float64], ...
 PROCESSORS = {"x86-64": "", "haswell": "+avx2", "skylake-avx512": "+avx512f", "host": ""}
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("processor", PROCESSORS)
 @pytest.mark.parametrize("lanes", [1, 2, 4, 8, 16])
 def test_machine_code_has_the_bits_of_python(lanes: int, processor: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,6 +283,7 @@ def test_machine_code_has_the_bits_of_python(lanes: int, processor: str, monkeyp
             assert singly.tobytes() == arrays.tobytes(), name
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_machine_code_of_the_first_set(lanes: int) -> None:
     """Assert that machine code of the set `xdynamics 1` has that set's bits where the sets differ."""

@@ -63,6 +63,7 @@ def test_states_and_observables_between_have_the_set_of_the_run(name: str, runs:
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", SETS)
 def test_lanes_have_the_bits_of_a_run_alone(name: str) -> None:
     """Assert that a sweep with a set, marched in lanes, gives each member what it has alone, and names the set."""

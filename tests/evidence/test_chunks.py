@@ -48,6 +48,7 @@ def test_a_diagnosis_of_chunks_has_the_bits_of_that_of_the_whole(case: int) -> N
     assert max(reads.values()) == 1
 
 
+@pytest.mark.dear
 def test_a_diagnosis_of_more_than_is_remembered_reads_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a run longer than the bound is diagnosed, to the same bits: its times and forces are read once."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)
@@ -70,6 +71,7 @@ def test_chunks_of_quantities_with_dimensions_are_read_once() -> None:
     assert {*reads.values()} == {1}
 
 
+@pytest.mark.dear
 def test_chunks_of_one_row_change_nothing() -> None:
     """Assert cycles, turns and extremes of a short run in which every row is a chunk."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.4, until=7.0)

@@ -282,6 +282,7 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
     assert believed(lambda t: (np.where(t > 7.0, span, 0.0), 0 * t), 6.0) == pytest.approx(6.0, abs=1e-9)
 
 
+@pytest.mark.dear
 def test_what_the_command_says_of_levels(tmp_path: Path) -> None:
     """Assert that the verb says coordinate, level and why, that --level sets it, and what it says of a level that is missed."""
     swing = Swing(np.random.default_rng(7))

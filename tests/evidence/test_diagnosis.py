@@ -72,6 +72,7 @@ def test_turning_points_are_located() -> None:
     assert np.isnan(found.phase_offset).all()
 
 
+@pytest.mark.dear
 def test_extremes_say_where_they_are_from() -> None:
     """Assert the apex of a ball by its event, the largest of an oscillation between states, the start as it was sampled."""
     thrown = xd.diagnose(xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml")))
@@ -120,6 +121,7 @@ def test_residuals_of_closed_forms() -> None:
     assert float(found.rms_residual_v_x) > 0.0
 
 
+@pytest.mark.dear
 def test_references_of_phases() -> None:
     """Assert offsets from a period, and from another run."""
     run = marched()
@@ -141,6 +143,7 @@ def test_two_beating_coordinates() -> None:
     assert (at.v_y > 0).all()
 
 
+@pytest.mark.dear
 def test_a_chaotic_run_says_until_when() -> None:
     """Assert a positive exponent for a double pendulum thrown high, none for an oscillator, and that belief ends in time."""
     model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
@@ -195,6 +198,7 @@ def test_bounces_that_only_one_run_has() -> None:
     assert found.event_time_global_error.size == run.sizes["event"]
 
 
+@pytest.mark.dear
 def test_saved_shown_and_drawn(tmp_path: Path) -> None:
     """Assert that a diagnosis is an archive, and has a figure where there are cycles."""
     found = xd.diagnose(marched(), exact={"x": "cos(2*t/second)*metre"})
@@ -246,6 +250,7 @@ def growing() -> xd.Model:
     )
 
 
+@pytest.mark.dear
 def test_the_largest_is_that_of_every_hump() -> None:
     """Assert the largest of many swings, which need not be the one with the largest accepted state."""
     for until in (60.0, 75.0, 100.0):
@@ -274,6 +279,7 @@ def test_states_are_believed_too() -> None:
     assert float(xd.diagnose(run).believed_until) < 5.0
 
 
+@pytest.mark.dear
 def test_what_was_edited_is_not_taken_for_the_run() -> None:
     """Assert that evidence from an edited record has another digest, and that nothing is marched beside it or a part."""
     run = marched(until=5.0)
@@ -287,6 +293,7 @@ def test_what_was_edited_is_not_taken_for_the_run() -> None:
         xd.companion(run.isel(step=slice(0, 50)))
 
 
+@pytest.mark.dear
 def test_many_cycles_take_no_time() -> None:
     """Assert that 3,000 cycles are diagnosed."""
     run = xd.simulate(OSCILLATOR, method="velocity_verlet", step=0.05, until=9500.0, force_samples="none")

@@ -127,6 +127,7 @@ def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
     assert 0.5 * off <= float(found.maximum_force_push_x_uncertainty) <= 2.0 * off
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("peak", "node"), [(1.3, 1.2), (0.95, 1.17), (0.4, 1.2), (-0.5, 1.0)])
 def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: float) -> None:
     """Assert its height above the highest row, by steps of other lengths on either side; 0 where it is at either end."""
@@ -238,6 +239,7 @@ def test_rules_of_members_differ_and_are_told() -> None:
     )
 
 
+@pytest.mark.dear
 def test_a_force_in_python_is_sampled_in_sweeps_too() -> None:
     """Assert value, rule and what a parabola goes beyond it, of every member as of its run alone."""
 
@@ -320,6 +322,7 @@ def test_an_extreme_that_is_none_is_named(quantity: str) -> None:
         xd.error_budget(BALL, quantity, **FINE)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e-3), ("km", 1e3)])
 def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) -> None:
     """Assert value, time and what the errors of place and speed there come to, in any unit, of a power and of a place."""

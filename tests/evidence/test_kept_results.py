@@ -31,6 +31,7 @@ MAKE: dict[str, Callable[..., xr.Dataset]] = {
 }
 
 
+@pytest.mark.dear
 @pytest.mark.every(2)
 @pytest.mark.parametrize("what", ["budget", "ledger"])
 def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> None:
@@ -78,6 +79,7 @@ def killed_while_writing(make: Callable[..., xr.Dataset], keep: Path, number: in
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("number", [1, 6])
 def test_a_budget_that_was_killed_goes_on(number: int, tmp_path: Path) -> None:
     """Assert the bits of one go, and that what was whole when the process was killed is there as it was."""
@@ -108,6 +110,7 @@ def test_a_budget_whose_folder_is_full_goes_on(tmp_path: Path) -> None:
     assert_same_bits(MAKE["budget"](keep=tmp_path), MAKE["budget"]())
 
 
+@pytest.mark.dear
 def test_a_whole_certificate_marches_nothing(tmp_path: Path) -> None:
     """Assert it of budget and ledger together, lazily at first, then at once."""
     found = MAKE["certificate"](keep=tmp_path, compute=False).compute(scheduler="synchronous")

@@ -111,6 +111,7 @@ def test_every_public_verb_is_a_stage_or_listed() -> None:
     assert verbs - tested == {*NUMBERS_NEEDED}
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", OF_RUNS)
 def test_a_stage_of_a_run_is_described_without_reading_it(name: str) -> None:
     """Assert names and units of the computed stage from arrays that cannot be read, which are read when it is computed."""
@@ -127,6 +128,7 @@ def test_a_stage_of_a_run_is_described_without_reading_it(name: str) -> None:
         assert [found[name].attrs["units"] for name in found] == [described[name].attrs["units"] for name in found]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", OF_RUNS)
 def test_a_stage_of_a_run_reads_each_chunk_once(name: str) -> None:
     """Assert the bits of the run in memory, and that no chunk of a variable is read twice."""
@@ -138,7 +140,7 @@ def test_a_stage_of_a_run_reads_each_chunk_once(name: str) -> None:
     assert {*reads.values()} == {1}
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("name", OF_RUNS)
 def test_a_file_behind_a_stage_may_be_closed_and_replaced(name: str, tmp_path: Path) -> None:
     """Assert the numbers of the run that was described, whatever has taken the name of its file."""
@@ -152,6 +154,7 @@ def test_a_file_behind_a_stage_may_be_closed_and_replaced(name: str, tmp_path: P
     assert_same_bits(stage, OF_RUNS[name](run, compute=True))
 
 
+@pytest.mark.dear
 def test_stages_of_an_unmarched_run_march_it_once() -> None:
     """Assert one march of the run for all stages of it, and one of each run beside it, in one graph."""
     run = xd.simulate(OSCILLATOR, **ASKED, compute=False)

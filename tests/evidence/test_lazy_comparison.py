@@ -103,6 +103,7 @@ def test_a_comparison_shares_its_runs_and_travels() -> None:
     assert stage.sizes["occurrence"] == eager.sizes["occurrence"]
 
 
+@pytest.mark.dear
 def test_runs_in_chunks_are_compared_whole(tmp_path: Path) -> None:
     """Assert energies, events and words of runs in chunks with their bits, of which a change is another comparison."""
     runs, chunked = pair(compute=True), []

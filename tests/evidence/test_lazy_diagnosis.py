@@ -57,6 +57,7 @@ def test_a_lazy_diagnosis_is_described_and_has_the_bits_of_the_eager_one(name: s
     assert summary(found.compute())[2:] == summary(eager)[2:]
 
 
+@pytest.mark.dear
 def test_only_as_many_cycles_as_are_asked_for() -> None:
     """Assert the first ones, nan behind the last, words that count those that there are, and the remedy without a number."""
     run = xd.simulate(OSCILLATOR, method="rk4", step=0.05, until=14.0)
@@ -93,6 +94,7 @@ def test_what_is_wrong_with_a_diagnosis_is_told_before_the_march(more: dict[str,
         xd.diagnose(run, compute=False, **{"occurrences": 3} | more)
 
 
+@pytest.mark.dear
 def test_diagnoses_of_several_methods_share_their_reference() -> None:
     """Assert that the nearly exact run is one task of a graph, and that a study's level is not marched again."""
     asked: dict[str, Any] = {"step": 0.02, "until": 4.0, "force_samples": "none"}
@@ -110,6 +112,7 @@ def test_diagnoses_of_several_methods_share_their_reference() -> None:
     ]
 
 
+@pytest.mark.dear
 def test_exponents_of_a_run_in_chunks() -> None:
     """Assert the bits of the run in memory, from chunks that are read once."""
     model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
@@ -155,6 +158,7 @@ def test_what_is_wrong_with_a_limiting_case_is_told_before_the_march() -> None:
         late.x.compute()
 
 
+@pytest.mark.dear
 def test_a_lazy_diagnosis_of_chunks_reads_nothing_before() -> None:
     """Assert that a run opened in chunks is read when the diagnosis is computed, to the bits of the whole run's."""
     run = xd.simulate(OSCILLATOR, method="rk4", step=0.05, until=8.0)

@@ -122,6 +122,7 @@ def test_what_falls_over_has_no_frequency() -> None:
     assert found.eigenvalue_real.values.max() == pytest.approx(math.sqrt(GRAVITY), rel=1e-9)
 
 
+@pytest.mark.dear
 def test_states_alone_have_eigenvalues_and_no_modes() -> None:
     """Assert that a model without coordinates is linearised too."""
     model = xd.Model(
@@ -164,6 +165,7 @@ def test_steps_of_methods_are_those_of_the_fastest_mode() -> None:
     assert of(found, "forward_euler", "suggested_step") == pytest.approx(0.01 / (2 * math.pi) / 3, rel=1e-4)
 
 
+@pytest.mark.dear
 def test_a_row_of_a_record_is_taken_in_its_units() -> None:
     """Assert that the state of a run in degrees gives the stiffness there: w**2 = g/l cos(theta)."""
     model = loaded("pendulum").replace(initial={"theta": "40 degree"})

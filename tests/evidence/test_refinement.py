@@ -27,7 +27,7 @@ def verdict(study: Any, name: str, k: int = 0) -> str:
     return VERDICTS[int(study[f"verdict_{name}"][k])]
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("method", [name for name, one in xd.METHODS.items() if one.stepper.locates])
 def test_orders_and_uncertainties_of_every_method(method: str) -> None:
     """Assert that asymptotic numbers have the method's order or a whole one above, and no error is beyond its uncertainty."""
@@ -235,6 +235,7 @@ def test_location_is_refined_alone() -> None:
     assert rules.rule.values.tolist() == ["interpolant", "reintegrate"]
 
 
+@pytest.mark.dear
 def test_levels_are_added_until_nothing_changes() -> None:
     """Assert that steps are halved until the apex is known to a micrometre, and that a wish that cannot be met ends."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -248,6 +249,7 @@ def test_levels_are_added_until_nothing_changes() -> None:
     assert "with x still changing by more than its tolerance: no finer level, rtol is" in never.attrs["stopped"]
 
 
+@pytest.mark.dear
 def test_saved_and_opened_again(tmp_path: Any) -> None:
     """Assert that a refinement is an archive like any other: verified, its texts too, and no run."""
     study = xd.refine(OSCILLATOR, method="rk4", steps=[0.2, 0.1], until=1.0)
@@ -273,6 +275,7 @@ def test_saved_and_opened_again(tmp_path: Any) -> None:
         xd.open_run(tmp_path / "broken.nc")
 
 
+@pytest.mark.dear
 def test_runs_of_levels_are_kept_in_files(tmp_path: Path) -> None:
     """Assert that a study over archives is the study in memory, to the bit, and that its runs are there and verified."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -307,6 +310,7 @@ def test_models_with_several_events(name: str, asked: dict[str, Any]) -> None:
         assert np.isfinite(study[f"event_time_{one}"].values[-1]).sum() == int(study[f"event_count_{one}"][-1])
 
 
+@pytest.mark.dear
 def test_an_interrupt_ends_the_study(tmp_path: Path) -> None:
     """Assert that Ctrl-C in the first of several long levels ends the command, with nothing left under the target's name."""
     command = [

@@ -101,7 +101,7 @@ def solution_through(name: str, starts: Any, states: Any, times: Any) -> Any:
     return solve_ivp(slopes, (0, 1), states.ravel(), "DOP853", rtol=3e-14, atol=1e-17).y[:, -1].reshape(states.shape)
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("rule", ["reintegrate", "interpolant"])
 @pytest.mark.parametrize(
     ("problem", "method", "step"),

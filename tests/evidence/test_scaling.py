@@ -202,6 +202,7 @@ def test_the_ledgers_own_cases_are_scaled() -> None:
     )
 
 
+@pytest.mark.dear
 def test_lines_say_the_scale(tmp_path: Path) -> None:
     """Assert that tables of the command line have scaled residuals and their scale beside the absolute ones."""
     run, other = swing(), swing(k=4.1)

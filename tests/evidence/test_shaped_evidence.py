@@ -53,6 +53,7 @@ def run(springs: xd.Model) -> xr.Dataset:
     return xd.simulate(springs)
 
 
+@pytest.mark.dear
 def test_closed_forms_and_cycles_of_elements(run: xr.Dataset) -> None:
     """Assert residuals of a form with dimensions and of one element, and the period of the element that is asked for."""
     found = xd.diagnose(run, exact=FORM, of="x[b]")
@@ -148,6 +149,7 @@ def test_influences_are_of_each_element(springs: xd.Model) -> None:
     assert float(shares.sel(body="a")[0]) == pytest.approx(ends.mean(1).var() / ends.var(), rel=1e-6)
 
 
+@pytest.mark.dear
 def test_shares_and_limits_of_elements(springs: xd.Model) -> None:
     """Assert Sobol's indices and a limiting case of elements."""
     ranges = {"k[a]": ["1 N m-1", "2 N m-1"], "A": ["1 m", "2 m"]}

@@ -110,6 +110,7 @@ def test_an_element_has_a_tolerance_of_its_own() -> None:
         xd.simulate(pair, atol={"x[q]": "1 um"})
 
 
+@pytest.mark.dear
 def test_budgets_are_of_elements_or_blocks(chain: xd.Model) -> None:
     """Assert that terms are chosen by element and by block, and that all of a block are its elements together."""
     one = xd.error_budget(chain, "u[a]", at="1 s", only=["m[a]", "c"])

@@ -222,6 +222,7 @@ def test_coordinates_are_named() -> None:
         cycles(fall(), "v_y")
 
 
+@pytest.mark.dear
 def test_a_run_that_is_late_is_behind() -> None:
     """Assert that a run 1 % slower than its reference falls behind it by 2 pi (T/T0 - 1) rad a cycle from the start on."""
     run = swing(4.0 / 1.01**2)

@@ -43,6 +43,7 @@ REFINEMENTS: dict[str, tuple[xd.Model, dict[str, Any]]] = {
 # ------------------------------------------------------------------------------------------------------------- refine
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("case", REFINEMENTS)
 def test_a_lazy_refinement_is_described_and_has_the_bits_of_the_eager_one(case: str) -> None:
     """Assert names, units and sizes while every march fails, then each level marched once, and the same bits."""
@@ -96,6 +97,7 @@ def test_levels_are_kept_in_a_folder_when_they_are_computed(tmp_path: Path) -> N
     assert len(list((tmp_path / "levels").glob("*.nc"))) == len(digests)
 
 
+@pytest.mark.dear
 def test_a_study_whose_levels_are_kept_goes_on(tmp_path: Path) -> None:
     """Assert that levels that are whole are read, and that those which are missing, damaged or of another run are marched."""
     asked = STUDY | {"keep": tmp_path}

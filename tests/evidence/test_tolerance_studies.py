@@ -142,6 +142,7 @@ def eccentric(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[floa
     return model, 2 * math.pi * 10 ** rng.uniform(-0.3, 0.8), lambda t: on_ellipse(e, start + t)
 
 
+@pytest.mark.dear
 @pytest.mark.cases(40)
 def test_few_long_steps_about_a_perihelion(case: int) -> None:
     """Assert for dop853, whose errors fall by 3 in a decade where differences say 10, that 9 in 10 of 80 numbers are held (96 of all)."""

@@ -33,7 +33,7 @@ def told(study: Any, name: str, k: int = 0) -> tuple[str, float, float, float]:
     )
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_smooth_problems(name: str) -> None:
     """Assert orders, at two times, one of them between accepted states, and that errors are within uncertainties, most within a factor of three."""
@@ -58,7 +58,7 @@ def test_smooth_problems(name: str) -> None:
     assert 1.0 <= np.median(factors) <= 3.0
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("case", list(known()), ids=lambda case: case[0])
 def test_events_and_contacts(case: tuple[str, xd.Model, dict[str, Any], dict[str, float]]) -> None:
     """Assert that times of events, impacts and stops, and the states behind, are known as well as is said."""
@@ -124,7 +124,7 @@ def test_a_floor_of_rounding_is_seen() -> None:
     assert abs(told(study, "x")[2] - math.cos(2.0)) <= told(study, "x")[3]
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     ("method", "levels"),
     [("forward_euler", 4), ("midpoint", 3), ("midpoint", 5), ("rk4", 4), ("dormand_prince", 3), ("dormand_prince", 5)],

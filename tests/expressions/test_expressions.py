@@ -65,6 +65,7 @@ def grown(inner: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
 trees = st.recursive(st.one_of(numbers, names), grown, max_leaves=12)
 
 
+@pytest.mark.dear
 @given(trees)
 @settings(max_examples=300)
 def test_print_and_parse_gives_the_same_tree(tree: Node) -> None:

@@ -72,7 +72,7 @@ def expected(n: int, place: str) -> float:
     return reduce(add, [factor * 5.0 for factor in factors(n)])
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("n", LENGTHS)
 def test_a_sum_is_added_from_the_left(n: int, place: str) -> None:
@@ -97,6 +97,7 @@ def test_printed_python_of_a_long_sum_is_machine_code(n: int, place: str) -> Non
         assert mine.tobytes() == other.tobytes()
 
 
+@pytest.mark.dear
 def test_every_walk_takes_a_chain_in_a_loop() -> None:
     """Assert that 10,000 terms and 10,000 factors are read, printed, compared, sized, measured and evaluated."""
     for sign, join in ((" + ", add), ("*", mul)):
@@ -114,6 +115,7 @@ def test_every_walk_takes_a_chain_in_a_loop() -> None:
     assert derivative(parse("x" + " + 1.5" * 10_000), {"x": ONE}) == ONE
 
 
+@pytest.mark.dear
 def test_a_long_tree_is_copied_and_pickled() -> None:
     """Assert that copies are equal, columns included, and are not nested deeper than they say."""
     tree = parse("sin(a" + " + b*c" * 10_000 + ")")
@@ -129,6 +131,7 @@ def test_a_long_sum_inside_functions_has_its_number() -> None:
     assert evaluate(parse(f"where({total} > 2000, -sqrt({total} - 1), 1)"), {"x": 1.0}) == -(2000.0**0.5)
 
 
+@pytest.mark.dear
 def test_a_gradient_differentiates_each_term_by_what_it_mentions() -> None:
     """Assert that a potential of 5,000 bonds has the derivatives of its neighbours, and in no time that grows as N^2."""
     n = 5_000

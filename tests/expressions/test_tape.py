@@ -91,6 +91,7 @@ def test_a_name_means_what_it_was_given_last() -> None:
         tape.evaluated({"b": 1.0})
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_jacobians_of_the_gallery_have_the_bits_of_their_trees(path: Path) -> None:
     """Assert it of every derivative at the start, each tree evaluated by itself."""

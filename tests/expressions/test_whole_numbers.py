@@ -62,6 +62,7 @@ def stairs(rate: str, start: str = "0 1") -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("rate", "first", "end"),
     [

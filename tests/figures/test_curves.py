@@ -294,6 +294,7 @@ def test_every_body_is_drawn() -> None:
     assert len(view) == 20
 
 
+@pytest.mark.dear
 def test_a_bar_of_zero_has_no_length() -> None:
     """Assert a bar for each term that is not 0, and for each term its number."""
     model = spring(1.0, 0.0, 4.0).replace(parameters={"k": "4.0 ± 0.1 N m-1"})

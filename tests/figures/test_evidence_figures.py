@@ -15,6 +15,7 @@ from xdynamics.figures.refinement import telling
 from xdynamics.figures.vanishing import vanishing
 
 
+@pytest.mark.dear
 def test_a_refinement_draws_what_was_asked_for() -> None:
     """Assert six panels of a rocket at most, none of burnt fuel, hidden switches last, values with their uncertainty."""
     rocket = xd.Model.from_toml(MODELS / "rocket_c6.toml")
@@ -29,6 +30,7 @@ def test_a_refinement_draws_what_was_asked_for() -> None:
     assert all(" ± " in title for title in titles)
 
 
+@pytest.mark.dear
 def test_switches_hidden_in_forces_come_last() -> None:
     """Assert that the time of an apex stands before that of the zero of an abs, though both are the same instant."""
     ball = xd.Model(
@@ -99,6 +101,7 @@ def throws() -> xr.Dataset:
     return xd.sweep(throw, axes_of, keep=["end", "event_count_ground"], method="rk4", step="10 ms", until="5 s")
 
 
+@pytest.mark.dear
 def test_maps_have_contours_and_their_optimum(throws: xr.Dataset) -> None:
     """Assert lines of equal value, and the throw of greatest range near 45 degrees marked where it is."""
     title, axes = next((title, axes) for title, axes in panels(xd.plot(throws)).items() if title.startswith("end_x"))
@@ -119,6 +122,7 @@ def test_what_rounding_leaves_of_zero_is_no_map(throws: xr.Dataset) -> None:
     assert "end_y" in panels(xd.plot(far))
 
 
+@pytest.mark.dear
 def test_maps_of_whole_numbers_and_of_noise_have_no_contours(throws: xr.Dataset) -> None:
     """Assert a map of counts, and no lines where all but one row is noise beside that row."""
     count, speed = throws["event_count_ground"], throws["end_v_x"]

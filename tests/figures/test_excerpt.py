@@ -79,6 +79,7 @@ def test_no_chord_is_drawn_through_a_phase_portrait(monkeypatch: pytest.MonkeyPa
     assert np.nanmin(distances) == pytest.approx(1.0, abs=2e-3)
 
 
+@pytest.mark.dear
 @pytest.mark.usefixtures("few")
 def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of many events the first and last of each name and the largest impulses are kept, each chunk read once."""

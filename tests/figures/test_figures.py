@@ -88,6 +88,7 @@ def test_what_is_no_run_is_not_drawn() -> None:
         xd.plot(xr.Dataset())
 
 
+@pytest.mark.dear
 def test_events_of_rows_that_are_left_out_are_not_marked() -> None:
     """Assert that a part of a run is drawn, though its events name rows of the whole."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "ball_drag.toml"), step="0.1 s", until="5 s")
@@ -127,6 +128,7 @@ def test_nothing_is_drawn_between_rows_that_are_left_out() -> None:
     assert between(xd.simulate(oscillator().model, step=0.001, until=5.0), "x") is None
 
 
+@pytest.mark.dear
 def test_contacts_are_marked_on_their_own_lines() -> None:
     """Assert names with what happens, on the coordinate that a gap reads, and a panel of the impulses."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "ball_in_box.toml"), until=1.8)

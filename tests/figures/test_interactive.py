@@ -66,6 +66,7 @@ def test_scales_words_maps_and_lines_in_space_are_kept() -> None:
     assert space.z[-1] == 3.0
 
 
+@pytest.mark.dear
 def test_what_was_changed_by_hand_is_laid_out_anew(ball: Any) -> None:
     """Assert that a figure that was drawn and then changed is drawn once more, and one that was not stays as it is."""
     drawn = xd.plot(ball, only=["y"])
@@ -97,6 +98,7 @@ def test_a_map_keeps_its_colours_scale_and_its_contours() -> None:
     assert [scale.z.min(), scale.z.max()] == pytest.approx([0.0, 3.0], abs=0.02)
 
 
+@pytest.mark.dear
 def test_a_page_asks_nothing_of_a_network(ball: Any, tmp_path: Path) -> None:
     """Assert one file with plotly.js in it, no source elsewhere, hostile titles as text, and a part of it for a notebook."""
     hostile = xd.plot(ball.assign_attrs(title="<script>alert(1)</script> $x$"), tmp_path / "ball.html")

@@ -34,6 +34,7 @@ def visible(figure: Any) -> list[Any]:
     return [axes for axes in figure.axes if axes.get_visible()]
 
 
+@pytest.mark.dear
 def test_a_figure_has_four_panels_and_all_if_asked(tmp_path: Path, figures: dict[str, Any]) -> None:
     """Assert motion, drives, fuel of a rocket; motion, contact and energy of a ball on a table; and the rest on request."""
     begins = [[axes.get_title(loc="left").split(",")[0] for axes in visible(figure)] for figure in figures.values()]
@@ -78,6 +79,7 @@ def test_a_figure_that_a_notebook_shows_is_laid_out_once(monkeypatch: pytest.Mon
     assert len(counted) == 2
 
 
+@pytest.mark.dear
 def test_legends_lie_on_no_line(figures: dict[str, Any]) -> None:
     """Assert that no point of a line or needle is under a legend, in the layout that is written."""
     legends = 0
@@ -95,6 +97,7 @@ def test_legends_lie_on_no_line(figures: dict[str, Any]) -> None:
     assert legends >= 5
 
 
+@pytest.mark.dear
 def test_names_of_events_lie_on_no_other(figures: dict[str, Any]) -> None:
     """Assert that names are inside their axes and near their marks, and that many events are counted in a legend."""
     names = 0
@@ -131,6 +134,7 @@ def test_very_many_events_are_counted_and_not_marked() -> None:
     assert not any(line.get_xdata().size for line in first.lines if line.get_gid() == IN_LEGEND)
 
 
+@pytest.mark.dear
 def test_events_are_marked_on_the_body_that_they_concern() -> None:
     """Assert that marks of a disc that meets a wall lie on its own path, and those of two that meet on one of theirs."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "balls_in_box.toml"), until="1 s")
@@ -145,6 +149,7 @@ def test_events_are_marked_on_the_body_that_they_concern() -> None:
     assert len(marks) == walls.size
 
 
+@pytest.mark.dear
 def test_a_legend_without_room_stands_beside_its_axes() -> None:
     """Assert a legend inside where a corner is free, else in the title's line if it has room, else beside the axes."""
     figure = Figure(figsize=(11, 8), layout="constrained")

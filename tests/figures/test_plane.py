@@ -113,6 +113,7 @@ def test_phase_planes_of_states_and_of_expressions() -> None:
     assert (view[0].units, view[0].up_units, view[0].is_space) == ("1", "m", False)
 
 
+@pytest.mark.dear
 def test_many_variables_are_a_map() -> None:
     """Assert that a chain of 20 is drawn in colours with a bar, and no panel has twenty lines."""
     names = [f"x{k}" for k in range(20)]
@@ -143,6 +144,7 @@ def test_time_is_logarithmic_where_rows_ask_for_it() -> None:
     assert xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))).axes[0].get_xscale() == "linear"
 
 
+@pytest.mark.dear
 def test_drives_and_exchanged_energy() -> None:
     """Assert that a thrust is drawn through its own points, and energies where a drag takes of them."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "rocket_c6.toml"))
@@ -154,6 +156,7 @@ def test_drives_and_exchanged_energy() -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["kinetic", "potential", "total"]
 
 
+@pytest.mark.dear
 def test_panels_and_variables_that_are_chosen(orbit: xr.Dataset) -> None:
     """Assert kinds, names, variables that are drawn when named alone, and what is none."""
     assert titles(xd.plot(orbit, only="plane")) == ["the plane (dot: start)"]
@@ -321,6 +324,7 @@ def driven(**more: Any) -> xd.Model:
     return xd.Model(**given | more)
 
 
+@pytest.mark.dear
 def test_a_section_has_a_dot_in_each_period() -> None:
     """Assert velocities of the section against the closed form, 3 + cos(w t)/2 once it has settled, and angles that are wrapped."""
     axes = next(

@@ -40,6 +40,7 @@ def points(figure: Any) -> tuple[str, np.ndarray]:
     return title, dots[np.isfinite(dots[:, 1])]
 
 
+@pytest.mark.dear
 def test_the_first_occurrences_of_a_diagram_are_left_out(diagram: xr.Dataset) -> None:
     """Assert the dots of a sweep that kept the later occurrences alone, counted from the first of the run, and the words."""
     later = xd.sweep(xd.Model(**KICKED), {"w": "2:4:3 s-1"}, keep=["after_section_x"], occurrences=(2, 5))
@@ -59,6 +60,7 @@ def test_what_is_before_a_time_is_left_out(diagram: xr.Dataset) -> None:
     assert np.array_equal(dots[:, 1], left)
 
 
+@pytest.mark.dear
 def test_a_section_of_a_run_leaves_out_as_many_periods(tmp_path: Path) -> None:
     """Assert six periods of pi in 20 s, four after two of them or after 7 s, from Python and from the command line."""
     run = xd.simulate(xd.Model(**KICKED))

@@ -186,6 +186,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.usefixtures("cold")
 @pytest.mark.parametrize("what", OTHERS)
 def test_a_text_that_does_not_fit_is_compiled_and_said(

@@ -56,7 +56,7 @@ def of_elements(model: Model) -> Floats:
     return linearise(model, state).jacobian[layout.coordinates.size :]
 
 
-@pytest.mark.every(8)
+@pytest.mark.every(17)
 @pytest.mark.parametrize("machine", [True, False])
 @pytest.mark.parametrize("name", MODELS)
 def test_entries(name: str, machine: bool) -> None:
@@ -68,6 +68,7 @@ def test_entries(name: str, machine: bool) -> None:
     assert np.count_nonzero(expected) > 20
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", MODELS)
 def test_no_more_entries_than_elements_have(name: str) -> None:
     """Assert that the pattern has few entries where the elements' expressions have none."""

@@ -48,7 +48,7 @@ def both(name: str, which: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Model,
     return model, loops, elements
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("which", ["forces", "derived"])
 @pytest.mark.parametrize("abreast", [0, 1, 4, 8, 16])
@@ -65,6 +65,7 @@ def test_bits(name: str, which: str, abreast: int, monkeypatch: pytest.MonkeyPat
     assert np.isfinite(found["z"]).sum() > 20 or which == "derived"
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", MODELS)
 def test_runs_side_by_side(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that lanes of runs have the bits of the elements written out."""

@@ -92,10 +92,14 @@ DEPENDENT = {
     "a number is set besides": (*ADDED, StoreTo(element("z", 60, "j"), "force")),
     "a sum is read twice": (*ADDED, Compute("square", "multiply", ("own", "own"))),
     "a sum is multiplied": (ADDED[0], replace(ADDED[1], operation="multiply"), ADDED[2]),
-    "two sums are in one place": (*ADDED, Load("l", element("z", 0, "j")), Compute("m", "add", ("l", 1.0)),
-                                  StoreTo(element("z", 0, "j"), "m")),
+    "two sums are in one place": (
+        *ADDED,
+        Load("l", element("z", 0, "j")),
+        Compute("m", "add", ("l", 1.0)),
+        StoreTo(element("z", 0, "j"), "m"),
+    ),
     "a sum of all": (Load("l", Place("z", 3)), Compute("m", "add", ("l", "force")), StoreTo(Place("z", 3), "m")),
-}  # fmt: skip
+}
 DEPENDENT_AFTER = {
     "a row changes another's sum": (SET, StoreTo(element("z", 1, "i"), "total")),
     "a row reads its numbers after it wrote them": (SET, StoreTo(element("p", 0, "i"), "total")),

@@ -46,6 +46,7 @@ def program(*body: Instruction, **parts: object) -> Program:
     return Program("lines", "Lines.", body, **parts)  # type: ignore[arg-type]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 8, 9, 16, 30, 37])
 @pytest.mark.parametrize("by_body", [False, True])
 def test_gravity_has_the_bits_of_plain_python(n: int, *, by_body: bool) -> None:
@@ -202,6 +203,7 @@ def test_reductions_are_ascending(operation: str, start: float, count: int) -> N
         assert z[0] == total
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("side", ["below", "above"])
 @pytest.mark.parametrize("kind", ["float", INTERVAL])
 @pytest.mark.parametrize("n", [1, 3, 21])
@@ -303,6 +305,7 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
     return program(Loop("k", len(links), pulls), Loop("i", n, of_body), local={"pull": len(links)}, tables=tables)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("abreast", WIDTHS)
 def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
     """Assert that links are done once and summed by bodies in order, with the bits of plain Python, in every form."""

@@ -138,7 +138,7 @@ CASES: Mapping[str, list[Node]] = {
 }
 
 
-@pytest.mark.every(6)
+@pytest.mark.every(19)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("abreast", [0, 1, 4, 8, 16])
 def test_bits_of_elements(name: str, abreast: int) -> None:
@@ -156,7 +156,7 @@ def test_bits_of_elements(name: str, abreast: int) -> None:
     np.testing.assert_array_equal(z.view(np.int64), np.array(expected).view(np.int64))
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("name", ["gravity", "chain", "bonds", "lattice", "reductions"])
 def test_runs_side_by_side(name: str) -> None:
     """Assert that every one of several runs has the bits of a single one."""

@@ -97,7 +97,7 @@ LAWS_IN_LANES = [
 ]
 
 
-@pytest.mark.every(6)
+@pytest.mark.every(19)
 @pytest.mark.parametrize(("name", "method"), LAWS_IN_LANES)
 def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
     """Assert that 2, 4, 8 and 16 lanes compute in each lane what one computes alone, in every program of a law."""
@@ -127,7 +127,7 @@ def test_lanes_have_the_bits_of_one(name: str, method: object) -> None:
 PRINTED = ("two_tables", *sorted(path.stem for path in MODELS.glob("*.toml")))
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("turn", range(len(PRINTED)), ids=PRINTED)
 def test_printed_python_has_the_bits_of_machine_code(turn: int, request: pytest.FixtureRequest) -> None:
     """Assert that what a record quotes, run as it stands, computes every number that the compiled law does.
@@ -167,6 +167,7 @@ def test_printed_python_tells_what_is_unsound() -> None:
     assert all(mine == other for mine, other in said)
 
 
+@pytest.mark.dear
 def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that vectors as loops and vectors written out are one computation."""
     assert len(model_named("chain").coordinates) > UNROLLED

@@ -60,6 +60,7 @@ def bounces(count: int) -> tuple[list[float], list[float]]:
     return times, speeds
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", MARCHING)
 def test_a_ball_bounces_as_its_closed_form_does(method: str) -> None:
     """Assert times and speeds of impacts, with every method: each is exact where the force is constant."""
@@ -74,6 +75,7 @@ def test_a_ball_bounces_as_its_closed_form_does(method: str) -> None:
     assert run.event_kind.attrs["flag_meanings"].split()[run.event_kind.values[0]] == "reset"
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", MARCHING)
 def test_a_rocket_is_switched_off(method: str) -> None:
     """Assert burnout and landing, that the force is there and gone on either side, and both regimes by name."""

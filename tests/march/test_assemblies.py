@@ -95,6 +95,7 @@ def test_equal_balls_pass_through_each_other(law: str) -> None:
     assert np.abs(np.sort(run.v_x.values[-1]) - np.sort(speeds)).max() < 1e-12
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", ["velocity_verlet", "dop853", "radau_iia"])
 def test_energy_and_momentum_are_kept(method: str) -> None:
     """Assert, through hundreds of impacts, kinetic energy and momenta of pairs to rounding, and gaps that stay open."""
@@ -143,6 +144,7 @@ def test_it_is_the_march_of_contacts_that_are_written_out() -> None:
     assert np.abs(one - other).max() < 1e-10
 
 
+@pytest.mark.dear
 def test_each_contact_takes_the_energy_of_its_restitution() -> None:
     """Assert Newton's law at every impact: what an impact takes is 1 - e**2 of the energy of approach."""
     run = xd.simulate(discs(36, 2, contact={"restitution": 0.5}), method="velocity_verlet", step="4 ms", until="100 ms")
@@ -185,6 +187,7 @@ def touching(count: int, law: str) -> xd.Model:
     )
 
 
+@pytest.mark.dear
 def test_the_march_goes_on_as_if_it_had_not_stopped(tmp_path: Any) -> None:
     """Assert that what is saved is what was marched, can be verified, and be extended with the same bits."""
     model, settings = discs(36, 1), {"method": "velocity_verlet", "step": "4 ms", "time_tolerance": "1e-13 s"}
@@ -199,6 +202,7 @@ def test_the_march_goes_on_as_if_it_had_not_stopped(tmp_path: Any) -> None:
             assert np.array_equal(read[name].values, whole[name].values), name
 
 
+@pytest.mark.dear
 def test_an_event_inside_a_step_comes_before_later_impacts() -> None:
     """Assert that a run stops at an event although bodies meet later in the step, and knows of all impacts before."""
     settings: dict[str, Any] = {"method": "velocity_verlet", "step": "50 ms", "until": "200 ms"}

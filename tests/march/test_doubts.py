@@ -44,6 +44,7 @@ def test_the_limit_is_that_of_modes_whatever_the_run_is_long(method: str) -> Non
         assert told(method, 0.98 * limit, until) == ""
 
 
+@pytest.mark.dear
 def test_a_method_without_a_stable_step_says_why_it_warns() -> None:
     """Assert that what is always unstable, by `modes` too, warns where errors grow e times within the run, and says so."""
     assert float(xd.modes(oscillator().model).largest_stable_step[list(xd.METHODS).index("heun")]) == 0.0

@@ -118,6 +118,7 @@ def test_blocks_that_slide_come_to_rest() -> None:
     assert np.abs(run.v_x.values[-1]).max() == 0.0
 
 
+@pytest.mark.dear
 def test_wheels_that_slide_roll() -> None:
     """Assert that a sliding disc rolls with 2/3 of its speed after v/(3*mu*g), or backward with enough spin."""
     speed, mu = 2.0, 0.3
@@ -154,6 +155,7 @@ def test_discs_strike_a_rough_floor() -> None:
     assert float(run.event_impulse_residual.max()) < 1e-13
 
 
+@pytest.mark.dear
 def test_a_pyramid_stands_by_friction_alone() -> None:
     """Assert that three discs stand from friction tan(15 degrees) on each other and a third of that on the floor on."""
     height, apart = sqrt(3) / 2, np.repeat(5.0 * np.arange(3), 3)
@@ -184,6 +186,7 @@ def test_a_pyramid_falls_as_one_that_is_written_out() -> None:
         assert np.abs(run[name].values[-1, :3] - few[name].values[-1]).max() < 1e-10, name
 
 
+@pytest.mark.dear
 def test_blocks_on_a_belt_stick_and_slip() -> None:
     """Assert every time at which blocks that springs hold back slip and stick again, with static above kinetic friction."""
     belt, k, m, mu, static = 0.1, 50.0, 2.0, 0.3, 0.4
@@ -202,6 +205,7 @@ def test_blocks_on_a_belt_stick_and_slip() -> None:
     assert run.event_time.values[sticks & first] == pytest.approx(ends, abs=1e-8)
 
 
+@pytest.mark.dear
 def test_a_run_with_friction_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     """Assert that blocks of which some slide are extended, saved and reproduced with the same friction."""
     model = blocks(np.linspace(-0.3, 0.3, 26), 0.4, 0.5, speed=0.3)

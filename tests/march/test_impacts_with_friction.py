@@ -39,7 +39,7 @@ def after(run: xr.Dataset, k: int) -> np.ndarray:
     return np.array([float(run[f"v_{name}"][row, k]) for name in ("x", "y", "theta")])
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("law", IMPACT_LAWS)
 def test_rods_are_struck_as_each_alone(law: str) -> None:
     """Assert velocities and energies of rods of all shapes that strike a rough floor by each law, those of single rods."""
@@ -58,6 +58,7 @@ def test_rods_are_struck_as_each_alone(law: str) -> None:
         assert lost == pytest.approx(float(one.event_energy_lost[0]), abs=1e-9 * rod.kinetic(np.array(rod.speeds)))
 
 
+@pytest.mark.dear
 def test_the_energetic_law_of_many_is_its_definition() -> None:
     """Assert velocities of rods to 1e-9 of an integration over the impulse."""
     rods = [random_rod(case) for case in range(100, 100 + COUNT)]

@@ -59,7 +59,7 @@ def test_every_explicit_method(method: str, lanes: int) -> None:
         assert_same(march_many(model, settings, lanes=lanes, **given), alone)
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     ("name", "varied", "more"),
     [
@@ -145,7 +145,7 @@ def test_steps_and_tolerances_of_their_own() -> None:
     assert_same(march_many(model, grid, lanes=8, steps=steps), march_many(model, grid, lanes=1, steps=steps))
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("seed", range(6))
 def test_random_forces(seed: int) -> None:
     """Assert the bits of one lane for forces put together at random from the functions of the language."""
@@ -187,7 +187,7 @@ def watched(name: str) -> xd.Model:
     return xd.Model.from_toml(MODELS / f"{name}.toml")
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize(
     ("name", "more"),
     [
@@ -258,7 +258,7 @@ def test_many_events_close_together(case: int) -> None:
     assert_same(march_many(model, settings, lanes=lanes, logs=logs, **given), alone)
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize(
     "function",
     [

@@ -72,6 +72,7 @@ def test_fput_returns_to_its_first_mode() -> None:
     assert float(run.time[back]) == pytest.approx(157 * 2 * np.pi / (2 * np.sin(np.pi / 66)), rel=0.05)
 
 
+@pytest.mark.dear
 def test_toda_lattice_keeps_its_integrals() -> None:
     """Assert that momentum is kept to rounding, energy and Flaschka's cubic integral to the order of the method."""
     run = xd.simulate(toda(), method="yoshida8", step="0.05 s", until="50 s", force_samples="none")
@@ -127,6 +128,7 @@ def test_a_diagonal_mass_is_not_looked_at_off_its_diagonal() -> None:
     assert not model.mass_is_full
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("step", "sure"), [(0.99, True), (1.01, False)])
 def test_a_chain_is_stable_without_eigenvalues(step: float, sure: bool) -> None:
     """Assert that the row sums of the stiffness, 4 k/m, bound its frequencies, and Verlet's limit of 2 is held to them."""
@@ -160,6 +162,7 @@ def test_rows_longer_than_the_stack_holds() -> None:
     assert np.abs(run.v_u.values[-1] - v).max() < 1e-13
 
 
+@pytest.mark.dear
 def test_a_log_of_states_holds_little_else() -> None:
     """Assert that a run of 100,000 sites takes its log and some 120 numbers a site, and keeps no state twice."""
     n = 100_000
@@ -176,6 +179,7 @@ def test_a_log_of_states_holds_little_else() -> None:
     assert run.end_memory.size < 10 * n
 
 
+@pytest.mark.dear
 def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that elements, and a march of them, for which there is no memory, are refused with both figures."""
     text = CHAIN.format(n=1_000_000)

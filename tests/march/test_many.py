@@ -29,7 +29,7 @@ def asked(model: xd.Model, **more: Any) -> Settings:
     return settings_for(model, force_samples="none", **more)
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     ("name", "more"),
     [

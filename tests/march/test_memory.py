@@ -59,7 +59,7 @@ def logged(march: March, log: Any) -> bytes:
     return b"".join(np.ascontiguousarray(part.T).tobytes() for part in parts)
 
 
-@pytest.mark.every(12)
+@pytest.mark.every(37)
 @pytest.mark.parametrize(("method", "kind"), CASES)
 def test_a_march_goes_on_from_its_bytes(method: str, kind: str) -> None:
     """Assert that a march that is stopped at a random row and put into another run ends with the same bytes."""

@@ -84,6 +84,7 @@ def marched(where: str, many: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*command, where, many], capture_output=True, text=True, check=False, env=ENVIRONMENT)
 
 
+@pytest.mark.every(2)
 @only_on_linux
 @pytest.mark.parametrize(
     ("where", "said"),

@@ -77,6 +77,7 @@ def test_masses_of_all_sizes(ratio: float) -> None:
     assert struck.v_x.values[-1] == pytest.approx(np.tile([-light, 1 - light * 1.0], 13), rel=1e-13)
 
 
+@pytest.mark.dear
 def test_corners_are_struck_at_one_time() -> None:
     """Assert that points which fly into corners come out on their own paths, and rest in a groove on two links each."""
     speed = np.linspace(0.5, 3.0, 30)

@@ -219,6 +219,7 @@ def test_impacts_of_a_pile_change_energy_by_what_is_recorded() -> None:
     assert lost.min() > -1e-14 * energy.max()
 
 
+@pytest.mark.dear
 def test_rows_of_closed_links_survive(tmp_path: Any) -> None:
     """Assert that a pile is saved, opened, extended, thinned and completed with the same closed links."""
     model = xd.Model.from_toml(MODELS / "granular_box.toml")

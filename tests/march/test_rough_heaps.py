@@ -23,6 +23,7 @@ def heap() -> xr.Dataset:
     return xd.simulate(xd.Model.from_text(HEAP), until="0.26 s", log="full", force_samples="none")
 
 
+@pytest.mark.dear
 def test_discs_do_not_sink_into_each_other() -> None:
     """Assert, in every row, no overlap beyond rounding: one that lies on another and lets go is found when it comes back."""
     run = heap()

@@ -255,7 +255,7 @@ RESTING = {
 }
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-12])
 @pytest.mark.parametrize("method", ["dop853", "heun", "radau_iia"])
 @pytest.mark.parametrize("name", RESTING)
@@ -306,7 +306,7 @@ def same(one: xr.Dataset, other: xr.Dataset) -> None:
     assert xd.content_digest(one) == xd.content_digest(other)
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("atol", [None, {"x": "1 nm"}, 1e-9])
 @pytest.mark.parametrize("method", ["dop853", "rk4", "radau_iia"])
 def test_archives_march_again_with_what_was_used(tmp_path: Path, method: str, atol: object) -> None:

@@ -118,6 +118,7 @@ def test_events_are_isolated_on_the_polynomial() -> None:
     assert run.event_substeps.mean() < 12
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "name", ["pendulum", "double_pendulum", "staged_rocket", "stick_slip_belt", "bouncing_ball", "relay_oscillator"]
 )

@@ -170,6 +170,7 @@ def test_extended_is_the_longer_run(case: int) -> None:
     )
 
 
+@pytest.mark.dear
 def test_interrupted_run_ends_with_its_last_row(tmp_path: Path) -> None:
     """Assert the last row of a run that Ctrl-C ended, and the bits of the whole one when it is resumed."""
     import os
@@ -427,6 +428,7 @@ def test_wrong_compression_is_refused(given: str) -> None:
         xd.Model.from_text(PENDULUM.to_toml().replace("[run]", f"[run]\ncompress = {given}"))
 
 
+@pytest.mark.dear
 def test_compressed_archive_has_the_same_digest_in_fewer_bytes(tmp_path: Path) -> None:
     """Assert the digest, that it is verified, signed, resumed and read with another process's care, and what it says of itself."""
     asked: dict[str, Any] = {"method": "rk4", "step": 1e-3, "until": 20.0}
@@ -445,6 +447,7 @@ def test_compressed_archive_has_the_same_digest_in_fewer_bytes(tmp_path: Path) -
     assert (found.faults, found.digest) == ((), xd.verify(plain))
 
 
+@pytest.mark.dear
 def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     """Assert that what compresses best, a body at rest in many columns, stays within what a reader takes for sound."""
     from xdynamics.archive import sandboxed_reading

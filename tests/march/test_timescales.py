@@ -123,6 +123,7 @@ def test_looking_changes_nothing(name: str) -> None:
     assert xd.content_digest(xd.extend(half, until=end)) == xd.content_digest(whole)
 
 
+@pytest.mark.dear
 def test_a_velocity_that_is_not_given_is_said(tmp_path: Path) -> None:
     """Assert that the first line of check, of run and of show, and an attribute name it, before and behind an archive; and that others are silent."""
     text = (MODELS / "harmonic_oscillator.toml").read_text()

@@ -107,6 +107,7 @@ RESTING = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", RESTING)
 @pytest.mark.parametrize("method", ["dop853", "dormand_prince", "radau_iia"])
 @pytest.mark.parametrize("atol", [1e-6, 1e-9])

@@ -175,6 +175,7 @@ def test_embedded_order_is_exact(method: Method) -> None:
         assert weights.defect(name, order + 1, exact=0) > 1e-5
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("s", ["0.125", "0.5", "0.77"])
 @pytest.mark.parametrize("method", EXTENDED, ids=lambda one: one.name)
 def test_extension_order_is_exact(method: Method, s: str) -> None:

@@ -53,7 +53,7 @@ def at_rest_or_pushed(push: float) -> xd.Model:
     return springs().replace(parameters={"F": push})
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_zero_force_keeps_velocity(method: object) -> None:
     """Assert that with zero force the velocity never changes and the position is linear to rounding."""
@@ -127,7 +127,7 @@ def test_observed_order(method: object, problem: Callable[[], Problem]) -> None:
     assert abs(found - method.order) < 0.1
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
@@ -141,7 +141,7 @@ def test_observed_order_between_steps(method: object, rule: str) -> None:
         assert found > expected - 0.1, name
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("problem", ["kepler", "double_pendulum", "damped", "driven_decay"])
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_error_inside_steps_is_that_at_their_ends(method: object, problem: str) -> None:

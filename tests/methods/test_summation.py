@@ -43,6 +43,7 @@ def marched(model: xd.Model, method: str, summation: str | None, **how: object) 
     return xd.simulate(model, method=method, summation=summation, **asked)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", COMPOSITIONS, ids=lambda one: one.name)
 def test_rounding_does_not_add_up(method: Method) -> None:
     """Assert that 100,000 steps lose less than a fifth of what plain sums do of the angular momentum, and it is the default."""
@@ -103,6 +104,7 @@ def test_wrong_summations_are_named(asked: dict[str, str], said: str) -> None:
         xd.simulate(oscillator().model, step=0.1, until=1.0, **asked)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "how", [{"step": 0.02}, {"rtol": 1e-5, "step": None}, {"step": 0.02, "estimator": "step_doubling"}]
 )

@@ -22,6 +22,7 @@ def words(value: Any) -> set[str]:
     return {*value}.union(*map(words, value.values())) if isinstance(value, dict) else set()
 
 
+@pytest.mark.dear
 def test_the_examples_are_one_model_and_march() -> None:
     """Assert that the examples of all sections, put together, are read, written, read again, and marched."""
     model = xd.Model.from_text(WHOLE)

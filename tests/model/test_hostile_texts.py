@@ -67,6 +67,7 @@ LARGE: dict[str, tuple[Callable[[], str], str]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("what", LARGE)
 def test_what_is_too_large_is_refused_at_once(what: str) -> None:
     """Assert one error that names the limit, within a second and 200 MB of what an empty model takes."""

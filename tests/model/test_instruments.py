@@ -252,6 +252,7 @@ def swing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "swing.toml", folder / "run.nc"
 
 
+@pytest.mark.dear
 def test_a_run_beside_files(swing: tuple[Path, Path], tmp_path: Path) -> None:
     """Assert `compare` and `fit` on the command line with what a lab has: Tracker, Vernier, a workbook's neighbour, netCDF."""
     model, run = map(str, swing)

@@ -122,6 +122,7 @@ def test_a_steady_precession_of_the_top() -> None:
         assert float(abs(run[name] - run[name][0]).max()) < 1e-9 * abs(float(run[name][0]))
 
 
+@pytest.mark.dear
 def test_it_is_stored_shown_and_read_again(tmp_path: Any) -> None:
     """Assert that the file keeps the energies, the record the whole, `check` the equations, and other forces stay."""
     given = SPHERICAL | {
@@ -195,6 +196,7 @@ def test_equations_of_lagrange_from_sympy() -> None:
     assert float(one.q[-1]) == pytest.approx(float(two.q[-1]), rel=1e-9)
 
 
+@pytest.mark.dear
 def test_equations_of_kane_from_sympy() -> None:
     """Assert a cart with a pendulum by Kane's method against its Lagrangian."""
     x, theta, u, w = dynamicsymbols("x theta u w")

@@ -190,6 +190,7 @@ def test_quantiles_are_those_of_scipy() -> None:
         assert right.std() == pytest.approx(1.0)
 
 
+@pytest.mark.dear
 def test_draws_are_those_that_the_model_declares() -> None:
     """Assert means, deviations, correlations and bounds of what is drawn, and that the seed decides."""
     names = ["m", "k", "c", "p", "q", "x"]

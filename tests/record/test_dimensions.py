@@ -101,6 +101,7 @@ def test_elements_are_selected_by_label():
     assert np.array_equal(chosen, unfold(run())["r·Jupiter·x"])
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("text", [THREE, BALLS])
 def test_an_archive_holds_the_dimensions(tmp_path, text):
     """Assert that a run saved, streamed and made again has one digest, labels as in memory, and every value."""
@@ -122,6 +123,7 @@ def test_the_backend_opens_with_labels(tmp_path):
         assert opened.r.sel(body="Saturn", axis="y")[0] == 9.58
 
 
+@pytest.mark.dear
 def test_archives_pass_the_strict_check(tmp_path):
     """Assert that archives with dimensions, labels, links and elements of events are clean under the strict CF check."""
     pytest.importorskip("compliance_checker")
@@ -205,6 +207,7 @@ def test_messages_name_elements_as_people_do():
         xd.simulate(model(), atol={"q": 1.0})
 
 
+@pytest.mark.dear
 def test_numbers_of_elements_are_refined_and_budgeted():
     """Assert that a refinement of a quantity has its dimensions, and a budget is of an element as people write it."""
     steps = ["2e6 s", "1e6 s", "5e5 s"]

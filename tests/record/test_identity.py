@@ -91,6 +91,7 @@ def test_an_edited_record_is_refused(run: xr.Dataset, tmp_path: Path, edit: str)
     assert not (tmp_path / "edited.nc").exists()
 
 
+@pytest.mark.every(2)
 def test_derived_data_say_so_everywhere(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that an edited record can be saved as what it is, and that no verb takes it for a run."""
     path, digest = tmp_path / "derived.nc", xd.content_digest(run)
@@ -110,6 +111,7 @@ def test_derived_data_say_so_everywhere(run: xr.Dataset, tmp_path: Path) -> None
     assert call("plot", path, "-o", tmp_path / "derived.png").exit_code == 0
 
 
+@pytest.mark.dear
 def test_derived_data_stay_derived(tmp_path: Path) -> None:
     """Assert that a copy, a part and a further edit of derived data are derived from the same run."""
     first, second = tmp_path / "first.nc", tmp_path / "second.nc"
@@ -143,7 +145,7 @@ SELECTIONS: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(13)
 @pytest.mark.parametrize("what", SELECTIONS)
 def test_a_part_of_a_run_is_saved_as_one(run: xr.Dataset, tmp_path: Path, what: str) -> None:
     """Assert that it names its run, and that every kept value is found in the run marched again."""
@@ -178,6 +180,7 @@ def test_a_selection_keeps_the_tolerances_of_what_is_left_out(tmp_path: Path) ->
     assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
 
 
+@pytest.mark.dear
 def test_a_selection_that_was_forged_is_found(tmp_path: Path) -> None:
     """Assert that values that are in no row of the run, with digests that hold, are not reproduced."""
     from cases.odd import changed
@@ -209,7 +212,7 @@ def test_a_selection_without_its_model_is_not_reproduced(tmp_path: Path) -> None
         xd.reproduce(tmp_path / "part.nc")
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     "sent",
     [

@@ -121,6 +121,7 @@ def test_rate_of_uniform_quantities(text: str) -> None:
         assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("text", POTENTIALS)
 def test_gradient_of_gradient(text: str) -> None:
     """Assert that what links give to their ends is differentiated as well."""
@@ -187,6 +188,7 @@ def test_choices_by_index_are_made() -> None:
     assert text_of(at(tree, {"site": 2, "axis": 1}, SHAPES)) == "where(u·2 > 0, u·2, w·2)"
 
 
+@pytest.mark.dear
 def test_long_sum() -> None:
     """Assert that a sum of thousands of terms is no nesting."""
     tree = parse(" + ".join(["u*w", *(f"{i}*u*a" for i in range(2, 2000))]))

@@ -114,6 +114,7 @@ CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.filterwarnings("ignore:.*switches are hidden")  # one for each element
 @pytest.mark.parametrize("name", CASES)
 def test_rows_have_scipys_numbers(name: str) -> None:
@@ -150,6 +151,7 @@ def test_events_units_and_names_of_rows() -> None:
     assert np.array_equal(again.T, run.T)
 
 
+@pytest.mark.dear
 def test_what_is_no_row_is_written_out() -> None:
     """Assert views that are filled, elements by a list, loops, and numbers by name where a list is returned."""
 

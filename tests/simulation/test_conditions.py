@@ -25,7 +25,7 @@ def masked(t: Any, x: Any) -> Any:
     return row[0] + row[1]
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     "pull",
     [

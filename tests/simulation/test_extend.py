@@ -38,6 +38,7 @@ CASES: dict[str, tuple[xd.Model, dict[str, Any], float]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", CASES)
 def test_extended_is_one_march(name: str) -> None:
     """Assert that a run extended has the content of one march with a node at the old end, every attribute too."""
@@ -50,6 +51,7 @@ def test_extended_is_one_march(name: str) -> None:
     assert float(longer.attrs["solver_nodes"][0]) == end
 
 
+@pytest.mark.dear
 def test_streamed_and_extended_twice(tmp_path: Path) -> None:
     """Assert that archives are extended to archives, again and again, and reproduced from the file alone."""
     first, second, third = (tmp_path / f"{n}.nc" for n in (1, 2, 3))
@@ -62,6 +64,7 @@ def test_streamed_and_extended_twice(tmp_path: Path) -> None:
     assert xd.reproduce(third).attrs["identical"] == 1
 
 
+@pytest.mark.dear
 def test_an_extension_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that an extension that was interrupted goes on to the bits of the one march."""
     from xdynamics.archive import segments

@@ -112,6 +112,7 @@ CASES: dict[str, tuple[Any, Any]] = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", CASES)
 def test_planes_have_scipys_numbers(name: str) -> None:
     """Assert one variable along y_index, which elements with an expression each are not, and the state at the end."""
@@ -140,6 +141,7 @@ def test_a_plate_is_as_long_for_any_number() -> None:
     assert len(texts[0]) < 1000
 
 
+@pytest.mark.dear
 def test_sums_of_windows() -> None:
     """Assert that sums and extremes of an array and of a window are those of numpy, with which a model is compared."""
 

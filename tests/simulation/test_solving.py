@@ -64,6 +64,7 @@ CASES = [
 ]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("fun", "y0", "args", "end"), CASES, ids=lambda one: getattr(one, "__name__", ""))
 def test_numbers_are_those_of_scipy(fun: Any, y0: list[float], args: tuple[float, ...], end: float) -> None:
     """Assert end states against solve_ivp at its tightest."""

@@ -38,6 +38,7 @@ def test_a_run_on_a_grid_is_described_and_has_the_bits_of_the_marched_one(until:
     assert str(computed.run_outcome.values) == eager.attrs["run_outcome"]
 
 
+@pytest.mark.dear
 def test_verbs_take_it_as_the_run_that_it_will_be(tmp_path: Path) -> None:
     """Assert that its archive has the digest of the marched run's, and that several verbs march it once."""
     run, eager = xd.simulate(OSCILLATOR, compute=False, **FIXED), xd.simulate(OSCILLATOR, **FIXED)

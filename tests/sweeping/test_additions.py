@@ -85,6 +85,7 @@ def test_added_members_are_as_if_made_at_once(case: int, tmp_path: Path, marched
     xd.verify(tmp_path / "a")
 
 
+@pytest.mark.dear
 def test_a_finer_axis_takes_what_is_there(tmp_path: Path, marched: list[int]) -> None:
     """Assert that values that differ by rounding alone are marched anew, and none is missed."""
     xd.sweep(BALL, {"v_y": "10:20:11 m s-1"}, path=tmp_path / "a", method="heun", **ASKED).close()
@@ -129,6 +130,7 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_p
     assert xd.open_sweep(tmp_path / "a").attrs["content_digest"] == found.attrs["content_digest"]
 
 
+@pytest.mark.dear
 def test_an_addition_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that runs of members that were being added are no damage, that `verify` says so, and that the same call goes on."""
     folder, axes = tmp_path / "s", {"v_y": "10, 20, 30 m s-1"}
@@ -152,6 +154,7 @@ def test_an_addition_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytes
         xd.verify(folder)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("dim", ["v_y", "vt", "method"])
 def test_an_opened_and_a_lazy_sweep_are_put_together(dim: str, tmp_path: Path) -> None:
     """Assert that xr.concat along any axis gives the sweep that was made at once, whose members are found."""

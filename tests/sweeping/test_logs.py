@@ -54,6 +54,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return read
 
 
+@pytest.mark.dear
 def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that logs which a report computes are archived without being read again, and that an edit is noticed."""
     read = counted(monkeypatch)
@@ -66,6 +67,7 @@ def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monk
         xd.save(held, tmp_path / "edited.nc")
 
 
+@pytest.mark.dear
 def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same bits where the files' bytes are not known to the process, and that all of them are examined then."""
     own = xd.open_logs(grid, "0:2:5 s").compute()
@@ -95,6 +97,7 @@ def test_logs_of_a_part_are_those_of_its_members(grid: xr.Dataset) -> None:
     assert xd.open_logs(grid.isel(k=1), [0.5, 1.0]).x.values.tolist() == whole.x[1].values.tolist()
 
 
+@pytest.mark.dear
 def test_a_run_that_is_hurt_is_named(tmp_path: Path) -> None:
     """Assert that a damaged file is an error where it is read, and not before."""
     grid = xd.sweep(MODEL, **ASKED, keep=["log"], path=tmp_path / "grid")

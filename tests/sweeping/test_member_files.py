@@ -38,6 +38,7 @@ def test_what_is_written_otherwise_than_given_is_no_member(tmp_path: Path, monke
     assert not list((tmp_path / "grid" / "runs").glob("[!.]*.nc"))
 
 
+@pytest.mark.dear
 def test_what_is_read_of_the_calendar_stays_with_the_numbers_alone(tmp_path: Path) -> None:
     """Assert that a member's model reads the units of the calendar that a model read anew from its text does."""
     model = xd.Model(

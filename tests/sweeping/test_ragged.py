@@ -29,6 +29,7 @@ def rows(swept: xr.Dataset) -> xr.Dataset:
     return xd.ragged(swept)
 
 
+@pytest.mark.dear
 def test_rows_of_many_runs_are_saved_and_opened(rows: xr.Dataset, tmp_path: Path) -> None:
     """Assert the same bits from the file, whole and in chunks, the digest of what was saved, and times as coordinates."""
     xd.save(rows, tmp_path / "rows.nc")

@@ -51,6 +51,7 @@ def escapes() -> xd.Model:
     return xd.Model.from_text(ESCAPE)
 
 
+@pytest.mark.dear
 def test_elements_are_one_variable(planets: xd.Model) -> None:
     """Assert dims and labels of ends, times and extremes; nothing is named by the dot, and nothing is marched for it."""
     keep = ["end", "maximum_r[Jupiter,x]", "momentum", "r"]
@@ -92,6 +93,7 @@ def test_events_of_elements(escapes: xd.Model) -> None:
     assert found.event_count_escape.values.tolist() == [[0, 1], [1, 0]]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ["grid", "grid.zarr"])
 def test_catalogues_hold_wholes(escapes: xd.Model, tmp_path: Path, name: str) -> None:
     """Assert what is opened against what was marched in memory, labels and all."""
@@ -114,6 +116,7 @@ def test_members_are_added(escapes: xd.Model, tmp_path: Path) -> None:
     assert np.array_equal(longer.end_x, xd.sweep(escapes, {"m[b]": [1.0, 2.0, 3.0]}).end_x)
 
 
+@pytest.mark.dear
 def test_whole_runs(escapes: xd.Model, tmp_path: Path) -> None:
     """Assert rows of all members, and archived runs at common times, with their dimensions."""
     found = xd.sweep(escapes, {"m[b]": [1.0, 2.0]}, keep=["log"], path=tmp_path)

@@ -65,6 +65,7 @@ def random_model(rng: np.random.Generator) -> xd.Model:
     )
 
 
+@pytest.mark.dear
 @pytest.mark.every(3)
 @pytest.mark.cases(100)
 def test_random_sweeps_are_single_runs(case: int) -> None:

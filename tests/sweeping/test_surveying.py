@@ -84,6 +84,7 @@ def test_what_changes_an_outcome(thrown: xr.Dataset) -> None:
     assert effects[:2] == pytest.approx(np.array([speeds.var(), pulls.var()]) / (speeds.var() + pulls.var()), rel=1e-2)
 
 
+@pytest.mark.dear
 def test_shares_of_variance_of_a_linear_number() -> None:
     """Assert Sobol indices of y0 + v0 t - g t^2/2: variances of its three terms over their sum."""
     ranges = {"y": (0.0, 3.0), "v_y": ("5 m s-1", "7 m s-1"), "g": (9.0, 11.0)}
@@ -169,6 +170,7 @@ def test_wrong_questions_are_named(free: xr.Dataset, call: Any, message: str) ->
         call(free)
 
 
+@pytest.mark.dear
 def test_work_against_precision() -> None:
     """Assert errors against the closed form and against the finest of the highest order, beside what each run cost."""
     model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")

@@ -230,6 +230,7 @@ def test_settings_and_starts_as_axes() -> None:
     assert starts.run_accepted_steps.values.tolist() == [100, 90]
 
 
+@pytest.mark.dear
 def test_tables_of_a_drive_as_an_axis(tmp_path: Path) -> None:
     """Assert that each column of a wide table is a member, whose text the sweep keeps."""
     model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
@@ -266,6 +267,7 @@ def test_events_in_a_row_along_their_occurrences() -> None:
     assert later.occurrence_number.values.tolist() == [2, 3]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("members", [2, 4, 9, None], ids=str)
 def test_a_folder_goes_on_where_it_was_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, members: int | None
@@ -302,6 +304,7 @@ def test_a_folder_goes_on_where_it_was_stopped(
     assert [entry.name for entry in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("said", ["", "[[3, 3, 3", "[[4, 4, 4]]", "7"], ids=str)
 def test_a_damaged_cut_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str) -> None:
     """Assert that blocks cut in another way, or nobody knows how, are not mixed."""
@@ -347,6 +350,7 @@ def test_another_sweep_keeps_out_of_a_folder(tmp_path: Path) -> None:
     assert (path / "catalogue.nc").read_bytes() == before
 
 
+@pytest.mark.dear
 def test_whole_runs_in_files(tmp_path: Path) -> None:
     """Assert one verified file a run, members from them, damage found, and files used again by another sweep."""
     path = tmp_path / "s"
@@ -481,6 +485,7 @@ def test_an_earlier_sweep_with_something_else_kept(swept: xr.Dataset, tmp_path: 
         xd.sweep(swept, keep=["y"], times=[0.5], rtol=1e-3)
 
 
+@pytest.mark.dear
 def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
     """Assert the documented call of `open_mfdataset`: rows of all runs, in the order of their files."""
     found = xd.sweep(
@@ -503,6 +508,7 @@ def test_xarray_opens_a_folder_of_runs(tmp_path: Path) -> None:
     assert found.sizes["vt"] == 3
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "how",
     [
@@ -547,7 +553,7 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
             assert found[word].values[i].tolist() == alone[word][0].tolist(), word
 
 
-@pytest.mark.every(12)
+@pytest.mark.every(37)
 @pytest.mark.parametrize("name", sorted(entry.stem for entry in MODELS.glob("*.toml")))
 @pytest.mark.filterwarnings("ignore::xdynamics.AccuracyWarning")
 def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureRequest) -> None:

@@ -46,6 +46,7 @@ def test_two_laboratories_have_one_digest(first: Path, tmp_path: Path) -> None:
     assert digest == xd.verify(first)
 
 
+@pytest.mark.dear
 def test_a_resumed_sweep_has_the_digest_of_the_whole(
     first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,6 +87,7 @@ def test_seals_of_files_are_among_the_circumstances(first: Path, tmp_path: Path)
 THINNED: dict[str, Any] = {"keep_every": 5, "log": ["y", "kinetic_energy"], "compress": True}
 
 
+@pytest.mark.dear
 def test_whole_runs_are_recorded_as_asked(first: Path, tmp_path: Path) -> None:
     """Assert that files are those of `simulate` with the same words, all else that is kept is of every row, and a member comes again."""
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")

@@ -121,6 +121,7 @@ def test_a_member_without_a_number_has_no_maximum() -> None:
         assert found.maximum_r.values == pytest.approx(right, nan_ok=True)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("axes", "more", "said"),
     [
@@ -193,6 +194,7 @@ def test_a_part_is_what_it_holds_and_not_its_name(tmp_path: Path) -> None:
         assert not (folder / UNFINISHED).exists()
 
 
+@pytest.mark.dear
 def test_a_run_is_what_it_holds_and_not_its_name(tmp_path: Path) -> None:
     """Assert that the file of one run under the name of another is not taken for it."""
     work = begun(tmp_path / "s", keep=["log", "end"])

@@ -183,6 +183,7 @@ def stops(function: Any, *given: Any) -> bool:
     return False
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("changed", "words"),
     [

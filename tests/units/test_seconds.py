@@ -39,6 +39,7 @@ def sentences(tree: ast.AST) -> Iterator[int]:
                     yield from [node.lineno] * bool(re.match(r" (s|seconds)\b(?!')", str(text.value)))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("search", "allowed"), [(letters, OTHER_LETTERS), (sentences, CLOCKS)])
 def test_only_units_writes_a_second(search: object, allowed: dict[str, int]) -> None:
     """Assert that there is none in the syntax trees of the package but those that are listed."""

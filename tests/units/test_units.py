@@ -150,6 +150,7 @@ def test_unit_constants_agree_with_pint(name: str) -> None:
     assert constant(name).factor == Fraction(factor)
 
 
+@pytest.mark.dear
 @given(st.integers(-3, 3), st.integers(-3, 3), st.integers(-3, 3))
 def test_spelled_dimension_reads_back(kilogram: int, metre: int, second: int) -> None:
     """Assert that any dimension is spelled so that it reads as itself."""

@@ -92,7 +92,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_march_that_contradicts_itself_ends(what: str) -> None:
     """Assert that each guard stops a run whose code for contacts is broken on purpose, and names the contact and figures."""

@@ -70,6 +70,7 @@ def table_of(model: xd.Model) -> dict[str, Any]:
     return tomllib.loads(model.to_toml())
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", FITTING)
 def test_a_bouncing_ball_comes_to_rest(method: str) -> None:
     """Assert impacts, the limit that they run to, and the weight behind it, with every method."""
@@ -161,6 +162,7 @@ def shaken(amplitude: str, **balls: tuple[float, float]) -> xd.Model:
     )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("two", [{"y": (0.0, 0.2), "z": (0.3, 0.5)}, {"y": (0.0, 0.2), "z": (0.2, 0.66)}])
 def test_what_a_ball_does_is_not_the_business_of_another_one(two: dict[str, tuple[float, float]]) -> None:
     """Assert impacts, rests and take-offs of two balls: those that each of them has alone, none stepped over."""
@@ -460,6 +462,7 @@ def wedge(e: float, law: str) -> xd.Model:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("law", ["newton", "poisson", "sequential"])
 @pytest.mark.parametrize("method", ["rk4", "dop853"])
 def test_bounces_end_in_a_corner(law: str, method: str) -> None:

@@ -133,6 +133,7 @@ def pendulum(law: str, e: float = 0.7, mu: float = 0.5) -> xd.Model:
     )
 
 
+@pytest.mark.dear
 def test_kane_and_levinsons_pendulum_is_no_paradox() -> None:
     """Assert that their double pendulum nearly triples its energy by Newton's law, and by the energetic one loses some."""
     with pytest.warns(xd.AccuracyWarning, match="energy was created"):
@@ -148,6 +149,7 @@ def test_kane_and_levinsons_pendulum_is_no_paradox() -> None:
     assert 0.5 < float(run.kinetic_energy[-1] / run.kinetic_energy[0]) < 1.0
 
 
+@pytest.mark.dear
 def test_a_run_that_is_extended_remembers_what_was_created() -> None:
     """Assert that behind its end, too, the outcome speaks of the energy."""
     asked = {"method": "dop853", "rtol": 1e-10, "time_tolerance": 1e-15}

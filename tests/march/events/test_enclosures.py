@@ -250,7 +250,7 @@ def test_every_value_is_enclosed(name: str) -> None:
     assert misses(name, 1, 60, 300, 8) == []
 
 
-@pytest.mark.every(5)
+@pytest.mark.every(17)
 @pytest.mark.parametrize("outside", OUTSIDE)
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_every_value_of_a_drive_is_enclosed(interpolation: str, outside: str) -> None:
@@ -319,7 +319,7 @@ def excess(name: str, seed: int, count: int) -> float:
     return float(np.quantile(found, 0.95))
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(11)
 @pytest.mark.parametrize("name", [name for name, operation in OPERATIONS.items() if operation[-1] is not None])
 def test_enclosures_are_tight(name: str) -> None:
     """Assert that an enclosure holds the tightest interval there is, and ends within a few roundings of it."""

@@ -155,6 +155,7 @@ def test_thin_slab_at_high_speed(asked: dict[str, Any]) -> None:
     assert run.event_time.values == pytest.approx([0.50033, 0.5003300001], rel=1e-14)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("unit", ["nm", "m", "Gm"])
 def test_events_at_any_scale(unit: str) -> None:
     """Assert that the same motion in other lengths has the same events at the same times, to rounding."""
@@ -182,6 +183,7 @@ def swinging(*levels: float, **asked: Any) -> xr.Dataset:
     return xd.simulate(xd.Model(**statement), **asked)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("asked", [{"rtol": 1e-6}, {"step": 0.05}], ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("method", ACCURATE)
 def test_crossings_near_the_crest(method: str, asked: dict[str, Any]) -> None:

@@ -121,6 +121,7 @@ STEPS: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("asked", STEPS, ids=lambda one: f"{one['method']} {one.get('step', 'adaptive')}")
 def test_random_functions_of_time(asked: dict[str, Any]) -> None:
     """Assert number, times, directions and kind of every event of random functions of time."""
@@ -165,6 +166,7 @@ def surprises(coefficients: list[tuple[float, float, float, float]], step: float
     return found
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("step", [0.05, 0.3, 0.7])
 def test_random_functions_of_the_state(step: float) -> None:
     """Assert that between two rows no event function has a root, and that each event is at one."""

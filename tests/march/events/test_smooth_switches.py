@@ -102,6 +102,7 @@ def test_counts_of_random_oscillations(case: int) -> None:
     assert found == {"odd.max": count, "odd.where": int(np.sum(inside[1:] != inside[:-1]))}
 
 
+@pytest.mark.dear
 def test_many_runs_count_alike() -> None:
     """Assert that runs in lanes have the counts of runs alone, one after the other too, and that sweeps tell them."""
     from xdynamics.march.configuration import settings_for

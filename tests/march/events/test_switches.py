@@ -26,6 +26,7 @@ def pushed(force: str, x: str = "1 m", v: str = "0 m s-1", **more: Any) -> xd.Mo
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", FITTING)
 def test_a_relay_is_exact_for_every_method(method: str) -> None:
     """Assert the times at which x'' = -sign(x) switches, and the energy: parabolas are exact, but across a switch none is."""

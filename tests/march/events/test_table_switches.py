@@ -47,6 +47,7 @@ table = "force.csv"
     return xd.Model.from_toml(folder / "model.toml")
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", FITTING)
 def test_every_method_keeps_its_order_over_a_bent_spring(method: str, tmp_path: Path) -> None:
     """Assert that errors after three periods fall as the method says, or are as small as is asked for."""
@@ -58,6 +59,7 @@ def test_every_method_keeps_its_order_over_a_bent_spring(method: str, tmp_path: 
     assert ends[1] < (1e-7 if order >= 5 else ends[0] / 8 ** (order - 0.7))
 
 
+@pytest.mark.dear
 def test_stepped_over_it_costs_the_order(tmp_path: Path) -> None:
     """Assert what a run is without, of a force that is declared smooth, and how much it is off."""
     bent, smooth = measured(tmp_path), measured(tmp_path, smooth=True)

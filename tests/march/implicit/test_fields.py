@@ -79,7 +79,7 @@ def run_of_elements(name: str, monkeypatch: pytest.MonkeyPatch, **asked: Any) ->
     return xd.simulate(Model.from_text(another), **asked)
 
 
-@pytest.mark.every(5)
+@pytest.mark.every(17)
 @pytest.mark.parametrize("jacobian", ["exact", "differences"])
 @pytest.mark.parametrize("name", ["chain", "bodies", "truss", "ring", "rod", "Brusselator"])
 def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +94,7 @@ def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) 
             np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     ("name", "method"),
     [
@@ -113,6 +113,7 @@ def test_newton_as_elements(name: str, method: str, monkeypatch: pytest.MonkeyPa
         np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("cells", [200, 2000])
 def test_heat_by_the_midpoint_rule(cells: int) -> None:
     """Assert the discrete law: the longest mode shrinks by (1 - z)/(1 + z) a step; room and groups do not grow faster."""
@@ -163,6 +164,7 @@ def spread_out(cells: int, until: float) -> np.ndarray:
     return solve_ivp(rates, (0.0, until), start, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("cells", "until"), [(50, 10.0), (100, 2.0), (200, 0.5)])
 def test_brusselators_have_the_digits_of_another_program(cells: int, until: float) -> None:
     """Assert both fields of 50, 100 and 200 cells to 1e-9 against an explicit method of order 8."""
