@@ -94,6 +94,11 @@ class Target:
             )
         if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
             names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
+            if event in model.assemblies:
+                raise InputError(
+                    f"event is {event!r}, a contact of many links, whose impacts differ in number from run to run; give"
+                    " at='1 s', or an extreme of the whole run"
+                )
             raise InputError(f"event is {event!r}; there are {names}")
         if quantity not in (quantities if event is None else (*quantities, TIME)):
             raise InputError(
