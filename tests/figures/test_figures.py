@@ -165,3 +165,13 @@ def test_energies_are_drawn_where_their_total_changes_by_rounding_alone() -> Non
     assert len(axes.lines) == 3
     changed = run.assign(total_energy=run.total_energy * (1.0 + 1e-9 * np.arange(run.sizes["step"])))
     assert xd.plot(changed, only="energy").axes[0].get_title(loc="left").startswith("total energy less its start")
+
+
+def test_lines_over_a_histogram_say_what_they_are() -> None:
+    """Assert the median and both ends of 95 % of the members, named."""
+    drawn = xd.Draws(32, {"k": ("1 N m-1", "2 N m-1")}, seed=1)
+    sweep = xd.sweep(oscillator().model, {"draw": drawn}, step=0.1, until=1.0, keep=["end"]).compute()
+    axes = next(axes for axes in xd.plot(sweep).axes if axes.get_ylabel() == "members")
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["median", "95 % between"]
+    places = [float(line.get_xdata()[0]) for line in axes.lines]
+    assert places == np.quantile(sweep.end_x.values, [0.5, 0.025, 0.975]).tolist()

@@ -308,13 +308,13 @@ def _drawn(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
         axes.hist(
             finite, bins=min(60, max(5, int(np.sqrt(finite.size)))), color=BANDS[1], edgecolor="white", linewidth=0.4
         )
-        for q in (QUANTILES[0], QUANTILES[2], QUANTILES[4]) if finite.size else ():
-            axes.axvline(
-                float(np.quantile(finite, q)),
-                color=COLOURS[0],
-                linewidth=1.0,
-                linestyle="-" if q == QUANTILES[2] else "--",
-            )
+        low, _, middle, _, high = np.quantile(finite, QUANTILES).tolist() if finite.size else [np.nan] * 5
+        axes.axvline(middle, color=COLOURS[0], linewidth=1.0, label="median")
+        axes.axvline(low, color=COLOURS[0], linewidth=1.0, linestyle="--", label="95 % between")
+        axes.axvline(high, color=COLOURS[0], linewidth=1.0, linestyle="--")
+        axes.set_axisbelow(True)
+        if finite.size:
+            axes.legend(fontsize=7, frameon=False)
         axes.set(xlabel=_labelled(sweep, name), ylabel="members")
     drawn = ", ".join(str(key) for key, each in sweep.variables.items() if each.attrs.get(AXIS) == dim)
     axes.set_title(words(f"{name}, {sweep.sizes[dim]} draws of {drawn}"), loc="left", fontsize=10)
