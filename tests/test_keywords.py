@@ -120,6 +120,10 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
         {"method": "radau_iia", "until": "2 s", "rtol": 1e-6, "jacobian": "differences"},
         ["--method", "radau_iia", "--until", "2 s", "--rtol", "1e-6", "--jacobian", "differences"],
     ),
+    "digits": (
+        {"method": "taylor", "until": "2 s", "rtol": 1e-20, "precision": "double_double"},
+        ["--method", "taylor", "--until", "2 s", "--rtol", "1e-20", "--precision", "double_double"],
+    ),
     "series": (
         {"method": "taylor", "until": "2 s", "rtol": 1e-9, "order": 20},
         ["--method", "taylor", "--until", "2 s", "--rtol", "1e-9", "--order", "20"],

@@ -103,6 +103,7 @@ KEYWORDS = {
         Keyword("event_root_method", EVENTS, WORD, "how events are located; the last as version 0.2 did", "earliest first", "", '"earliest first" | "earliest first by Hermite" | "one by one"'),
         Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to march in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),
         Keyword("summation", ARITHMETIC, WORD, "whether rounding is carried to the next update", "compensated for symplectic methods", '"plain"', '"compensated" | "plain"'),
+        Keyword("precision", ARITHMETIC, WORD, "kind of every number: one float, or an unevaluated sum of two with 31 digits", "float64", '"double_double"', '"float64" | "double_double"'),
         Keyword("jacobian", ARITHMETIC, WORD, "where radau_iia has the derivatives of the forces from", "exact", '"exact"', '"exact" | "differences"', "solver_jacobian"),
         Keyword("math_functions", ARITHMETIC, WORD, "set of elementary functions; an older one is for the bits of an older archive", "xdynamics 2", "", '"xdynamics 2" | "xdynamics 1"'),
         Keyword("force_samples", RECORD, WORD, "whether every force evaluation is recorded", "all", '"none"', '"all" | "none"', "solver_force_samples"),

@@ -234,6 +234,11 @@ def rate(name: str) -> str:
     return f"rate_{name}"
 
 
+def rest(name: str) -> str:
+    """Name what is left of a number beside the nearest float."""
+    return f"rest_{name}"
+
+
 def error(name: str) -> str:
     """Name the local error estimate of a coordinate, velocity or state."""
     return f"error_{name}"
@@ -293,6 +298,14 @@ FIXED_STEPS = (
     Variable("time", (STEPS,), "f8", SECONDS.text, "time of the accepted state", "time", AXIS),
     Variable("step_size", (STEPS,), "f8", SECONDS.text, "step used to reach the state; 0 for the initial one and after an event", "step_size"),
     Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
+)  # fmt: skip
+# of records whose numbers are sums of two floats
+LEFT_OVER = "rest"  # their role
+REST_TIME = Variable(
+    "rest_time", (STEPS,), "f8", SECONDS.text, "what is left of the time beside `time`, to be added to it", LEFT_OVER
+)
+REST_EVENT_TIME = Variable(
+    "rest_event_time", (EVENTS,), "f8", SECONDS.text, "what is left of the time of the event function's zero beside `event_time`, to be added to it", LEFT_OVER
 )  # fmt: skip
 STEP_NUMBER = Variable(
     "step_number",
@@ -362,7 +375,7 @@ NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations o
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
 TIMES = {
     variable.name
-    for variable in (*FIXED, *EVENT_UNCERTAINTIES, GIVEN_STEP, FIRST_PASSED)
+    for variable in (*FIXED, *EVENT_UNCERTAINTIES, GIVEN_STEP, FIRST_PASSED, REST_TIME, REST_EVENT_TIME)
     if variable.units == SECONDS.text
 }
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary.double_double.operations import DoubleDoubles
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
@@ -133,6 +134,7 @@ _KEPT: list[Any] = []
 def in_python(program: Program) -> Any:
     """Return the program as printed Python, called with arrays by their names."""
     scope = PYTHON | PYTHON_TABLES | {"_interval": Intervals(FUNCTIONS, rough=True), "_empty": np.empty}
+    scope["_double_double"] = DoubleDoubles()
     exec(python_of(program), scope)
 
     def call(**arrays: Any) -> None:

@@ -18,6 +18,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcomes import GOOD
+from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
@@ -272,7 +273,8 @@ class Measurand:
             places = {"occurrences": (target.occurrence - 1, target.occurrence)}
         if self.keep is not None:
             settings = {"members_per_task": MEMBERS} | settings
-        swept = sweep(self.model, axes, keep=[target.kept], **places, **(self.settings | settings))
+        shared = self.settings | settings | {"precision": FLOAT64}  # members of a sweep are of single floats
+        swept = sweep(self.model, axes, keep=[target.kept], **places, **shared)
         numbers = unfold(swept)[target.kept]
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
         numbers = numbers[..., 0] if target.at is not None else numbers

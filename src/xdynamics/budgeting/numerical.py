@@ -19,13 +19,13 @@ from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.extremes import INTERPOLATED, SAID, Extreme
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, CLOSE, SAFETY, Judged, judge, observed_orders
-from xdynamics.evidence.refining.levels import Levels, absolute_tolerances
+from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.settings import LEAST_RTOL
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.model import Model
 from xdynamics.units import NONE
 
@@ -213,7 +213,7 @@ def levels_of(measurand: Measurand) -> Levels:
 
 
 def _levels_by(keyword: str, values: list[float]) -> dict[str, Any]:
-    return {"steps": None, "rtols": None, "time_tolerances": None, "rules": None, keyword: values}
+    return dict.fromkeys((varied.keyword for varied in ALL), None) | {keyword: values}
 
 
 def _least_rtol(scheme: Scheme) -> float:
@@ -269,6 +269,9 @@ def _roundoff(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     have done; so differences within an observable are rounded differently too. Only reversible runs are marched back.
     """
     model, value = measurand.model, number.value
+    if settings_for(model, **measurand.settings).precision == DOUBLE_DOUBLE:
+        rule = "the run has 31 digits: what is left is the spacing of floats, in which the value is given"
+        return Term.bounded(ROUNDOFF, NUMERICAL, EPS * abs(value) / 2.0, rule)
     rng, deviations = np.random.default_rng(measurand.seed), []
     tolerances = absolute_tolerances(model, measurand.settings)
     in_units = not model.python_functions

@@ -17,20 +17,21 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march import Settings
 from xdynamics.march.dense_output import states_within
+from xdynamics.march.initial_run import rest_of_time
 from xdynamics.methods import METHODS, method_of
-from xdynamics.methods.scheme import REINTEGRATE
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, REINTEGRATE
 from xdynamics.methods.steppers import EXACT
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
-from xdynamics.record.arguments import scales_of
+from xdynamics.record.arguments import precision_of, scales_of
 from xdynamics.record.partial_records import RARE, log_description, rows_apart
 from xdynamics.record.provenance import interpolation, interpolation_orders
 from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import AT, AT_TIME, STEPS
+from xdynamics.schema import AT, AT_TIME, LEFT_OVER, STEPS
 from xdynamics.units import SECONDS, Range, Unit, is_range, time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -83,6 +84,11 @@ class Inside:
         """
         load_dask_whole()
         record.check_kind(run)
+        if rule != REINTEGRATE and precision_of(run.attrs) == DOUBLE_DOUBLE:
+            raise InputError(
+                f"rule is '{rule}', and the interpolant of a run of precision 'double_double' is of single floats; take"
+                f" '{REINTEGRATE}'"
+            )
         if run.attrs["solver_method"] not in METHODS:
             raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")
         if not isinstance(functions, Mapping | None):
@@ -124,6 +130,7 @@ class Inside:
             summation=str(attributes.get("solver_summation", PLAIN)),
             switches=str(attributes.get("solver_switches", STEPPED_OVER)),
             math_functions=kept_set(attributes.get("math_functions")),
+            precision=precision_of(attributes),
         )
 
     @cached_property
@@ -155,7 +162,7 @@ class Inside:
 
     @property
     def _height(self) -> int:
-        return 2 * self.layout.used.size
+        return (2 + self.layout.is_doubled) * self.layout.used.size
 
     def described(self, times: Floats, rows: NDArray[np.int64], numbers: Any) -> xr.Dataset:
         """Return states and errors at times as a Dataset."""
@@ -165,6 +172,13 @@ class Inside:
         for i, (name, described, error, error_described) in enumerate(self._descriptions):
             variables[name] = xr.Variable((AT,), numbers[i], described)
             variables[error] = xr.Variable((AT,), numbers[len(self._descriptions) + i], error_described)
+            if self.layout.is_doubled:
+                left = {
+                    "units": described["units"],
+                    "long_name": f"what is left of {name}, to be added to it",
+                    "role": LEFT_OVER,
+                }
+                variables[schema.rest(name)] = xr.Variable((AT,), numbers[2 * len(self._descriptions) + i], left)
         time_attributes = {
             "units": str(run.variables["time"].attrs["units"]),
             "long_name": "wanted time",
@@ -218,14 +232,17 @@ class Inside:
         """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units."""
         time, used = np.asarray(self.run["time"]), self.layout.used
         columns = np.stack([np.asarray(column) for column in self._columns(rows)])
-        n, first = len(used), 3 + self._touching
+        n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
         start, end = time[rows], time[rows + 1]
         inner = columns[first : first + n].copy()
         for k in range(parts):
             low, high = (start + (end - start) * (j / parts) for j in (k, k + 1))
             columns[0], columns[first : first + n] = high - low, inner
-            inner = self._evaluated(np.stack([high, low, high]), columns[: first + n])[:n]
-            columns[2] = schema.STEP  # only the first part follows an event
+            found = self._evaluated(np.stack([high, low, high]), columns if doubled else columns[: first + n])
+            inner, columns[2] = found[:n], schema.STEP  # only the first part follows an event
+            if doubled:
+                columns[first + n : first + 2 * n] = found[2 * n :]
+                columns[first + 2 * n] = [rest_of_time(time) for time in high.tolist()]
         led_to = np.stack([np.asarray(self.run[name])[rows + 1] for name in used])
         return dict(zip(used, led_to - inner, strict=True))
 
@@ -247,6 +264,8 @@ def step_columns(
     used = tuple(settings.layout(model).used)
     wanted = [("step_size", following)]
     wanted += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
+    if settings.precision == DOUBLE_DOUBLE:
+        return wanted + [(name, rows) for name in (*map(schema.rest, used), schema.REST_TIME.name)]
     # iterations that continue from those of the step before do not reproduce its end to the bit
     return wanted + [(name, following) for name in used] if settings.method.stepper.has_memory else wanted
 

@@ -59,9 +59,22 @@ def _coefficients(read: Read, x: Number, piece: Whole) -> tuple[Number, ...]:
     return (x - read(0, piece), *(read(row, piece) for row in range(1, 5)))
 
 
+def origin_of(read: Read, _x: Number, piece: Whole) -> Number:
+    """Return where a piece begins."""
+    return read(0, piece)
+
+
+def _coefficient(row: int) -> Callable[[Read, Number, Whole], Number]:
+    return lambda read, _x, piece: read(row, piece)
+
+
 POLYNOMIALS: Mapping[str, Callable[[Read, Number, Whole], Number]] = {
     "value_at": value_at,
     "slope_at": slope_at,
     "bend_at": bend_at,
     "cube_at": cube_at,
+    "origin_of": origin_of,
+    "square_of": _coefficient(2),
+    "slope_of": _coefficient(3),
+    "value_of": _coefficient(4),
 }

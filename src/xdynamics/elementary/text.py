@@ -5,9 +5,13 @@ from __future__ import annotations
 import inspect
 import re
 from collections import Counter
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
+from typing import Any
 
+from xdynamics.elementary.double_double import FUNCTIONS as FUNCTIONS_OF_SUMS
+from xdynamics.elementary.double_double import DoubleDouble
+from xdynamics.elementary.double_double.operations import CALLED, DoubleDoubles
 from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
@@ -15,6 +19,9 @@ from xdynamics.elementary.numbers import Number
 from xdynamics.elementary.rounding_margins import LEAST
 from xdynamics.elementary.sets import SETS
 from xdynamics.elementary.tables import TABLES
+
+OF_SUMS = "double_double_"  # before the names of functions of sums of two numbers
+LONG_FUNCTIONS = {**CALLED, **FUNCTIONS_OF_SUMS}
 
 
 @lru_cache(maxsize=256)
@@ -25,11 +32,11 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
     """
     own, _, wide = name.partition(".")
     lines = FunctionLines(int(wide or lanes))
-    function = TOGETHER.get(own) or SETS[math_functions][own]
-    arguments = [LaneValue(lines, "n", f"%x{i}") for i in range(len(inspect.signature(function).parameters))]
+    function = TOGETHER.get(own) or _of_parts(own) or SETS[math_functions][own]
+    arguments = [LaneValue(lines, "n", f"%x{i}") for i in range(_parameters(own, function))]
     result, kind, returned = function(*arguments), lines.kind("n"), lines.kind("n")
     if isinstance(result, tuple):
-        returned, aggregate = struct_of(own, lines.lanes), "poison"
+        returned, aggregate = struct(len(result), lines.lanes), "poison"
         for i, item in enumerate(result):
             aggregate = lines.line("n", f"insertvalue {returned} {aggregate}, {kind} {item.text}, {i}").text
         result = LaneValue(lines, "n", aggregate)
@@ -53,10 +60,40 @@ def written_intervals(lines: FunctionLines, margin: Number = LEAST, *, rough: bo
     return Intervals(functions, margin, rough)
 
 
+def written_double_doubles(lines: FunctionLines, width: Callable[[], str]) -> DoubleDoubles:
+    """Return the operations on sums of two numbers that are written as lines, which call the elementary functions."""
+
+    def call(name: str, *given: DoubleDouble) -> DoubleDouble:
+        kind, parts = struct(2, lines.lanes), [lines.value(part) for number in given for part in number]
+        arguments = ", ".join(f"{lines.kind('n')} {part.text}" for part in parts)
+        called = lines.line("n", f"call {kind} @elementary_{OF_SUMS}{name}{width()}({arguments})").text
+        return DoubleDouble(*(lines.line("n", f"extractvalue {kind} {called}, {k}") for k in range(2)))
+
+    return DoubleDoubles({name: partial(call, name) for name in LONG_FUNCTIONS})
+
+
+def _of_parts(name: str) -> Callable[..., DoubleDouble] | None:
+    """Return a function of sums of two numbers as one of the numbers."""
+    if not name.startswith(OF_SUMS):
+        return None
+    function = LONG_FUNCTIONS[name.removeprefix(OF_SUMS)]
+    return lambda *parts: function(*(DoubleDouble(*pair) for pair in zip(parts[::2], parts[1::2], strict=True)))
+
+
+def _parameters(name: str, function: Callable[..., Any]) -> int:
+    if name.startswith(OF_SUMS):
+        return 2 * len(inspect.signature(LONG_FUNCTIONS[name.removeprefix(OF_SUMS)]).parameters)
+    return len(inspect.signature(function).parameters)
+
+
+def struct(count: int, lanes: int) -> str:
+    """Return the LLVM type of so many results."""
+    return f"{{ {', '.join([FunctionLines(lanes).kind('n')] * count)} }}"
+
+
 def struct_of(name: str, lanes: int) -> str:
     """Return the LLVM type of the results of functions that are computed together."""
-    count = sum(pair == name for pair, _ in PAIRS.values())
-    return f"{{ {', '.join([FunctionLines(lanes).kind('n')] * count)} }}"
+    return struct(sum(pair == name for pair, _ in PAIRS.values()), lanes)
 
 
 def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAME) -> str:

@@ -24,6 +24,7 @@ from xdynamics.expressions.tree import (
     exponent_of,
 )
 from xdynamics.faults import InputError
+from xdynamics.units.rounded import read
 
 LONGEST_TEXT = 1_000_000
 LONGEST_WORD = 200
@@ -296,7 +297,7 @@ class _Reader:
             raise self._fault(column, f"exponent {exponent} is over {LARGEST_EXPONENT} in size")
 
     def _finite(self, token: _Token) -> float:
-        number = float(token.text)
+        number = read(token.text)
         if not isfinite(number):
             raise self._fault(token.column, "a number is not finite")
         return number

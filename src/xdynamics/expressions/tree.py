@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
+from xdynamics.units.rounded import decimal_text
+
 # function name -> number of arguments; min and max take two or more
 FUNCTIONS = {
     "abs": 1,
@@ -230,7 +232,7 @@ def text_of(node: Node) -> str:
     match node:
         case Number():
             is_whole = node.value == int(node.value) and node.value < 1e15
-            return str(int(node.value)) if is_whole else repr(node.value)
+            return str(int(node.value)) if is_whole else decimal_text(node.value)
         case Name():
             return node.name
         case Negative():

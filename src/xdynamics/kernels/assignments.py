@@ -6,6 +6,7 @@ import math
 import operator
 from collections.abc import Callable
 from fractions import Fraction
+from typing import Any
 
 from xdynamics.expressions import (
     Along,
@@ -22,6 +23,7 @@ from xdynamics.expressions import (
     shown,
 )
 from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
+from xdynamics.units.rounded import Rounded, exact_value
 
 OPERATIONS = {
     "+": "add",
@@ -35,7 +37,7 @@ OPERATIONS = {
     "==": "equal",
     "!=": "unequal",
 }
-_FOLDED: dict[str, Callable[..., float]] = {
+_FOLDED: dict[str, Callable[..., Any]] = {
     "add": operator.add,
     "subtract": operator.sub,
     "multiply": operator.mul,
@@ -121,7 +123,8 @@ class Assignments:
         if operation in _FOLDED and all(isinstance(argument, float) for argument in arguments):
             folded = _FOLDED[operation](*arguments)
             if math.isfinite(folded):  # so 1/(2 - 2) becomes a visible division by a literal zero
-                return folded
+                exact = [exact_value(argument) for argument in arguments if isinstance(argument, float)]
+                return Rounded.of(_FOLDED[operation](*exact), folded)
         key = _key(operation, arguments)
         if key not in self._known:
             self._known[key] = f"{self._prefix}{len(self._known)}"
@@ -168,7 +171,7 @@ class Assignments:
         if rest == Fraction(1, 2):
             root = self.compute("sqrt", base)
             return self.compute("multiply", self._product(base, whole), root) if whole else root
-        return self.compute("power", base, float(exponent))
+        return self.compute("power", base, Rounded.of(exponent, float(exponent)))
 
     def _product(self, base: Operand, times: int) -> Operand:
         """Write x**2 and x**3 as products, higher powers by squaring."""
@@ -184,4 +187,4 @@ class Assignments:
 
 def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
     """Return the key of a computation, with numbers as printed: 0.0 equals -0.0, but atan2 tells them apart."""
-    return (operation, *map(repr, arguments))
+    return (operation, *(str(entry.exact) if isinstance(entry, Rounded) else repr(entry) for entry in arguments))

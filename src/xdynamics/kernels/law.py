@@ -16,6 +16,7 @@ from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
+from xdynamics.kernels.double_double import doubled
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.lane_step import STRIDE, stride
 from xdynamics.kernels.law_cache import Printed
@@ -23,11 +24,12 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.newton_matrix import NewtonSystem
 from xdynamics.kernels.operations import python_of_set
-from xdynamics.kernels.program import Program
+from xdynamics.kernels.program import AT, Program
 from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_degree, curve_size
 from xdynamics.methods.scheme import Scheme
+from xdynamics.model.motion import constants
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
 
@@ -36,6 +38,7 @@ EXP, LOG, FORCES, DETECT, SLOPES, RESETS, TOUCHING, ROW, INSIDE, PROPOSE = range
 EXPAND = PROPOSE + 1  # of a method by series
 LINEARISED = PROPOSE  # of a method whose step `march.implicit.radau` makes
 CONTROL = ("exp", "log")  # what step control calls
+FLOATS_ALONE = ("slopes", "touching")  # programs that no rest matters to
 HEADER = (
     '"""{title}\n\nWritten by xdynamics from the model and the method: this is the order of every operation.\n"""\n'
 )
@@ -86,7 +89,23 @@ class Law:
             if not curve_degree(layout)
             else (step_programs.polynomial(layout, self.steps.memory - curve_size(layout)),)
         )
-        return (*own, step_programs.inside(layout, self.scheme), *self.steps.programs, *curves)
+        programs = (*own, step_programs.inside(layout, self.scheme), *self.steps.programs)
+        return (*self._in_precision(programs), *curves)
+
+    def _in_precision(self, programs: Sequence[Program]) -> tuple[Program, ...]:
+        """Return programs of the kind of number that is asked for."""
+        layout = self.layout
+        if not layout.is_doubled:
+            return tuple(programs)
+        distance = layout.used.size + layout.evaluation.size
+        rests = {"y": distance, "z": distance, "w": self.steps.memory, "p": len(constants(layout.model)), "at": len(AT)}
+        own = {"row": 0, "detect": 0, "resets": len(layout.resets)}  # programs whose results are no state
+        return tuple(
+            program
+            if program.name in FLOATS_ALONE
+            else doubled(program, rests | {"z": own.get(program.name, distance)})
+            for program in programs
+        )
 
     @cached_property
     def programs(self) -> tuple[Program, ...]:

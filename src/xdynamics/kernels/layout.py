@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
-from xdynamics.methods.scheme import Scheme
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
@@ -46,6 +46,11 @@ class Layout:
 
     model: Model
     scheme: Scheme | None = None
+
+    @property
+    def is_doubled(self) -> bool:
+        """Whether every number has a rest."""
+        return self.scheme is not None and self.scheme.precision == DOUBLE_DOUBLE
 
     @property
     def estimates(self) -> bool:
@@ -149,6 +154,8 @@ class Layout:
     @cached_property
     def carried(self) -> Blocks:
         """Names of rounding errors of coordinates, velocities and states, where they are carried along."""
+        if self.is_doubled:
+            return (self.used + self.evaluation).renamed("rest", "_rest_{}".format)
         carried = self.used if self.scheme and self.scheme.compensated else Blocks(())
         return carried.renamed("carried", "_carried_{}".format)
 
@@ -225,7 +232,14 @@ class Layout:
     @cached_property
     def row(self) -> Blocks:
         """The float columns of a logged row."""
-        return Blocks.of("step", ("time", "step_size")) + self.state + self.computed + self.errors + self.effort
+        return (
+            Blocks.of("step", ("time", "step_size"))
+            + self.state
+            + self.computed
+            + self.errors
+            + self.effort
+            + self.rests
+        )
 
     @property
     def errors(self) -> Blocks:
@@ -233,6 +247,13 @@ class Layout:
         if not self.estimates:
             return Blocks(())
         return Blocks.of("error", ("error_norm",)) + self.used.renamed("error", schema.error)
+
+    @property
+    def rests(self) -> Blocks:
+        """What is left of every number of the state beside the nearest float, where it is kept."""
+        if not self.is_doubled:
+            return Blocks(())
+        return Blocks.of("rest", (schema.rest("time"),)) + self.used.renamed("rest", schema.rest)
 
     @property
     def effort(self) -> Blocks:

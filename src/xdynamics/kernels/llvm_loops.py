@@ -10,12 +10,16 @@ from functools import partial
 
 from xdynamics.elementary import PAIRS
 from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.double_double import DoubleDouble
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
-from xdynamics.elementary.text import written_intervals
+from xdynamics.elementary.text import written_double_doubles, written_intervals
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.program import (
+    DOUBLE_DOUBLE,
+    FLOAT,
     INTERVAL,
+    OF_FLOAT,
     Compute,
     Instruction,
     Loop,
@@ -31,7 +35,7 @@ UNROLLED = 8  # passes up to which a loop is written out; longer ones are loops
 WRITTEN_OUT = 600  # lines up to which it is if it has loops inside
 _ALL_OF = Counter(pair for pair, _ in PAIRS.values())
 
-Value = LaneValue | Interval
+Value = LaneValue | Interval | DoubleDouble
 Pass = Callable[[Index, list[Value]], list[Value]]  # prints one; returns the totals after it
 
 
@@ -45,13 +49,13 @@ def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]
 
 
 def parts_of(value: Value) -> Sequence[LaneValue]:
-    """Return a number alone, or the bounds of an interval."""
-    return value if isinstance(value, Interval) else (value,)
+    """Return a number alone, or the bounds of an interval, or the two of a sum."""
+    return value if isinstance(value, tuple) else (value,)
 
 
 def alike(value: Value, parts: Sequence[LaneValue]) -> Value:
-    """Return a number, or an interval, as another value is, of these parts."""
-    return Interval(*parts) if isinstance(value, Interval) else parts[0]
+    """Return a number, an interval or a sum, as another value is, of these parts."""
+    return type(value)(*parts) if isinstance(value, tuple) else parts[0]
 
 
 class LoopText(ABC):
@@ -70,7 +74,10 @@ class LoopText(ABC):
     def __init__(self, program: Program, runs: int, abreast: int = 1) -> None:
         self._program, self._runs, self._abreast = program, runs, abreast
         self._lines = FunctionLines(runs)
-        self._intervals = written_intervals(self._lines, rough=True)
+        self._kinds = {
+            INTERVAL: written_intervals(self._lines, rough=True).of,
+            DOUBLE_DOUBLE: written_double_doubles(self._lines, self._width).of,
+        }
         self._places = Places(program, self._lines, runs)
         self._values: dict[str, Value] = {}
         self._outside: dict[str, Value] = {}  # of every lane, computed before the elements side by side
@@ -80,6 +87,10 @@ class LoopText(ABC):
     @abstractmethod
     def _print(self, body: Iterable[Instruction]) -> None:
         """Print lines."""
+
+    @abstractmethod
+    def _width(self) -> str:
+        """Return what the names of functions end with, where numbers have more lanes than there are runs."""
 
     @abstractmethod
     def _of(self, kind: str) -> Callable[..., Value]:
@@ -146,10 +157,10 @@ class LoopText(ABC):
 
     def _reduce(self, line: Reduction) -> None:
         totals: list[Value] = [self._operand(start) for start in line.starts]
-        if line.kind == INTERVAL:
-            of = self._intervals.of
+        if line.kind != FLOAT:
+            of, of_float = self._of(line.kind), OF_FLOAT[line.kind]
             pairs = zip(line.starts, totals, strict=True)
-            totals = [value if isinstance(start, str) else of("point", value) for start, value in pairs]
+            totals = [value if isinstance(start, str) else of(of_float, value) for start, value in pairs]
         totals = (
             self._bounded(line, totals) if line.below or line.above else self._passes(line, 0, line.count, 1, totals)
         )

@@ -21,7 +21,6 @@ from xdynamics.kernels.program import (
     ARRAYS,
     AT,
     FLOAT,
-    INTERVAL,
     Compute,
     EngineCall,
     Gather,
@@ -130,7 +129,7 @@ class ProgramText(RowText):
     # ---------------------------------------------------------------------------------------------------- operations
 
     def _of(self, kind: str) -> Callable[..., Value]:
-        return self._intervals.of if kind == INTERVAL else lambda operation, *operands: RULES[operation](*operands)
+        return self._kinds.get(kind) or (lambda operation, *operands: RULES[operation](*operands))
 
     def _computed(self, line: Compute) -> Value:
         name, arguments = line.operation, line.arguments

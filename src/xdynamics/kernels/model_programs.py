@@ -258,6 +258,12 @@ def row(layout: Layout, memory: int) -> Program:
         first += layout.errors.size
     if layout.effort:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
+        first += layout.effort.size
+    if layout.rests:
+        rest = layout.used.size + layout.evaluation.size
+        lines.store(Place("z", first), lines.load(Place("at", len(AT) + AT.index("t"))))
+        left = Load("_rest", element("y", rest)), StoreTo(element("z", first + 1), "_rest")
+        body.append(Loop("i", layout.used.size, left))
     if layout.smooth:
         _passed(lines, layout, memory, lines.compute("more", step, 0.0))
     body[0:0] = lines.lines

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
+from xdynamics.elementary.double_double.operations import DoubleDoubles
 from xdynamics.elementary.numbers import (
     absolute,
     ceiling,
@@ -100,4 +101,4 @@ def python_of_set(math_functions: str) -> dict[str, Any]:
     functions = {
         f"_{name}" if name == "power" else name: _kept(function) for name, function in SETS[math_functions].items()
     }
-    return PYTHON | functions
+    return PYTHON | functions | {"_double_double": DoubleDoubles()}

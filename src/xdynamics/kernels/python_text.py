@@ -12,6 +12,7 @@ from xdynamics.kernels.program import (
     ARRAYS,
     AT,
     FLOAT,
+    OF_FLOAT,
     Compute,
     EngineCall,
     Gather,
@@ -116,7 +117,9 @@ class _PythonPrinter:
         for total, start in zip(line.totals, line.starts, strict=True):
             text = self.text(start)
             exact = line.kind == FLOAT or isinstance(start, str)
-            self.lines.append(f"{total} = {text}" if exact else f"{total} = _{line.kind}.of('point', {text})")
+            self.lines.append(
+                f"{total} = {text}" if exact else f"{total} = _{line.kind}.of({OF_FLOAT[line.kind]!r}, {text})"
+            )
         read = (*line.terms, *([line.where] if line.where else ()))
         inner = _PythonPrinter(line.body, self._texts, read)
         joined = [

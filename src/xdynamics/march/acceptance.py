@@ -60,7 +60,7 @@ def land(run: Run) -> None:
 def move(run: Run) -> None:
     """Move the march to the end of the trial."""
     now, trial = run.now[0], run.trial[0]
-    now.t, now.h = trial.t, trial.h
+    now.t, now.h, now.rest = trial.t, trial.h, trial.rest
     run.kept[0].since = BEGUN if run.piece[0].cut else MOVED  # remains of substeps do not belong to the step
     run.piece[0].cut = 0
     if run.plan[0].adaptive or run.plan[0].follows:

@@ -15,9 +15,9 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
 from xdynamics.march.root_methods import EARLIEST_FIRST
-from xdynamics.march.settings import LEAST_RTOL, TIME_TOLERANCE, Pacing, Settings, Tolerances
+from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
-from xdynamics.methods.scheme import EMBEDDED, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED, FLOAT64, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, order_for
@@ -66,7 +66,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
     order = KEYWORDS["order"].read(chosen["order"], model.time_unit) if chosen.get("order") is not None else None
-    method = _of_order(method, order, tolerances)
+    method = _of_order(method, order, tolerances, least_rtol(str(chosen.get("precision"))))
     paced = [key for key in PACING if key in chosen]
     if paced and tolerances is None:
         raise InputError(
@@ -74,6 +74,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
             " rtol or atol too"
         )
     read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
+    precision = read.get("precision", FLOAT64)
     settings = Settings(
         method,
         read["until"],
@@ -84,7 +85,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read["force_samples"] == "all",
         scales,
         jacobian,
-        read.get("summation") or _summation(method),
+        read.get("summation") or (PLAIN if precision == DOUBLE_DOUBLE else _summation(method)),
         _nodes(model, read.get("nodes")),
         _switches(model, read.get("switches") or LOCATED),
         _time_tolerance(model, read),
@@ -94,6 +95,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
         "order" in read,
+        precision,
     )
     settings.check(model)
     return settings
@@ -227,7 +229,7 @@ def _estimator(method: Method, tolerances: Tolerances | None) -> str:
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
-def _of_order(method: Method, order: int | None, tolerances: Tolerances | None) -> Method:
+def _of_order(method: Method, order: int | None, tolerances: Tolerances | None, least: float) -> Method:
     """Return a method of the order that is asked for, or that its tolerance asks for.
 
     Raises
@@ -241,7 +243,7 @@ def _of_order(method: Method, order: int | None, tolerances: Tolerances | None) 
         raise InputError(f"order is {order!r}, and '{method.name}' is of order {method.order}; order is for taylor")
     if order is None:
         # a tolerance that is out of range is refused with the other settings
-        known = tolerances is not None and LEAST_RTOL <= tolerances.rtol < 1
+        known = tolerances is not None and least <= tolerances.rtol < 1
         order = order_for(tolerances.rtol) if tolerances is not None and known else DEFAULT_ORDER
     if order < LEAST_ORDER:
         raise InputError(
@@ -251,7 +253,7 @@ def _of_order(method: Method, order: int | None, tolerances: Tolerances | None) 
     if order > MOST_ORDER:
         raise InputError(
             f"order is {order!r}, needs to be at most {MOST_ORDER}: the last terms are rounding alone from"
-            f" {order_for(LEAST_RTOL)} on, and longer series only let steps be longer"
+            f" {order_for(least)} on, and longer series only let steps be longer"
         )
     return method_of(method.name, order)
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.kernels import Law
+from xdynamics.elementary.double_double import DoubleDouble, nearest
+from xdynamics.elementary.double_double.sums import multiply
+from xdynamics.kernels import Law, Layout
 from xdynamics.march.engine import engine
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble import Runs
-from xdynamics.march.initial_run import posed
+from xdynamics.march.initial_run import posed, rest_of_time
 from xdynamics.march.log import allocate
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import table_of
@@ -45,7 +49,8 @@ def states_within(
         Wanted time, start and end of its step.
     columns : ndarray, shape (3 + r + n or 3 + r + 2*n, k)
         Step size; regime, kind of row, state of each reaction and state at the start; and for a method
-        whose iterations continue those of the step before, the state at the end; in units of the record.
+        whose iterations continue those of the step before, the state at the end; in units of the record. Where numbers
+        are sums of two, after the state its rests and that of the time.
     factors : ndarray, shape (n, 1)
         From internal units to those of the record.
     reintegrated : bool
@@ -59,29 +64,57 @@ def states_within(
 
     Returns
     -------
-    ndarray, shape (2*n, k)
-        The states, and their distances. At an accepted time the state is the accepted one, to the bit.
+    ndarray, shape (2*n, k) or (3*n, k)
+        The states, and their distances; where numbers are sums of two, then the rests of the states. At an accepted time the state is the accepted one, to the bit.
     """
     scale, n, reaction_count = settings.scales.of(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
     size, regime, after_event = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
     states, columns = columns[3 : 3 + reaction_count], columns[3 + reaction_count :]
-    results = np.vstack([columns[:n], np.zeros((n, times.size))])
+    doubled = law.layout.is_doubled
+    results = np.vstack([columns[:n], np.zeros((n, times.size)), columns[n : 2 * n] if doubled else columns[:0]])
     if not moving.size:
         return results
     owners = np.zeros(times.size) if runs is None else runs
     steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *states])
-    inputs = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
-    inner = np.empty((2 * n, moving.size))
+    if doubled:
+        steps = np.vstack([steps, columns[2 * n], [rest_of_time(time) for time in times.tolist()]])
+        inputs = [steps, _sums(model, law.layout, columns), columns[:0]]
+    else:
+        inputs = [steps, columns[:n] / factors, columns[n:] / factors[: len(columns) - n]]
+    inner = np.empty((2 * len(inputs[1]), moving.size))
     # a run of its own: this is called in several threads
     addresses = law.addresses if reintegrated else law.addresses_inside
     run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), addresses)
     inputs = [np.ascontiguousarray(array[:, moving]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
     engine().states_inside(run, run_parameters, *inputs, inner, reintegrated, judged)
-    results[:, moving] = inner * np.vstack([factors, factors])
+    results[:, moving] = _recorded(model, law.layout, inner) if doubled else inner * np.vstack([factors, factors])
     return results
+
+
+def _sums(model: Model, layout: Layout, columns: Floats) -> Floats:
+    """Return states as a march has them, with their rests at the end, from recorded ones."""
+    n, between = layout.used.size, layout.evaluation.size
+    numbers = multiply(DoubleDouble(columns[:n], columns[n : 2 * n]), _exact_factors(model, layout, inverse=False))
+    return np.vstack([numbers.high, np.zeros((between, columns.shape[1])), numbers.low])
+
+
+def _recorded(model: Model, layout: Layout, inner: Floats) -> Floats:
+    """Return recorded states, their distances and their rests from those of a march."""
+    n, width = layout.used.size, len(inner) // 2
+    rests = slice(width - n, width)
+    exact = _exact_factors(model, layout, inverse=True)
+    numbers = multiply(DoubleDouble(inner[:n], inner[rests]), exact)
+    return np.vstack([numbers.high, inner[width : width + n] * exact.high, numbers.low])
+
+
+def _exact_factors(model: Model, layout: Layout, *, inverse: bool) -> DoubleDouble:
+    """Return the factors from recorded numbers to SI units, or back."""
+    factors = [Fraction(model.units[name].factor) for name in layout.used]
+    sums = [nearest(1 / factor if inverse else factor) for factor in factors]
+    return DoubleDouble(*(np.array(parts)[:, np.newaxis] for parts in zip(*sums, strict=True)))
 
 
 class PartsAbreast:

@@ -135,6 +135,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     )
     run.plan[0] = plans[k]
     now.t, now.h, now.norm, now.step, now.step_log, now.first_step = plans[k].start, 0.0, 0.0, 0.0, 0.0, 0.0
+    now.rest = plans[k].start_rest
     now.status, now.rows, now.trials, now.events, now.samples = RUNNING, 0, 0, 0, 0
     now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
@@ -182,9 +183,9 @@ def states_inside(
         Of a `Run`.
     parameters : ndarray, shape (r, …)
         Of each run that steps belong to; if empty, all belong to one run, which has its parameters already.
-    steps : ndarray, shape (7 + m, k)
+    steps : ndarray, shape (7 + m, k) or (9 + m, k)
         For each time: start and end of its step, step size, the time, the run, the regime, whether the step begins
-        after an event, the state of each of m reactions.
+        after an event, the state of each of m reactions; where numbers are sums of two, the rests of start and time.
     states : ndarray, shape (n, k)
         The state at the start.
     ends : ndarray, shape (n or 0, k)
@@ -209,12 +210,16 @@ def states_inside(
         run.now[0].regime, run.now[0].step = np.int64(steps[5, k]), h
         for i in range(run.touches.shape[0]):
             run.touches[i].state = np.int64(steps[7 + i, k])
+        rest, left = 0.0, 0.0
+        if run.plan[0].doubled > 0:
+            rest, left = steps[steps.shape[0] - 2, k], steps[steps.shape[0] - 1, k]
+        run.now[0].rest = rest
         enter(run, t, states, k, steps[6, k] != 0.0)
-        solved = shorter(run, t, time, s * h)
+        solved = shorter(run, t, time, s * h, left)
         for i in range(n):
             found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
         if not reintegrated or ends.shape[0] > 0:
-            solved = shorter(run, t, t1, h)
+            solved = shorter(run, t, t1, h, 0.0)
             copy(run.z, run.located_z)
         if not reintegrated:
             run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, s
@@ -222,9 +227,10 @@ def states_inside(
             for i in range(n):
                 found[i, k] = run.e[i] if solved else np.nan
         if judged:
-            solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0)
+            solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0, 0.0)
             copy(run.z, run.y)
-            solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0) and solved
+            run.now[0].rest = 0.0
+            solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0, left) and solved
         else:
             solved = False
         judge_inside(run, s, states, ends, found, k, solved)
@@ -341,9 +347,9 @@ def enter_here(run: Run, t: float) -> None:
 
 
 @shared
-def shorter(run: Run, t: float, t1: float, h: float) -> bool:
-    """Make a step without memory of previous ones; return whether its equations were solved."""
-    run.now[0].t = t
+def shorter(run: Run, t: float, t1: float, h: float, rest: float) -> bool:
+    """Make a step without memory of previous ones; return whether its equations were solved; `rest` is left of its end."""
+    run.now[0].t, run.trial[0].rest = t, rest
     run.kept[0].since = BEGUN
     propose_apart(run, t1, h)
     return run.trial[0].iterations >= 0

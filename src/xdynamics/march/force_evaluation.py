@@ -11,6 +11,7 @@ from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
@@ -19,7 +20,7 @@ State = NDArray[Any]
 @shared
 def evaluate(run: Run, t: float, state: State) -> None:
     """Evaluate the forces at a state; they are stored after it in the same array."""
-    run.at[T] = t
+    set_time(run, T, t)
     called(run.law[FORCES], run, state, state, 0)
     run.now[0].evaluations += 1
 

@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.double_double import nearest
+from xdynamics.elementary.double_double.constants import PI
 from xdynamics.elementary.rounding_margins import EPS, LEAST, LEAST_OF_0_2
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
@@ -33,7 +35,7 @@ from xdynamics.march.run import (
 from xdynamics.march.search_arrays import watching
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
-from xdynamics.methods.scheme import EXTRAPOLATED
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
@@ -43,7 +45,8 @@ from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import switch_inputs
 from xdynamics.model.whole import acting, has_wholes, written_out
-from xdynamics.units import TIME, Scales
+from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
+from xdynamics.units.rounded import exact_value
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +66,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     given_steps = tuple(step / scales.of(TIME) for step in settings.step) if isinstance(settings.step, tuple) else ()
     grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
+    now["rest"] = plan["start_rest"]
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
     assembly, patterns = assembled(model, settings, law, _pattern)
     run = Run(
@@ -70,19 +74,20 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         now=now,
         trial=np.zeros(1, TRIAL),
         located=np.zeros(1, TRIAL),
-        at=np.zeros(len(AT)),
+        at=np.zeros(len(AT) * (1 + law.layout.is_doubled)),
         **_states(model, settings, law, int(plan["samples"][0])),
         **_following(settings, law.layout),
-        **_parameters(model, scales),
+        **_parameters(model, scales, doubled=law.layout.is_doubled),
         tables=tables,
         places=places,
         of_time=np.array([i for i, drive in enumerate(model.drives.values()) if drive.argument == "t"], np.int64),
         nodes=nodes,
+        node_rests=_node_rests(settings, nodes),
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
         **watching(model, law, settings) | assembly,
-        w=np.zeros(law.memory + 3 * len(law.layout.smooth)),
+        w=np.zeros(law.memory * (1 + law.layout.is_doubled) + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
         law=np.append(addresses, solver.address()),
@@ -125,6 +130,9 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
     arrays["y"][:n] = in_si(model.initial, layout.used) / sizes
+    if layout.is_doubled:
+        first = n + layout.evaluation.size
+        arrays["y"][first : first + n] = [rest_of(model.initial[name]) for name in layout.used]
     # without tolerances an error may have any size
     wider = widened(law, tolerances.rtol) if tolerances else 1.0
     atols = np.full(n, np.inf) if tolerances is None else tolerances.of_all(layout.used)
@@ -154,7 +162,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "snap": 4.0 * EPS,
         "step_size": 0.0 if adaptive else single,
         "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
-        "floor": floor_of(scheme.inner(tolerances.rtol)) if tolerances else 0.0,
+        "floor": floor_of(scheme.inner(tolerances.rtol), UNIT_OF[scheme.precision]) if tolerances else 0.0,
         "rest": 0.0,  # known with the nodes
         "order": scheme.error_order,
         "safety": pacing.safety,
@@ -189,6 +197,9 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "assemblies": len(model.assemblies),
         "together": together(model),
         **_left_polynomial(law),
+        "doubled": layout.is_doubled,
+        "start_rest": rest_of(model.initial["t"]) if layout.is_doubled else 0.0,
+        "step_rest": nearest(exact_value(single)).low if layout.is_doubled else 0.0,
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
@@ -200,9 +211,9 @@ def _left_polynomial(law: Law) -> dict[str, int]:
     return {"degree": curve_degree(law.layout), "curve": law.curve, "polynomial": program}
 
 
-def floor_of(rtol: float) -> float:
+def floor_of(rtol: float, unit: float = EPS) -> float:
     """Return the least absolute tolerance that follows its variable, over the largest of its kind."""
-    return max(FLOOR * rtol, ROUNDED * EPS)
+    return max(FLOOR * rtol, ROUNDED * unit)
 
 
 def widened(law: Law, rtol: float) -> float:
@@ -227,12 +238,41 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
     return np.array(times, np.float64), np.array(steps, np.float64)
 
 
-def _parameters(model: Model, scales: Scales) -> dict[str, Floats]:
+def _parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str, Floats]:
     """Return the parameters that a law reads; the modes of contacts are the end of them."""
     known = constants(model, scales)
     values = np.array([*known.values(), *[0.0] * (2 * bool(model.assemblies))])  # room for addresses, see `_entered`
+    if doubled:
+        values = np.append(values, [_rest_of(model, name) for name in known])
     changing = len(modes(model)) + len(switch_inputs(model))
     return {"p": values, "modes": values[len(known) - changing : len(known)]}
+
+
+def _rest_of(model: Model, name: str) -> float:
+    """Return what is left of a constant beside the nearest float."""
+    if name in model.parameters:
+        return rest_of(model.parameters[name].quantity)
+    if name == "pi":
+        return PI.low
+    return nearest(constant(name).factor).low if name in CONSTANTS or name in model.shaped.calendar else 0.0
+
+
+def rest_of(quantity: Quantity) -> float:
+    """Return what is left of a quantity in SI units beside the nearest float."""
+    return nearest(exact_value(quantity.value) * quantity.unit.factor).low
+
+
+def rest_of_time(time: float) -> float:
+    """Return what is left of a time beside its float."""
+    return nearest(exact_value(time)).low
+
+
+def _node_rests(settings: Settings, nodes: Floats) -> Floats:
+    """Return what is left of every node and of the end; breakpoints of tables are floats as they are."""
+    if settings.precision != DOUBLE_DOUBLE:
+        return np.empty(0)
+    rests = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
+    return np.array([rests.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
 
 
 @lru_cache(maxsize=64)

@@ -14,6 +14,7 @@ from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import entered_by, noted
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.model.assemblies import slots_of, together
 
@@ -138,7 +139,8 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     now, at = run.now[0], run.at
     row = now.rows - run.base[0].rows
     reached = h > 0.0  # by a step, so that there is an error
-    at[T], at[H], at[NORM], at[TURNS] = t, h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
+    at[H], at[NORM], at[TURNS] = h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
+    set_time(run, T, t)
     noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
     for k in range(run.touches.shape[0]):

@@ -22,6 +22,7 @@ from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import quiet
 from xdynamics.march.events.zero_tests import enclose_constants
+from xdynamics.march.exact_times import grid_rest, set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
@@ -137,7 +138,7 @@ def start(run: Run) -> None:
         entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
-    run.at[T] = now.t
+    set_time(run, T, now.t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     sound_events = run.at[UNSOUND] == 0.0
     copy(run.y, run.z)
@@ -172,6 +173,8 @@ def aim(run: Run) -> None:
         aim_freely(run, node)
     else:
         aim_at_grid(run, node)
+    if plan.doubled > 0:
+        trial.rest = landing_rest(run)
     if not (now.t + trial.h > now.t and trial.t > now.t):
         end(run, STEP_TOO_SMALL)
     elif now.rows + now.trials > plan.most_steps:
@@ -207,6 +210,17 @@ def aim_freely(run: Run, node: float) -> None:
         trial.t, trial.h, trial.landing = node, remaining, AT_NODE
     else:
         trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
+
+
+@shared
+def landing_rest(run: Run) -> float:
+    """Return what is left of the time that the trial aims at."""
+    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
+    if trial.landing in (AT_NODE, AT_BOTH):
+        return float(run.node_rests[now.node])
+    if plan.adaptive or plan.step_size <= 0.0:
+        return 0.0
+    return grid_rest(plan.start, plan.start_rest, plan.step_size, plan.step_rest, now.grid + 1)
 
 
 @shared

@@ -50,7 +50,7 @@ def numbers_at_end(run: Run) -> tuple[str, Floats]:
     names, parts = [], []
     for name in _at_end(run):
         array = getattr(run, name)
-        fields = array.dtype.names
+        fields = _fields(run, name)
         names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
         parts += [array[field].astype(float) for field in fields] if fields else [array.astype(float)]
     return " ".join(names), np.concatenate(parts)
@@ -73,12 +73,19 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     first = 0
     for name in _at_end(run):
         array = getattr(run, name)
-        for part in [array[field] for field in array.dtype.names] if array.dtype.names else [array]:
+        fields = _fields(run, name)
+        for part in [array[field] for field in fields] if fields else [array]:
             part[...] = numbers[first : first + part.size]
             first += part.size
     now = run.now[0]
     now.status, now.crossed = RUNNING, now.node - 1
     run.at[REGIME] = now.regime
+
+
+def _fields(run: Run, name: str) -> tuple[str, ...]:
+    """Return the fields of an array whose final values a record keeps; of times rests only where numbers have them."""
+    fields = getattr(run, name).dtype.names or ()
+    return tuple(field for field in fields if field != "rest" or run.plan[0].doubled)
 
 
 def _at_end(run: Run) -> list[str]:

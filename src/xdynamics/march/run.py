@@ -30,23 +30,24 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
 # `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s that a step leaves, 0 if it leaves
 # none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of their program; `series` is the degree
-# of the Taylor series that steps are chosen by, 0 where they are not.
+# of the Taylor series that steps are chosen by, 0 where they are not; `doubled` is 1 where numbers are sums of two floats,
+# and `start_rest` and `step_rest` are then what is left of the start and of the step beside the nearest float.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
-    " divisor margin",
+    " divisor margin start_rest step_rest",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together"
-    " degree curve polynomial series",
+    " degree curve polynomial series doubled",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
-# the step last tried; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
+# the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
 NOW = _record(
-    "t h norm step step_log first_step",
+    "t h norm step step_log first_step rest",
     "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan.
-TRIAL = _record("t h unsound unsound_events", "landing iterations")
+TRIAL = _record("t h unsound unsound_events rest", "landing iterations")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
@@ -125,7 +126,7 @@ KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard failed,
 # Rows of the log.
 TRIAL_ROW = _record("time step_size error_norm", "step reason")
 EVENT_ROW = _record(
-    "time left residual slope uncertainty murk interpolation",
+    "time left residual slope uncertainty murk interpolation rest",
     "row_before row_after detector kind direction substeps link",
 )
 NO_LINK = -1  # of an event that is of no contact of many links
@@ -284,6 +285,7 @@ class Run:
     probe: Scratch[Floats]  # a state at which forces are evaluated only for scales
     turning: Scratch[Floats]  # sizes, slopes and directions for that; see `tolerance_sizes`
     nodes: Given[Floats]  # times to land on between start and end
+    node_rests: Given[Floats]  # what is left of each, and of the end, beside the float, where numbers are sums of two
     snaps: Given[Floats]  # how far a grid time may differ from each, and from the end, by rounding alone
     grid: Given[Floats]  # times of a given grid
     steps: Given[Floats]  # the step to each of them

@@ -56,7 +56,7 @@ def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[An
             "detectors": _detectors(law.layout, intervals, settings),
             "watches": np.zeros(events, WATCH),
             **_region(law.layout, intervals, settings),
-            "resets": np.zeros(len(law.layout.resets)),
+            "resets": np.zeros(len(law.layout.resets) * (1 + law.layout.is_doubled)),
             "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
             "piece": np.zeros(1, PIECE),
             "rows": intervals.rows,

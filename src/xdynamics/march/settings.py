@@ -16,7 +16,17 @@ from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.methods import Method
-from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, NO_ESTIMATE, Scheme
+from xdynamics.methods.scheme import (
+    DOUBLE_DOUBLE,
+    EMBEDDED,
+    ESTIMATORS,
+    FLOAT64,
+    INTERPOLANT,
+    NO_ESTIMATE,
+    PRECISIONS,
+    UNIT_OF,
+    Scheme,
+)
 from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
@@ -27,10 +37,15 @@ from xdynamics.schema import sampled
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
 
-LEAST_RTOL = 10 * EPS
+LEAST_RTOL = 10 * EPS  # of numbers of one float
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
+
+
+def least_rtol(precision: str) -> float:
+    """Return the least relative tolerance, below which rounding is as large."""
+    return 10 * UNIT_OF.get(precision, EPS)
 
 
 def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:
@@ -94,13 +109,15 @@ class Tolerances:
     def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
         return []
 
-    def faults(self, model: Model) -> list[str]:
-        """List everything that an error test could not use."""
+    def faults(self, model: Model, least: float = LEAST_RTOL) -> list[str]:
+        """List everything that an error test could not use, with relative tolerances from `least` on."""
         faults = []
-        if not LEAST_RTOL <= self.rtol < 1:
+        if not least <= self.rtol < 1:
+            finer = f"; from {least_rtol(DOUBLE_DOUBLE):.1g} on with precision = 'double_double'" * (
+                0.0 < self.rtol < least == LEAST_RTOL
+            )
             faults.append(
-                f"rtol is {self.rtol!r}, needs a number from 10 eps = {LEAST_RTOL:.3g}, below which rounding is as"
-                " large, to 1"
+                f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
             )
         names = variables(model)
         atols = {f" of '{name}'": value for name, value in self.atol.items()}
@@ -205,6 +222,8 @@ class Settings:
         How events are located, one of `ROOT_METHODS`.
     order_given : bool
         Whether the order of the method was asked for, and does not follow from the tolerance.
+    precision : str
+        Whether a number is one float or the sum of two, one of `PRECISIONS`.
     """
 
     method: Method
@@ -226,6 +245,7 @@ class Settings:
     compress: bool = False
     event_root_method: str = EARLIEST_FIRST
     order_given: bool = False
+    precision: str = FLOAT64
 
     @property
     def partial(self) -> bool:
@@ -260,7 +280,15 @@ class Settings:
     def scheme(self) -> Scheme:
         """The method with its estimator."""
         by_hermite = self.event_root_method != EARLIEST_FIRST
-        return Scheme(self.method, self.estimator, self.jacobian, self.summation, self.math_functions, by_hermite)
+        return Scheme(
+            self.method,
+            self.estimator,
+            self.jacobian,
+            self.summation,
+            self.math_functions,
+            by_hermite,
+            self.precision,
+        )
 
     def layout(self, model: Model) -> Layout:
         """Return the layout of the march's numbers."""
@@ -281,10 +309,13 @@ class Settings:
             *self._jacobian_faults(),
             *self._summation_faults(),
             *self._switches_faults(),
+            *self._precision_faults(model),
             *self.pacing.faults(second),
         ]
         if self.tolerances is not None:
-            faults += self.tolerances.faults(model) or self._inner_faults(self.tolerances.rtol)
+            faults += self.tolerances.faults(model, least_rtol(self.precision)) or self._inner_faults(
+                self.tolerances.rtol
+            )
         if self.math_functions not in SETS:
             faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
         if not 1 <= self.keep_every <= MOST_APART:
@@ -357,9 +388,9 @@ class Settings:
     def _inner_faults(self, rtol: float) -> list[str]:
         """Refuse a relative tolerance that step control could not keep: that of a step would be below rounding."""
         used = self.scheme.inner(rtol) if self.estimator in ESTIMATORS else rtol
-        if used >= LEAST_RTOL:
+        if used >= least_rtol(self.precision):
             return []
-        least = LEAST_RTOL ** (self.method.order / self.scheme.error_order)
+        least = least_rtol(self.precision) ** (self.method.order / self.scheme.error_order)
         needed = f"rtol is {rtol!r}, for which a step of '{self.method.name}' would need {used:.3g}, less than rounding"
         return [f"{needed}; take {least:.2g} or more, step_doubling_extrapolated or a method of higher order"]
 
@@ -378,6 +409,61 @@ class Settings:
                 f"summation = 'compensated' is for methods that add to the state, and '{self.method.name}' does not"
             ]
         return []
+
+    def _precision_faults(self, model: Model) -> list[str]:
+        if self.precision not in PRECISIONS:
+            return [f"precision is {self.precision!r}; there are {', '.join(map(repr, PRECISIONS))}"]
+        if self.precision != DOUBLE_DOUBLE:
+            return []
+        faults = [why for holds, why in self._beyond_float64(model) if holds]
+        return [f"precision = 'double_double' does not go with {why}" for why in faults]
+
+    def _beyond_float64(self, model: Model) -> list[tuple[bool, str]]:
+        """Return what is asked for that is made of single floats, and what to do about it."""
+        on_interpolant = [name for name, event in model.events.items() if event.root_state == INTERPOLANT]
+        return [
+            (
+                bool(self.method.solves),
+                f"method '{self.method.name}', whose equations are solved in float64; take an explicit one, such as dop853",
+            ),
+            (
+                self.estimator not in (EMBEDDED, NO_ESTIMATE),
+                (
+                    f"estimator = {self.estimator!r}, a difference of single floats; take a method with an embedded formula, such as"
+                    " dop853, or a fixed step"
+                ),
+            ),
+            (
+                self.summation == COMPENSATED,
+                "summation = 'compensated': a rest is carried of every number; leave it out",
+            ),
+            (self.scales != UNSCALED, "scales, which are single floats; leave them out"),
+            (
+                bool(model.python_functions),
+                (
+                    f"functions in Python ({', '.join(sorted({f.name for f in model.python_functions}))}), which return a float; write"
+                    " them as expressions"
+                ),
+            ),
+            (
+                bool(model.contacts or model.frictions),
+                (
+                    "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
+                    " action = 'reset'"
+                ),
+            ),
+            (
+                bool(on_interpolant),
+                (
+                    f"root_state = 'interpolant' of event '{''.join(on_interpolant[:1])}'; leave it out: the state at an event is then"
+                    " that of a shortened step"
+                ),
+            ),
+            (
+                self.apart or self.event_root_method != EARLIEST_FIRST,
+                f"event_root_method = {self.event_root_method!r}; leave it out",
+            ),
+        ]
 
     def _switches_faults(self) -> list[str]:
         names = ", ".join(f"'{name}'" for name in SWITCHES)

@@ -12,6 +12,7 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
 from xdynamics.march.calls import called, entered_by, run_at, stepped_by
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
 from xdynamics.march.log import note_trial
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, HOLD_LINKS, SUBSTEP, Run
@@ -40,7 +41,9 @@ def propose(run: Run, t1: float, h: float) -> None:
 @compiled
 def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
-    run.at[T], run.at[T1], run.at[H] = t, t1, h
+    set_time(run, T, t)
+    set_time(run, T1, t1)
+    run.at[H] = h
     solver = run.law[run.law.shape[0] - 1]
     if solver != 0:
         stepped_by(solver, run, t, t1, h, y, z, sample)
@@ -90,7 +93,7 @@ def usual_step(run: Run) -> float:
 @shared
 def look(run: Run) -> None:
     """Evaluate the event functions at the trial's end."""
-    run.at[T] = run.trial[0].t
+    set_time(run, T, run.trial[0].t)
     called(run.law[DETECT], run, run.z, run.g1, 0)
     run.trial[0].unsound_events = run.at[UNSOUND]
 
@@ -115,6 +118,7 @@ def part_of_step(address: Any, s: float, _count: int) -> None:
     run.piece[0].substeps += 1
     if run.plan[0].apart:
         note_trial(run, s, nan, REASON_EVENT)
+    run.trial[0].rest = 0.0
     propose_apart(run, run.now[0].t + s, s)
     look(run)
 
@@ -144,7 +148,7 @@ def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Copy a trial's numbers."""
     origin, copied = source[0], target[0]
     copied.t, copied.h, copied.landing, copied.iterations = origin.t, origin.h, origin.landing, origin.iterations
-    copied.unsound, copied.unsound_events = origin.unsound, origin.unsound_events
+    copied.unsound, copied.unsound_events, copied.rest = origin.unsound, origin.unsound_events, origin.rest
 
 
 @shared

@@ -8,6 +8,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from xdynamics.elementary import NAME
+from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.methods.lines import HERMITE, Interpolant, Line, read_lines
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import CONTROLLER, EXACT, Stepper
@@ -19,6 +20,8 @@ NO_ESTIMATE, EMBEDDED, STEP_DOUBLING, EXTRAPOLATED = ESTIMATORS = (
     "step_doubling",
     "step_doubling_extrapolated",
 )
+FLOAT64, DOUBLE_DOUBLE = PRECISIONS = ("float64", "double_double")
+UNIT_OF = {FLOAT64: EPS, DOUBLE_DOUBLE: 2.0**-104}  # what a sum or product of numbers of about 1 may be off, twice that
 REINTEGRATE, INTERPOLANT = RULES = ("reintegrate", "interpolant")
 REINTEGRATION_WORDS = (
     "re-integration: the run's own step from the accepted state before, shortened to end at the instant; events are"
@@ -54,6 +57,8 @@ class Scheme:
         The set of elementary functions that forces are computed with.
     by_hermite : bool
         Whether events are isolated on Hermite's polynomials whatever a step leaves, as they once were.
+    precision : str
+        One of `PRECISIONS`: whether a number is a float or the sum of two.
     """
 
     method: Method
@@ -62,6 +67,7 @@ class Scheme:
     summation: str = PLAIN
     math_functions: str = NAME
     by_hermite: bool = False
+    precision: str = FLOAT64
 
     @property
     def estimates(self) -> bool:
@@ -76,7 +82,7 @@ class Scheme:
     @property
     def compensated(self) -> dict[str, Update]:
         """The updates whose rounding errors are carried along; none with plain summation."""
-        return updates(self.method) if self.summation == COMPENSATED else {}
+        return updates(self.method) if self.summation == COMPENSATED and self.precision == FLOAT64 else {}
 
     @property
     def controller(self) -> str:

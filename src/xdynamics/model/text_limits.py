@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
+from xdynamics.units.rounded import read
 
 MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000
 MOST_VALUES = 500_000  # of lists
@@ -34,7 +35,7 @@ def parsed(text: str) -> dict[str, Any]:
         If the text is not TOML.
     """
     check_text(text)
-    return tomllib.loads(text)
+    return tomllib.loads(text, parse_float=read)
 
 
 def check_text(text: str) -> None:

@@ -16,6 +16,7 @@ from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
+from xdynamics.units.rounded import decimal_text
 
 
 def write(statement: Statement) -> str:
@@ -116,4 +117,8 @@ def _value(value: Any) -> str:
         return f"{{ {', '.join(f'{json.dumps(key)} = {_value(item)}' for key, item in value.items())} }}"
     if isinstance(value, Integral):
         return str(int(value))
-    return repr(float(value)) if isinstance(value, Real) else _value(str(value))
+    return (
+        decimal_text(value if isinstance(value, float) else float(value))
+        if isinstance(value, Real)
+        else _value(str(value))
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from xdynamics.elementary import kept_set
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP, FORESEEN
 from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS
-from xdynamics.methods.scheme import STEP_DOUBLING
+from xdynamics.methods.scheme import FLOAT64, STEP_DOUBLING
 from xdynamics.methods.summation import PLAIN
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
 from xdynamics.record.partial_records import left_out_atols
 from xdynamics.record.unfolding import unfold
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, parse_unit
+from xdynamics.units.rounded import Rounded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,6 +52,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     arguments |= {
         "scales": scales or None,
         "summation": recorded.get("solver_summation", PLAIN),  # version 0.1 had no other
+        "precision": precision_of(recorded),
         "switches": _switches_asked(recorded),
         "math_functions": kept_set(recorded.get("math_functions")),
         "event_root_method": root_method_of(recorded),
@@ -67,6 +70,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         arguments["step"] = float(recorded["solver_step"])
     if "solver_rtol" in recorded:
         arguments |= _tolerances(run)
+    arguments |= _exact_times(recorded, arguments)
     if recorded["solver_step_control"] == "adaptive":
         if recorded["solver_first_step_choice"] not in (
             FIRST_STEP,
@@ -95,6 +99,28 @@ def root_method_of(used: Mapping[str, Any]) -> str:
     """Return how events of a record, or of the members of a sweep, were located; version 0.2 had one way."""
     words = {text: name for name, text in ROOT_METHODS.items()}
     return words.get(str(used.get("solver_event_root_method")), ONE_BY_ONE)
+
+
+def _exact_times(recorded: Mapping[Any, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return times that are more than floats, of records whose numbers are sums of two."""
+    exact = dict[str, Any]()
+    for name, attribute in (("until", "solver_until"), ("step", "solver_step"), ("nodes", "solver_nodes")):
+        if (rest := recorded.get(schema.rest(attribute))) is not None:
+            values = [
+                _joined(value, left) for value, left in zip(*map(np.atleast_1d, (arguments[name], rest)), strict=True)
+            ]
+            exact[name] = values if name == "nodes" else values[0]
+    return exact
+
+
+def _joined(value: float, rest: float) -> float:
+    """Return a float that knows what is left of its number."""
+    return Rounded.of(Fraction(float(value)) + Fraction(float(rest)), float(value))
+
+
+def precision_of(used: Mapping[Any, Any]) -> str:
+    """Return the kind of numbers of a record: the first word of what it says of them."""
+    return str(used.get("precision", FLOAT64)).partition(",")[0]
 
 
 def _log_asked(used: Mapping[Any, Any]) -> str | list[str]:

@@ -72,6 +72,8 @@ def event_columns(about: About) -> list[Column]:
     )
     collected = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
+    if about.layout.is_doubled:
+        collected.append(Column(schema.REST_EVENT_TIME, event_of("rest", "f8", time)))
     collected.append(_detector(about))
     collected += _values(about)
     collected += _positions(about)

@@ -15,6 +15,7 @@ from xdynamics.keywords import FULL
 from xdynamics.march import March
 from xdynamics.march.control import ERROR_NORM, SPACINGS, first_step_rule
 from xdynamics.march.equation_solvers import solver_of
+from xdynamics.march.initial_run import rest_of_time
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import COMPLETED
 from xdynamics.march.root_methods import ROOT_METHODS
@@ -22,7 +23,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.methods.lines import printed
-from xdynamics.methods.scheme import ESTIMATE_WORDS, INTERPOLANT, REINTEGRATE, Scheme
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
@@ -37,6 +38,12 @@ from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
 if TYPE_CHECKING:
     pass
 
+PRECISION_WORDS = {
+    FLOAT64: "float64, IEEE 754 binary64, round to nearest",
+    DOUBLE_DOUBLE: (
+        "double_double, unevaluated sums of two IEEE 754 binary64, round to nearest; a number y is y + rest_y"
+    ),
+}
 KEPT_ROWS = (
     "rows of the grid whose number this divides (of chosen and given steps, rows of the march), those of events and of"
     " solver_nodes, the first and the last; with them the force evaluations that led there and the trials rejected"
@@ -70,7 +77,7 @@ def settings_used(march: March) -> dict[str, Any]:
         "solver_update_order": method.words,
         "solver_reference": method.reference,
         **_steps(march),
-        "solver_until": settings.until,
+        "solver_until": float(settings.until),
         "solver_until_units": model.time_unit.text,
         **_errors(march),
         "solver_summation": settings.summation,
@@ -82,11 +89,12 @@ def settings_used(march: March) -> dict[str, Any]:
         **interpolation(settings.scheme),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_force_samples": "all" if settings.samples else "none",
-        "precision": "float64, IEEE 754 binary64, round to nearest",
+        "precision": PRECISION_WORDS[settings.precision],
         "math_functions": settings.math_functions,
         "model_digest": model.digest,
         "force_digest": force_digest(march),
     }
+    recorded |= _rests_of_times(settings)
     recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
     said = {key: spoken(value) if isinstance(value, str) else value for key, value in recorded.items()}
     return said | circumstances("simulated")
@@ -131,6 +139,18 @@ def _thinning(march: March) -> dict[str, Any]:
     if settings.compress:
         recorded[schema.COMPRESSION] = schema.COMPRESSION_WORDS
     return recorded
+
+
+def _rests_of_times(settings: Settings) -> dict[str, Any]:
+    """Return what is left of given times beside the floats that are recorded, where numbers are sums of two."""
+    if settings.precision != DOUBLE_DOUBLE:
+        return {}
+    rests: dict[str, Any] = {"solver_until": rest_of_time(settings.until)}
+    if isinstance(settings.step, float) and not settings.adaptive:
+        rests["solver_step"] = rest_of_time(settings.step)
+    if settings.nodes:
+        rests["solver_nodes"] = np.array([rest_of_time(node) for node in settings.nodes])
+    return {schema.rest(name): rest for name, rest in rests.items()}
 
 
 def _nodes_and_scales(settings: Settings, second: str) -> dict[str, Any]:
@@ -242,14 +262,14 @@ def _steps(march: March) -> dict[str, Any]:
     if not settings.adaptive:
         return {
             "solver_step_control": "fixed",
-            "solver_step": settings.step,
+            "solver_step": float(settings.step or 0.0),
             "solver_step_units": second,
             "solver_grid": "t0 + n*h; steps are cut at nodes, events and the end",
         }
     return {
         "solver_step_control": "adaptive",
         "solver_controller": settings.scheme.controller,
-        **({"solver_first_step": settings.step} if settings.step else {}),
+        **({"solver_first_step": float(settings.step)} if settings.step else {}),
         "solver_first_step_units": second,
         "solver_first_step_choice": "given" if settings.step else first_step_rule(settings.method),
         "solver_safety": pacing.safety,

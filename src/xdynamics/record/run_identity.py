@@ -18,6 +18,7 @@ from xdynamics.record.arguments import asked_of
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.provenance import force_digest
 from xdynamics.units import Unit
+from xdynamics.units.rounded import decimal_text, read
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,7 +34,7 @@ def identity(march: March) -> dict[str, str]:
         "law": force_digest(march),
     }
     words = dict(_words("", replace(march.settings, compress=False))) | dict(
-        _words("model", tomllib.loads(march.model.to_toml()))
+        _words("model", tomllib.loads(march.model.to_toml(), parse_float=read))
     )
     return {name: _short(value) for name, value in (words | program).items()}
 
@@ -99,7 +100,7 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
         for key, entry in value.items():
             yield from _words(f"{name}.{key}", entry)
     elif value is not None:
-        yield name, repr(value)
+        yield name, decimal_text(value) if isinstance(value, float) else repr(value)
 
 
 def _short(text: str) -> str:

@@ -55,6 +55,7 @@ def simulate(
     # arithmetic
     scales: Mapping[str, str] | None = None,
     summation: str | None = None,
+    precision: str | None = None,
     jacobian: str | None = None,
     math_functions: str | None = None,
     # the record
@@ -118,6 +119,13 @@ def simulate(
         Whether what rounding takes from the state at each update is carried to the next, so that a long run's error does
         not grow with its steps (Hairer, Lubich, Wanner, section VIII.5); the first for symplectic methods but
         `implicit_midpoint`, which has no such updates, else the second.
+    precision : {"float64", "double_double"}
+        The kind of every number: one float, or the unevaluated sum of two, which has 31 digits. Numbers and times in the
+        model and here count as they are written, literals and coefficients of methods too; tables as the floats that they
+        are. The record has a float and what is left beside it: `x` and `rest_x`, `time` and `rest_time`,
+        `event_time` and `rest_event_time`, to be added. For explicit methods and `taylor`, which alone has coefficients
+        of as many digits (those of `dop853` have 30); `rtol` may go down to 5e-31. What is of single floats is refused:
+        contacts, functions in Python, scales, step doubling, sweeps. `compare` a run with its twin to see its rounding.
     jacobian : {"exact", "differences"}
         The source of the derivatives of the forces for `radau_iia`: their expressions, or, for forces in Python too,
         differences of the forces.

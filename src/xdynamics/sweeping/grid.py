@@ -16,6 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import Settings
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.root_methods import EARLIEST_FIRST
+from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.model.toml import tables_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -144,7 +145,13 @@ class SweepGrid:
 
     def settings_of(self, at: At) -> Settings:
         """Return a member's settings, without the thinning of records that its model file asks for."""
-        return unthinned_settings_for(self._common(at), **self.asked_of(at))
+        settings = unthinned_settings_for(self._common(at), **self.asked_of(at))
+        if settings.precision != FLOAT64:
+            raise InputError(
+                f"precision is {settings.precision!r}, and members of a sweep are of single floats; march each by simulate, or one"
+                " by refine(precisions=['float64', 'double_double'])"
+            )
+        return settings
 
     @property
     def recording(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import Any
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME
 from xdynamics.units.names import named
+from xdynamics.units.rounded import Rounded, exact_value, read
 from xdynamics.units.unit import Quantity, Unit
 
 LONGEST_TEXT = 200
@@ -48,7 +49,7 @@ class Scale:
         """Return a number of this scale in its unit, correctly rounded."""
         if self.factor == 1 and self.offset == 0:
             return number
-        return float(Fraction(repr(float(number))) * self.factor + self.offset)
+        return float(exact_value(number) * self.factor + self.offset)
 
     def difference(self, number: float) -> float:
         """Return a difference of two such numbers, or an uncertainty, in its unit: an offset is not in it."""
@@ -183,13 +184,18 @@ def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
     match = _NUMBER.match(text)
     if not match:
         raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    return _quantity(float(match[0]), text[match.end() :].strip() or "1", shown, difference=difference)
+    return _quantity(read(match[0]), text[match.end() :].strip() or "1", shown, difference=difference)
 
 
 def unit_text(text: str) -> str:
     """Return the unit of a quantity as it was written."""
     match = _NUMBER.match(text.strip())
     return text.strip()[match.end() :].strip() if match else ""
+
+
+def exact_si(quantity: Quantity) -> float:
+    """Return the value in SI units, correctly rounded; it knows the number that it was rounded from."""
+    return Rounded.of(exact_value(quantity.value) * quantity.unit.factor, quantity.si)
 
 
 def parse_time(value: Any, what: str) -> float:
@@ -208,7 +214,7 @@ def parse_time(value: Any, what: str) -> float:
     if not bare and quantity.unit.dimension != TIME:
         remedy = f"; write '{value.strip()} s': {_OF_TIME}" if quantity.unit.text == "1" else ""
         raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'{remedy}")
-    return quantity.si
+    return exact_si(quantity)
 
 
 def time_in(unit: Unit, value: Any, what: str) -> float:
@@ -226,7 +232,7 @@ def time_in(unit: Unit, value: Any, what: str) -> float:
         raise InputError(
             f"{what} {value!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
         )
-    return quantity.si
+    return exact_si(quantity)
 
 
 def constant(name: str) -> Unit:
@@ -240,7 +246,7 @@ def constant(name: str) -> Unit:
 def _number(value: Any) -> float:
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
-            return float(value)
+            return value if isinstance(value, Rounded) else float(value)
         except OverflowError:
             pass
     raise InputError(f"quantity {str(value)[:40]!r} is no number with a unit; write it like '0.145 kg'")

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME, Dimension
+from xdynamics.units.rounded import decimal_text, exact_value
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Unit:
         if self.factor == 1:
             return value
         try:
-            return float(Fraction(repr(float(value))) * self.factor)
+            return float(exact_value(value) * self.factor)
         except OverflowError:
             raise InputError(f"{value!r} {self.text} is not finite in SI units") from None
 
@@ -69,11 +70,11 @@ class Quantity:
     def into(self, unit: Unit) -> Quantity:
         """Return the same quantity in another unit of its dimension, correctly rounded."""
         if self.unit.factor == unit.factor:
-            return Quantity(float(self.value), unit)
-        return Quantity(float(Fraction(repr(self.value)) * self.unit.factor / unit.factor), unit)
+            return Quantity(self.value, unit)
+        return Quantity(float(exact_value(self.value) * self.unit.factor / unit.factor), unit)
 
     def __str__(self) -> str:
-        return f"{self.value!r} {self.unit.text}"
+        return f"{decimal_text(self.value)} {self.unit.text}"
 
 
 SECONDS = Unit("s", TIME)

@@ -21,16 +21,19 @@ from xdynamics.evidence.observables import comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled
 from xdynamics.faults import InputError
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, FLOAT64
 from xdynamics.record import shapes_of
+from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.partial_records import rows_apart
-from xdynamics.schema import AT, AT_TIME, OCCURRENCE, STEPS
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, STEPS
 from xdynamics.units import parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 NONE = np.zeros(0, np.int64)  # events
+FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest")  # attributes that differ with it
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 
@@ -62,10 +65,23 @@ def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functi
         "events": "\n".join(counts_apart(first, second)),
         "parted": parting(variables, first, names, times_between(first, second, at)),
     }
+    if said := rounding_told(first, second):
+        attributes["rounding"] = said
     attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     return exhibit(
         "comparison", title_of(first, second), digests, variables | events, attributes, shapes=shapes_of(first)
     )
+
+
+def rounding_told(first: xr.Dataset, second: xr.Dataset) -> str:
+    """Say that differences are what rounding did, where one run is the other with more digits, by the same steps."""
+    kinds = [precision_of(run.attrs) for run in (first, second)]
+    apart = [line for line in settings_apart(first, second) if not line.startswith(FOLLOWING_PRECISION)]
+    same_steps = all(run.attrs["solver_step_control"] != "adaptive" for run in (first, second))
+    if kinds[0] == kinds[1] or apart or not same_steps or first.attrs["model_digest"] != second.attrs["model_digest"]:
+        return ""
+    which = "first" if kinds[0] == FLOAT64 else "second"
+    return f"the differences are the rounding error of the {which} run: the other is the same with 31 digits"
 
 
 def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
@@ -137,14 +153,26 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
 
 def _sampled(
     run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool
-) -> dict[str, tuple[Any, Any]]:
-    """Return values and interpolation errors at times; on dask arrays of states only."""
-    if lazy:
-        states = sample(run, at, functions=functions)
-        return {name: (states[name].data, states[schema.error(name)].data) for name in names if name in states}
+) -> dict[str, tuple[Any, Any, Any]]:
+    """Return values, interpolation errors and rests at times; on dask arrays of states only."""
+    doubled = precision_of(run.attrs) == DOUBLE_DOUBLE
+    states = sample(run, at, functions=functions) if lazy or doubled else None
+    if states is not None and lazy:
+        return {
+            name: (states[name].data, states[schema.error(name)].data, _rest(states, name))
+            for name in names
+            if name in states
+        }
     model = model_of(run, functions)
     observables = {*comparable(model)}
-    return observe(run, model, [name for name in names if name in observables], at)
+    observed = observe(run, model, [name for name in names if name in observables], at)
+    return {name: (*numbers, _rest(states, name)) for name, numbers in observed.items()}
+
+
+def _rest(states: xr.Dataset | None, name: str) -> Any:
+    """Return what is left of a number beside its float; 0 where floats are all there is."""
+    rest = schema.rest(name)
+    return 0.0 if states is None or rest not in states else states[rest].data
 
 
 def difference_of(
@@ -156,7 +184,7 @@ def difference_of(
     units = [parse_unit(str(run.attrs["units"])) for run in (first, second)]
     factor = float(units[1].factor / units[0].factor)
     text = str(first.attrs["units"])
-    difference = second_sample[0] * factor - first_sample[0]
+    difference = (second_sample[0] * factor - first_sample[0]) + (second_sample[2] * factor - first_sample[2])
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
     return scaled(
         "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), (AT,), text, scale_text
@@ -180,11 +208,20 @@ def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[s
             continue
         difference, uncertainty = np.full((2, most), np.nan)
         difference[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
+        if REST_EVENT_TIME.name in first or REST_EVENT_TIME.name in second:
+            rests = [_rests_of_events(run)[rows] for run, rows in ((first, here), (second, there))]
+            difference[: len(here)] += rests[1] - rests[0]
         uncertainties = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
         uncertainty[: len(here)] = uncertainties[0] + uncertainties[1]
         start = float(first["time"][0])
         elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, here), (second, there))]
         yield from event_difference(name, time_unit(first).text, difference, uncertainty, scale_of(*elapsed)).items()
+
+
+def _rests_of_events(run: xr.Dataset) -> Floats:
+    """Return what is left of the times of events beside their floats."""
+    name = REST_EVENT_TIME.name
+    return np.asarray(run[name].values) if name in run else np.zeros(run["event_time"].size)
 
 
 def event_difference(name: str, units: str, difference: Any, uncertainty: Any, scale: Any) -> dict[str, Any]:

@@ -65,7 +65,7 @@ def described(
     shown = np.zeros(_at_stated(stated, first)) if times is None else times
     variables: dict[str, Any] = {AT_TIME: wanted(first, shown)}
     compared_names = [{*comparable(model_of(run, functions))} for run in runs]
-    blank = np.zeros(len(shown)), np.zeros(len(shown))
+    blank = np.zeros(len(shown)), np.zeros(len(shown)), 0.0
     for name in shared_names(first, second):
         if all(name in names for names in compared_names):
             variables |= difference_of(name, first[name], second[name], blank, blank)

@@ -14,7 +14,7 @@ from xdynamics.evidence.refining.convergence import HIGHEST
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
-from xdynamics.methods.scheme import REINTEGRATE, RULES
+from xdynamics.methods.scheme import PRECISIONS, REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import smooth_switches
@@ -65,7 +65,9 @@ TIME_TOLERANCES = Varied(
     10.0,
 )
 CHOICES = Varied("rules", "rule", "1", "how states between accepted ones, and events, are found in the level", 1.0)
-ALL = (STEPS, RTOLS, TIME_TOLERANCES, CHOICES)
+KINDS = Varied("precisions", "precision", "1", "kind of the numbers of the level", 1.0)
+ALL = (STEPS, RTOLS, TIME_TOLERANCES, KINDS, CHOICES)
+WORDS = {KINDS: PRECISIONS, CHOICES: RULES}  # what is varied that is no number
 
 
 @dataclass(frozen=True)
@@ -117,13 +119,13 @@ class Levels:
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
         level_values = np.array([_read(model, varied, candidate) for candidate in values])
-        if varied == CHOICES:
+        if varied in WORDS:
             if (
                 len(level_values) < FEWEST
-                or not {*level_values.tolist()} <= {*RULES}
+                or not {*level_values.tolist()} <= {*WORDS[varied]}
                 or len({*level_values.tolist()}) < len(level_values)
             ):
-                raise InputError(f"rules are {[*map(str, values)]}, need both of {', '.join(RULES)}")
+                raise InputError(f"{varied.keyword} are {[*map(str, values)]}, need both of {', '.join(WORDS[varied])}")
         elif len(level_values) < fewest or not (np.diff(level_values) < 0).all() or not (level_values > 0).all():
             raise InputError(
                 f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive"
@@ -132,7 +134,7 @@ class Levels:
         order = float(
             settings_for(candidate.model_of(level_values[0]), **candidate.asked_of(level_values[0])).method.order
         )
-        return replace(candidate, formal={STEPS: order, CHOICES: np.nan}.get(varied, 1.0), order=order)
+        return replace(candidate, formal=({STEPS: order} | dict.fromkeys(WORDS, np.nan)).get(varied, 1.0), order=order)
 
     def finer(self) -> Levels:
         """Return the levels with one more, as much finer as the last one was.
@@ -150,11 +152,11 @@ class Levels:
     @property
     def ordered(self) -> bool:
         """Whether levels are numbers with which errors shrink."""
-        return self.varied != CHOICES
+        return self.varied not in WORDS
 
     def rule(self, k: int) -> str:
         """Return how states between accepted ones are found in a level."""
-        return REINTEGRATE if self.ordered else str(self.values[k])
+        return str(self.values[k]) if self.varied == CHOICES else REINTEGRATE
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -172,7 +174,8 @@ class Levels:
     def asked_of(self, value: Any) -> dict[str, Any]:
         """Return the settings of a level."""
         keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
-        varied = {keys[self.varied]: float(value)} if self.ordered else {}
+        varied: dict[str, Any] = {keys[self.varied]: float(value)} if self.ordered else {}
+        varied |= {"precision": str(value)} if self.varied == KINDS else {}
         if self.varied == RTOLS:
             coarsest = self.settings | {"rtol": float(self.values[0])}
             tolerances = settings_for(self.model, **coarsest).tolerances
@@ -228,7 +231,7 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
 
 
 def _read(model: Model, varied: Varied, value: Any) -> Any:
-    if varied == CHOICES:
+    if varied in WORDS:
         return str(value)
     if varied == RTOLS:
         try:

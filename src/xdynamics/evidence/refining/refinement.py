@@ -44,6 +44,7 @@ def refine(
     steps: Sequence[str | float] | None = None,
     rtols: Sequence[float] | None = None,
     time_tolerances: Sequence[str | float] | None = None,
+    precisions: Sequence[str] | None = None,
     rules: Sequence[str] | None = None,
     at: Sequence[str | float] | str | float | None = None,
     observables: Sequence[str] | None = None,
@@ -63,10 +64,11 @@ def refine(
     model : Model
     method : str, optional
         As for `simulate`, like everything in `asked`; the same for all levels.
-    steps, rtols, time_tolerances, rules : sequence
+    steps, rtols, time_tolerances, precisions, rules : sequence
         Exactly one of these is varied, from coarse to fine, over at least two levels: steps like ``["10 ms", "5 ms"]``;
         relative tolerances, with an `atol` in proportion (the given one is that of the first level; without one it
         follows the sizes of the variables); the time to which every event, contact and switch is located;
+        ``["float64", "double_double"]``, whose difference is the rounding error, to the spacing of floats;
         ``["interpolant", "reintegrate"]``, by which states between accepted ones and events are found.
     at : times, optional
         Where to compare; by default at the earliest end of a level's run. If a time is an accepted one in every level,
@@ -100,14 +102,14 @@ def refine(
     Returns
     -------
     xarray.Dataset
-        Over `level`, from coarse to fine: `step_size`, `rtol`, `time_tolerance` or `rule`, `run_digest`, `run_outcome`.
+        Over `level`, from coarse to fine: `step_size`, `rtol`, `time_tolerance`, `precision` or `rule`, `run_digest`, `run_outcome`.
         Over `level` and `at`, for each observable y: y, `difference_y` (to the next finer level), `scaled_difference_y`
         (the same over the largest value in the finest run), `order_y` (signed, of a level with its neighbours),
         `interpolation_error_y`, `gate_y` (whether that is smaller than the difference). Over `at`: `verdict_y`,
         `limit_y`, `uncertainty_y` (of the finest level's value, at about 95 %) and its rule. The same over
         `occurrence` for `event_time_<name>`, with errors of location in place of interpolation, and for the states
         after each event, `after_<name>_y`; `event_count_<name>` over `level`. `difference_scale_y` is what differences
-        are scaled by, `crossing_level_x` what begins the cycles of periods and phases. For rules, which are not numbers, there
+        are scaled by, `crossing_level_x` what begins the cycles of periods and phases. For precisions and rules, which are not numbers, there
         are differences only. With `defects`, `step_defect_y` over `level`.
 
     Raises
@@ -132,7 +134,8 @@ def refine(
     """
     if not isinstance(model, Model):
         raise InputError(f"model is {str(model)[:60]!r}, needs a Model; read a file with Model.from_toml")
-    choices = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances, "rules": rules}
+    choices: dict[str, Any] = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances}
+    choices |= {"precisions": precisions, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
     bounds, many = _bounds(most_rows, memory), counted_number(occurrences, "occurrences")
     folder = None if keep is None else folder_named(keep)
@@ -199,7 +202,7 @@ def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
 def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, float]:
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
-        raise InputError("until_change goes on with finer levels, and rules have none")
+        raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
     tolerances = {}
     for name, wanted in {written(name): wanted for name, wanted in until_change.items()}.items():

@@ -55,4 +55,5 @@ def reset(run: Run, i: int, e: int) -> None:
                 run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
             run.z[run.targets[k, 1]] = run.resets[k]
             if carried < run.z.shape[0]:  # rounding carried for the value before is not that of the new one
-                run.z[carried + run.targets[k, 1]] = 0.0
+                rest = run.resets[run.targets.shape[0] + k] if run.plan[0].doubled > 0 else 0.0
+                run.z[carried + run.targets[k, 1]] = rest

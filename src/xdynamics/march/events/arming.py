@@ -7,6 +7,7 @@ from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import NEAR, NONE, TOUCHED, murk, sign
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy
 
@@ -33,7 +34,7 @@ def forget(run: Run) -> None:
 @shared
 def rearm(run: Run) -> None:
     """Determine the side of zero of each event function after an event; one within its uncertainty has yet to leave."""
-    run.at[T] = run.now[0].t
+    set_time(run, T, run.now[0].t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
         watch, pending = run.watches[i], 0.0

@@ -19,6 +19,7 @@ from xdynamics.march.events.isolation import arrives, isolate, quiet
 from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.events.transition import hand_over
 from xdynamics.march.events.zero_tests import resolution
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
 from xdynamics.march.run import BEGIN_EVENTS, TAKE_SIDES, Run
@@ -86,7 +87,7 @@ def meet(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
     now, trial = run.now[0], run.trial[0]
     growth, final = run.kept[0].growth, trial.landing != AT_GRID and now.node >= run.nodes.shape[0]
-    run.at[T] = now.t
+    set_time(run, T, now.t)
     called(run.law[DETECT], run, run.y, run.g, 0)
     look(run)
     keep(run)
@@ -114,7 +115,7 @@ def shrink(run: Run, reason: int) -> int:
         low, high = (s, high) if sound else (low, s)
     if low > 0.0:
         substep(run, low)
-        run.at[T] = now.t
+        set_time(run, T, now.t)
         called(run.law[DETECT], run, run.y, run.g, 0)
         trial.landing = AT_BORDER
         keep(run)

@@ -6,8 +6,9 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
-from xdynamics.march.events.root_finding import kind_of
+from xdynamics.march.events.root_finding import is_plain, kind_of
 from xdynamics.march.events.zero_tests import NONE, uncertainty
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import first_of_group
 from xdynamics.march.run import NO_LINK, Run
 from xdynamics.model.detectors import GRIP, PULL, SLIP
@@ -33,7 +34,7 @@ def leave_out(run: Run) -> None:
 def note_events(run: Run, row: int, substeps: int) -> None:
     """Write a row for each event that the trial ends at, between the rows `row` and the next."""
     now, trial = run.now[0], run.trial[0]
-    run.at[T] = trial.t
+    set_time(run, T, trial.t)
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
@@ -49,12 +50,20 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
         event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
         event.direction, event.link = -watch.armed, NO_LINK
+        event.rest = rest_to_root(run, i) if run.plan[0].doubled > 0 else 0.0
         watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
         for k in range(run.log_impulses.shape[0]):
             run.log_impulses[k, now.events - run.base[0].events] = 0.0
         now.events += 1
+
+
+@shared
+def rest_to_root(run: Run, i: int) -> float:
+    """Return what is left of an event's time beside the float: of the trial's end, and from there to the root by the slope."""
+    trial, change = run.trial[0], -run.g1[i] / run.slopes[i] if run.slopes[i] != 0.0 else 0.0
+    return float(trial.rest + change) if is_plain(run, i) else float(trial.rest)
 
 
 @shared

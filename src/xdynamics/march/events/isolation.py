@@ -37,6 +37,7 @@ from xdynamics.march.events.zero_tests import (
     trespasses,
     turns,
 )
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.march.trial_step import copy, substep
@@ -114,7 +115,7 @@ def step_to(run: Run, s: float) -> None:
     if moving:
         substep(run, s)
     else:
-        run.at[T] = run.now[0].t + s
+        set_time(run, T, run.now[0].t + s)
         called(run.law[DETECT], run, run.z, run.g1, 0)
 
 
@@ -149,7 +150,7 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
         watch = run.watches[i]
         if watch.alive and watch.state == OPEN:
             narrow = end - start <= resolution(run, i, end)
-            run.at[T] = t + start
+            set_time(run, T, t + start)
             size = murk(run, i, run.near)
             small = stays_within(run, i, size, end - start) or idles(run, i, size)
             if not small and (narrow or finest) and not turns(run, i):
@@ -227,7 +228,7 @@ def arrives(run: Run) -> bool:
     """Whether a trial that ends where the model does is within a time tolerance of an event, by the slopes there."""
     any_hit, s = False, run.located[0].h
     copy(run.located_z, run.z)
-    run.at[T] = run.now[0].t + s
+    set_time(run, T, run.now[0].t + s)
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         watch, value, slope = run.watches[i], run.located_g[i], run.slopes[i]

@@ -13,6 +13,7 @@ from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
@@ -123,7 +124,7 @@ def is_far(run: Run, i: int, s: float) -> bool:
     """Whether an event function is so far from zero after the first event that its own is not at the same time."""
     if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
         return False
-    run.at[T] = run.now[0].t + s
+    set_time(run, T, run.now[0].t + s)
     called(run.law[SLOPES], run, run.located_z, run.slopes, 0)
     return bool(abs(run.located_g[i]) > STEEP * resolution(run, i, s) * abs(run.slopes[i]))
 
@@ -146,7 +147,7 @@ def happened(run: Run, i: int, s: float) -> bool:
         return True
     copy(run.located_z, run.z)
     copy(run.located_g, run.g1)
-    run.at[T] = run.now[0].t + s
+    set_time(run, T, run.now[0].t + s)
     return passed(run, i, measured(run, i))
 
 
@@ -264,7 +265,7 @@ def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place:
 @shared
 def rate_of(run: Run, i: int, state: State, s: float) -> float:
     """The rate of an event function at a state that is part of the trial."""
-    run.at[T] = run.now[0].t + s
+    set_time(run, T, run.now[0].t + s)
     called(run.law[SLOPES], run, state, run.slopes, 0)
     return run.slopes[i]
 
@@ -328,7 +329,7 @@ def start_of(run: Run, i: int, s: float) -> float:
         return measured(run, i)
     if run.watches[i].hit != TOUCHED:
         return run.g[i]
-    run.at[T] = run.now[0].t
+    set_time(run, T, run.now[0].t)
     called(run.law[SLOPES], run, run.y, run.slopes, 0)
     return -run.slopes[i]
 

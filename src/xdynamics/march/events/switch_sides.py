@@ -15,6 +15,7 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import called
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
@@ -29,7 +30,7 @@ def take_sides(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0:
             enter_piece(run, i, find(run, i, run.y, 0.0))
-    run.at[T] = run.now[0].t
+    set_time(run, T, run.now[0].t)
     for _ in range(run.detectors.shape[0]):  # a side may decide which others count: those inside a `where`
         called(run.law[DETECT], run, run.y, run.g, 0)
         zero, changed = False, False
@@ -87,7 +88,7 @@ def keep_sides(run: Run, moved: bool) -> bool:
 
     `moved` says that the event may have set the state elsewhere, beyond several points of a table, say.
     """
-    run.at[T] = run.trial[0].t
+    set_time(run, T, run.trial[0].t)
     called(run.law[DETECT], run, run.z, run.slopes, 0)
     changed = keep_pieces(run, moved)
     if changed:  # conditions on a table's value are evaluated with the piece after the point
@@ -134,7 +135,7 @@ def slides(run: Run) -> bool:
     For a table, the side after the switch is inside the next piece, where its function is positive again.
     """
     sliding = False
-    run.at[T] = run.trial[0].t
+    set_time(run, T, run.trial[0].t)
     called(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]

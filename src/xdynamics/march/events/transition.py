@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.law import SLOPES
+from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
-from xdynamics.march.calls import entered_by
+from xdynamics.march.calls import called, entered_by
 from xdynamics.march.control import grow
 from xdynamics.march.events.actions import act
 from xdynamics.march.events.arming import forget, rearm
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
-from xdynamics.march.events.root_finding import locate
+from xdynamics.march.events.root_finding import is_plain, locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
+from xdynamics.march.events.zero_tests import NONE, resolution
+from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
@@ -42,11 +46,12 @@ from xdynamics.march.run import (
     WEIGH,
     Run,
 )
-from xdynamics.march.trial_step import copy
+from xdynamics.march.trial_step import copy, look, propose_apart
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
 # no literals: numba compiles a copy of a function for each literal that it is given
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
+NEWTON_TURNS = 3  # from the time tolerance to 31 digits
 State = NDArray[Any]
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
 
@@ -86,11 +91,44 @@ def shorten(run: Run) -> bool:
     trial, whole_step, target, landing = run.trial[0], run.located[0].h, run.located[0].t, run.located[0].landing
     locate(run)
     leave_out(run)
+    if run.plan[0].doubled > 0:
+        land_on_roots(run)
     # two events closer than the spacing of t still have two rows
+    end = trial.t
     trial.t = max(trial.t, np.nextafter(run.now[0].t, np.inf))
     reached = landing != AT_BORDER and (trial.h == whole_step or trial.t >= target)
     trial.t = target if reached else trial.t
+    if run.plan[0].doubled > 0:
+        trial.rest = trial.rest + (end - trial.t)
     return bool(reached)
+
+
+@shared
+def land_on_roots(run: Run) -> None:
+    """Move the trial's end onto the last root of its events, by Newton's method with rates of one float.
+
+    The search ends within a float's spacing or the time tolerance; each turn squares what is left.
+    """
+    trial = run.trial[0]
+    for _ in range(NEWTON_TURNS):
+        set_time(run, T, trial.t)
+        called(run.law[SLOPES], run, run.z, run.slopes, 0)
+        latest, reach = -np.inf, np.inf
+        for i in range(run.detectors.shape[0]):
+            if run.watches[i].hit == NONE:
+                continue
+            if not is_plain(run, i) or run.slopes[i] == 0.0:
+                return
+            latest = max(latest, -run.g1[i] / run.slopes[i])
+            reach = min(reach, resolution(run, i, trial.h))
+        if not abs(latest) <= reach:
+            return
+        t = trial.t + (trial.rest + latest)
+        if not t > run.now[0].t:
+            return
+        trial.rest = trial.rest + latest - (t - trial.t)
+        propose_apart(run, t, t - run.now[0].t)
+        look(run)
 
 
 @shared

@@ -1,0 +1,46 @@
+"""Times to 31 digits, where numbers are sums of two floats: a float as ever, and what is left of the time beside it.
+
+The grid, nodes and ends lie at the floats at which they lie without rests, so that the rows of both runs belong together;
+a rest may therefore be larger than half a spacing.
+"""
+
+from __future__ import annotations
+
+from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.program import AT
+from xdynamics.march.run import Run
+
+RESTS = len(AT)  # how far behind a number that laws read of a step its rest is
+SPLITTER = 134217729.0  # 2**27 + 1: it parts a float into halves of 26 bits
+
+
+@compiled
+def rest_of(run: Run, t: float) -> float:
+    """Return what is left of a time: of the state's or of the trial's; any other is a float."""
+    now, trial = run.now[0], run.trial[0]
+    if t == now.t:
+        return float(now.rest)
+    return float(trial.rest) if t == trial.t else 0.0
+
+
+@compiled
+def set_time(run: Run, place: int, t: float) -> None:
+    """Set a time that laws read."""
+    run.at[place] = t
+    if run.plan[0].doubled > 0:
+        run.at[RESTS + place] = rest_of(run, t)
+
+
+@compiled
+def grid_rest(start: float, start_rest: float, step: float, step_rest: float, number: int) -> float:
+    """Return what start + number*step is more than its float, by exact products and sums (Dekker 1971, Knuth)."""
+    count = float(number)
+    product = count * step
+    scaled, parted = SPLITTER * count, SPLITTER * step
+    count_high, step_high = scaled - (scaled - count), parted - (parted - step)
+    count_low, step_low = count - count_high, step - step_high
+    lost = ((count_high * step_high - product) + count_high * step_low + count_low * step_high) + count_low * step_low
+    time = start + product
+    other = time - start
+    rounded = (start - (time - other)) + (product - other)
+    return rounded + (lost + (count * step_rest + start_rest))

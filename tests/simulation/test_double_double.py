@@ -1,0 +1,183 @@
+"""Runs whose numbers are sums of two floats, against closed forms and series of 60 digits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from xdynamics.faults import InputError
+
+LONG = {"precision": "double_double"}
+SERIES: dict[str, Any] = {"method": "taylor", "order": 30, "step": "0.1 s"}
+# of x' = 10 (y - x), y' = 28 x - x z - y, z' = x y - 8/3 z from (1, 0, 0) at t = 40: what series of order 40 with steps of
+# 0.02 and 60 digits, and of order 50 with steps of 0.025 and 70 digits, agree on
+LORENZ_AT_40 = ("-0.1947314224187369656", "0.1811029909705402862", "17.23446569130643076")
+
+
+def swing(**more: Any) -> xd.Model:
+    """Return an oscillator in millimetres, with a frequency that is no float."""
+    return xd.Model(
+        name="swing",
+        coordinates={"x": {"unit": "mm"}},
+        parameters={"k": "0.1 N m-1", "m": "0.3 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
+        initial={"x": "7.1 mm", "v_x": "0 mm s-1"},
+        **more,
+    )
+
+
+def kepler(event: str) -> xd.Model:
+    """Return an orbit of period 2 pi and eccentricity 0.6 from its nearest point."""
+    return xd.Model(
+        name="kepler",
+        coordinates={"x": {"unit": "m"}, "y": {"unit": "m"}},
+        parameters={"m": "1 kg", "mu": "1 m3 s-2"},
+        mass={"x": "m", "y": "m"},
+        forces={"gravity": {"potential": "-m*mu/sqrt(x**2 + y**2)"}},
+        events={"nearest": {"function": event, "direction": "rising"}},
+        initial={"x": "0.4 m", "y": "0 m", "v_x": "0 m s-1", "v_y": "2 m s-1"},
+    )
+
+
+def number(run: Any, name: str, i: int = -1) -> Any:
+    """Return a number with its rest."""
+    return mpmath.mpf(float(run[name].values[i])) + mpmath.mpf(float(run[f"rest_{name}"].values[i]))
+
+
+def exact_x(t: str | Any) -> Any:
+    """Return where the swing is, mm."""
+    return mpmath.mpf("7.1") * mpmath.cos(mpmath.sqrt(mpmath.mpf(1) / 3) * mpmath.mpf(t))
+
+
+@pytest.fixture(autouse=True)
+def digits() -> Any:
+    """Compute with 60 digits."""
+    with mpmath.workdps(60):
+        yield
+
+
+def test_harmonic_motion() -> None:
+    """Assert that numbers as they are written, in their units, give the cosine to 30 digits at times as they are written."""
+    run = xd.simulate(swing(), until="1.05 s", **SERIES, **LONG)
+    assert abs(number(run, "x") - exact_x("1.05")) < mpmath.mpf("3e-31")
+    assert abs(number(run, "x", 3) - exact_x("0.3")) < mpmath.mpf("3e-31")
+    assert abs(number(run, "time", 3) - mpmath.mpf("0.3")) < mpmath.mpf("3e-33")
+    assert abs(float(run.rest_x[3])) <= np.spacing(float(run.x[3]))  # the float was converted to millimetres
+
+
+def test_period_of_an_orbit() -> None:
+    """Assert that two periods of Kepler's orbit are 2 pi and 4 pi to 28 digits."""
+    run = xd.simulate(kepler("y"), until="13 s", method="taylor", rtol=1e-30, **LONG)
+    for k in range(2):
+        assert abs(number(run, "event_time", k) - 2 * (k + 1) * mpmath.pi) < mpmath.mpf("1e-28")
+
+
+def test_chaos() -> None:
+    """Assert that the Lorenz system goes where series of 60 digits go, up to t = 40."""
+    rates = {"x": "10*(y - x)", "y": "28*x - x*z - y", "z": "x*y - 8/3*z"}
+    states = {name: {"unit": "1", "rate": f"({rate})/(1*second)"} for name, rate in rates.items()}
+    model = xd.Model(name="Lorenz", states=states, initial={"x": "1", "y": "0", "z": "0"})
+    run = xd.simulate(model, until="40 s", method="taylor", rtol=1e-30, force_samples="none", **LONG)
+    for name, digits in zip("xyz", LORENZ_AT_40, strict=True):
+        assert abs(number(run, name) - mpmath.mpf(digits)) < mpmath.mpf("1e-11")
+
+
+def test_bouncing() -> None:
+    """Assert that resets happen at the roots themselves: times of bounces and the state after them have 30 digits."""
+    ball = xd.Model(
+        name="ball",
+        coordinates={"y": {"unit": "m"}},
+        parameters={"m": "1 kg", "g": "9.81 m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        events={"floor": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-0.9*v_y"}}},
+        initial={"y": "1 m", "v_y": "0 m s-1"},
+    )
+    run = xd.simulate(ball, until="3 s", method="rk4", step="0.01 s", **LONG)
+    g = mpmath.mpf("9.81")
+    speed, time = mpmath.sqrt(2 * g), mpmath.sqrt(2 / g)
+    for k in range(run.sizes["event"]):
+        assert abs(number(run, "event_time", k) - time) < mpmath.mpf("1e-30")
+        speed *= mpmath.mpf("0.9")
+        time += 2 * speed / g
+    since = mpmath.mpf(3) - (time - 2 * speed / g)
+    assert run.sizes["event"] == 4
+    assert abs(number(run, "y") - (speed * since - g * since**2 / 2)) < mpmath.mpf("1e-30")
+
+
+def test_long_numbers_are_kept(tmp_path: Path) -> None:
+    """Assert that more digits than a float has count, of a literal, a start and the end, and are in the archive."""
+    model = swing().replace(
+        forces={"spring": {"x": "-1.00000000000000000001*k*x"}}, initial={"x": "7.10000000000000000001 mm"}
+    )
+    run = xd.simulate(model, until="1.00000000000000000001 s", **SERIES, **LONG)
+    w = mpmath.sqrt(mpmath.mpf("1.00000000000000000001") / 3)
+    t = mpmath.mpf("1.00000000000000000001")
+    assert abs(number(run, "x") - mpmath.mpf("7.10000000000000000001") * mpmath.cos(w * t)) < mpmath.mpf("3e-31")
+    xd.save(run, tmp_path / "run.nc")
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+
+
+def test_what_reads_a_run_reads_it(tmp_path: Path) -> None:
+    """Assert that states between rows, longer runs and archives keep the digits."""
+    run = xd.simulate(swing(), until="1 s", **SERIES, **LONG)
+    between = xd.sample(run, ["0.33 s"])
+    assert abs(number(between, "x") - exact_x("0.33")) < mpmath.mpf("3e-31")
+    longer = xd.extend(run, until="1.7 s")
+    assert xd.content_digest(longer) == xd.content_digest(
+        xd.simulate(swing(), until="1.7 s", nodes=["1 s"], **SERIES, **LONG)
+    )
+    xd.save(run, tmp_path / "run.nc")
+    assert xd.verify(tmp_path / "run.nc")
+    assert xd.open_run(tmp_path / "run.nc").attrs["precision"].startswith("double_double")
+
+
+def test_the_twin_shows_rounding() -> None:
+    """Assert that a run less its twin is its rounding error, to far less than a spacing."""
+    run, twin = (xd.simulate(swing(), until="1 s", **SERIES, **more) for more in ({}, LONG))
+    difference = xd.compare(run, twin)
+    expected = [float(number(twin, "x", i) - mpmath.mpf(float(run.x[i]))) for i in range(run.sizes["step"])]
+    np.testing.assert_allclose(difference.difference_x.values, expected, rtol=1e-12, atol=1e-30)
+    assert (
+        difference.attrs["rounding"]
+        == "the differences are the rounding error of the first run: the other is the same with 31 digits"
+    )
+    study = xd.refine(swing(), precisions=["float64", "double_double"], until="1 s", **SERIES)
+    assert abs(float(study.difference_x[0, 0]) - expected[-1]) <= np.spacing(float(run.x[-1]))
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            {"method": "rk4", "step": "0.1 s", "precision": "quadruple"},
+            "precision is 'quadruple'; there are 'float64', 'double_double'",
+        ),
+        ({"method": "radau_iia", "rtol": 1e-6} | LONG, "method 'radau_iia', whose equations are solved in float64"),
+        ({"method": "implicit_midpoint", "step": "0.1 s"} | LONG, "take an explicit one"),
+        ({"method": "rk4", "step": "0.1 s", "scales": {"length": "2 m"}} | LONG, "scales, which are single floats"),
+        ({"method": "rk4", "step": "0.1 s", "summation": "compensated"} | LONG, "a rest is carried of every number"),
+        ({"method": "rk4", "rtol": 1e-6} | LONG, "estimator = 'step_doubling', a difference of single floats"),
+        ({"method": "dop853", "rtol": 1e-40} | LONG, "rtol is 1e-40, needs a number from 10 eps = 4.93e-31"),
+        ({"method": "dop853", "rtol": 1e-20}, "from 5e-31 on with precision = 'double_double'"),
+    ],
+)
+def test_refusals(more: dict[str, Any], said: str) -> None:
+    """Assert that what is of single floats is refused, with what to do."""
+    with pytest.raises(InputError, match=said.replace("(", r"\(")):
+        xd.simulate(swing(), until="1 s", **more)
+
+
+def test_models_of_single_floats_are_refused() -> None:
+    """Assert that contacts and sweeps are refused, with what to do."""
+    bouncing = swing(contacts={"floor": {"gap": "x", "restitution": 0.8}})
+    with pytest.raises(InputError, match="write an impact as an event with action = 'reset'"):
+        xd.simulate(bouncing, until="1 s", **SERIES, **LONG)
+    with pytest.raises(InputError, match="members of a sweep are of single floats"):
+        xd.sweep(swing(), axes={"k": ["1 N m-1", "2 N m-1"]}, keep=["end"], until="1 s", **SERIES, **LONG).compute()
