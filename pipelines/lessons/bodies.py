@@ -35,8 +35,8 @@ momentum = {
     for name, each in {"velocity Verlet": verlet, "Runge-Kutta": kutta}.items()
 }
 bands = {name: float(np.ptp(each.total_energy.values)) for name, each in (("Verlet", verlet), ("Runge-Kutta", kutta))}
-print("change of the sum of all velocities:", momentum)
-print("band of the energy:", bands)
+print("change of the sum of all velocities:", {name: f"{change:.1e} m/s" for name, change in momentum.items()})
+print("band of the energy:", {name: f"{band:.2e} J" for name, band in bands.items()})
 
 # %%
 xd.animate(run, seconds=3.0, rate=12)

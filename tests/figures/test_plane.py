@@ -439,3 +439,22 @@ def test_observables_are_drawn_where_nothing_moves() -> None:
     """Assert that a calibration, whose only state stands still, shows the number that it is about."""
     figure = xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "mass_calibration.toml")))
     assert [axes.get_ylabel() for axes in figure.axes] == ["dm (kg)"]
+
+
+def test_a_plane_of_states_that_the_model_names_is_drawn_once() -> None:
+    """Assert the named plane and the two others, and a comparison whose title and cause have no unit of numbers."""
+    spiral = xd.Model(
+        name="Spiral",
+        time={"unit": "1"},
+        states={word: {"unit": "1", "rate": rate} for word, rate in (("x", "y"), ("y", "-x"), ("z", "-z"))},
+        initial={"x": "1", "y": "0", "z": "1"},
+        figure={"plane": ["x", "z"]},
+    )
+    asked = {"method": "rk4", "step": "0.1", "until": "2"}
+    run, other = (xd.simulate(model, **asked) for model in (spiral, spiral.replace(initial={"x": "1.5"})))
+    drawn = [(axes.get_xlabel(), axes.get_ylabel()) for axes in xd.plot(run, only=["plane", "phase"]).axes]
+    assert sorted(drawn)[-3:] == [("x", "y"), ("x", "z"), ("y", "z")]
+    apart = xd.compare(run, other)
+    assert apart.attrs["title"] == "Spiral, by rk4, two runs"
+    assert apart.attrs["cause"] == "initial: x: 1.0 | 1.5"
+    assert apart.attrs["parted"] == "t = 0: x by 0.5, beyond an interpolation error of 0"

@@ -19,7 +19,7 @@ from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.evidence.refining.verdict_words import in_words
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.flag_words import in_prose, time_unit, words_of
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import digits, known_to, uncertainty_alone
@@ -99,7 +99,7 @@ def _result(certificate: xr.Dataset) -> PageSection:
     """The gates that the number has to pass."""
     verdicts = [GATES[code] for code in certificate["gate_verdict"].values.tolist()]
     rows = [
-        [str(name).replace("_", " "), verdict.replace("_", " "), str(why)]
+        [str(name).replace("_", " "), in_prose(verdict), str(why)]
         for name, verdict, why in zip(certificate["gate_name"].values, verdicts, reasons(certificate), strict=True)
     ]
     failed, unchecked = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)

@@ -25,11 +25,13 @@ nav { flex: none; width: 15rem; height: 100vh; position: sticky; top: 0; overflo
   background: var(--faint); border-right: 1px solid var(--line); font-size: .9rem }
 nav h2 { margin: 1.2rem 0 .2rem; font-size: .75rem; text-transform: uppercase; letter-spacing: .06em; opacity: .7 }
 nav a { display: block; padding: .1rem 0 } nav a.here { font-weight: 600; color: inherit }
-main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 2.2rem 4rem }
+main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 1.6rem 4rem }
 a { color: var(--link); text-decoration: none } a:hover { text-decoration: underline }
 h1 { margin: .2rem 0 1rem; font-size: 1.7rem } h2 { margin: 2rem 0 .5rem; font-size: 1.15rem }
 pre { padding: .8rem 1rem; white-space: pre-wrap; overflow-x: auto; background: var(--faint); border: 1px solid var(--line); border-radius: 6px;
-  font: .82rem/1.45 ui-monospace, "DejaVu Sans Mono", monospace }
+  font: .75rem/1.5 ui-monospace, "DejaVu Sans Mono", monospace }
+table { border-collapse: collapse; font-size: .85rem }
+td, th { padding: .2rem .6rem; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line) }
 code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
 .models { display: grid; gap: 1.2rem; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)) }
 .models figure { margin: 0; border: 1px solid var(--line); border-radius: 6px; overflow: hidden }
@@ -160,14 +162,17 @@ def _topic(name: str) -> Callable[[], str]:
     return lambda: f"<pre>{_TOPIC.sub(linked, escape(chr(10).join(known[name]()), quote=False))}</pre>"
 
 
+class _Table(str):
+    """An entry that is HTML already."""
+
+
 def _entries(entries: Mapping[str, str], title: str) -> str:
     """Return a page of entries by name, with a list of them first."""
     short = " · ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in entries)
     parts = [f"<p>{short}</p>"]
     for name, text in entries.items():
-        parts.append(
-            f'<h2 id="{escape(name)}">{escape(title.format(name))}</h2>\n<pre>{escape(text, quote=False)}</pre>'
-        )
+        body = text if isinstance(text, _Table) else f"<pre>{escape(text, quote=False)}</pre>"
+        parts.append(f'<h2 id="{escape(name)}">{escape(title.format(name))}</h2>\n{body}')
     return "\n".join(parts)
 
 
@@ -175,7 +180,7 @@ def _functions(public: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield public names, each with its signature and its documentation."""
     for name, thing in public.items():
         if not callable(thing):
-            yield name, repr(thing)
+            yield name, _Table(thing._repr_html_()) if hasattr(thing, "_repr_html_") else repr(thing)
             continue
         text = [f"{name}{_signature(thing)}", "", inspect.getdoc(thing) or ""]
         if inspect.isclass(thing) and not issubclass(thing, BaseException):

@@ -11,7 +11,7 @@ import xarray as xr
 from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.marks import COLOURS, in_unit, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 
@@ -104,7 +104,7 @@ def _distance(comparison: xr.Dataset, names: list[str], axes: Axes) -> None:
         rows = thinned(apart)
         units = comparison[f"difference_{name}"].attrs["units"]
         axes.plot(
-            time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(f"{name} ({units})")
+            time[rows], apart[rows], color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words(in_unit(name, units))
         )
     axes.set_yscale("log")
     axes.set(xlabel=timed(comparison[AT_TIME]), ylabel="|difference|")

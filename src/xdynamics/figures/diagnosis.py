@@ -13,9 +13,10 @@ from xdynamics.evidence.diagnosing.chaos import exponents_with_uncertainty
 from xdynamics.evidence.diagnosing.diagnosis import cycles_counted, cycles_said, diagnosed
 from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, timed, words
+from xdynamics.figures.marks import COLOURS, in_unit, timed, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import CYCLE, FINITE_TIME_GROWTH, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
+from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,12 +78,17 @@ def _exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
         place = (number, value if np.isfinite(value) else 0.0)
         axes.annotate(label, place, xytext=(6, 5), textcoords="offset points", fontsize=8)
     units = str(diagnosis[LYAPUNOVS].attrs["units"])
-    unit_suffix = "" if units == "1" else f" ({units})"
-    axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(f"Lyapunov exponent{unit_suffix}"))
+    axes.set(xlim=(0.5, len(values) + 0.9), xlabel="number", ylabel=words(in_unit("Lyapunov exponent", units)))
     axes.margins(y=0.15)
     axes.locator_params(axis="x", integer=True)
-    growth = f"growth over the run's own time {diagnosed(diagnosis, FINITE_TIME_GROWTH)}"
+    growth = f"growth over the run's own time {_growth(diagnosis)}"
     axes.set_title(words(f"Lyapunov exponents; {growth}"), loc="left", fontsize=10)
+
+
+def _growth(diagnosis: xr.Dataset) -> str:
+    """Write the growth over the run's own time, of which a figure needs three digits."""
+    growth = diagnosis[FINITE_TIME_GROWTH]
+    return f"{float(growth):.3g}{unit_suffix(str(growth.attrs['units']))}"
 
 
 def _along_cycles(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:

@@ -46,7 +46,11 @@ def typeset(units: str) -> str:
 
 def timed(time: xr.DataArray, what: str = "time") -> str:
     """Label a time axis with its unit; without one if the model's time is dimensionless."""
-    units = str(time.attrs.get("units", SECONDS.text))
+    return in_unit(what, str(time.attrs.get("units", SECONDS.text)))
+
+
+def in_unit(what: str, units: str) -> str:
+    """Write what an axis or a line is, with its unit; without one for pure numbers."""
     return what if units == "1" else f"{what} ({units})"
 
 

@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.figures import diagnosis, refinement
 from xdynamics.figures.marks import COLOURS, timed, words
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import in_prose, words_of
 from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _differences(records: Several, name: str, axes: Axes) -> None:
         shown = change > 0.0
         if f"order_{name}" in study and study.sizes[LEVEL] > 2:
             order = float(study[f"order_{name}"].isel(selection)[-2])
-            verdict = words_of(study[f"verdict_{name}"].isel(selection))[0].replace("_", " ")
+            verdict = in_prose(words_of(study[f"verdict_{name}"].isel(selection))[0])
             label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
         axes.plot(
             study[varied].values[shown],

@@ -95,16 +95,22 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
 
 
 def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
-    """Return the planes of two or three first-order states of a run without coordinates, taken by twos."""
+    """Return the planes of two or three first-order states of a run without coordinates, taken by twos.
+
+    One that the model names is not among them.
+    """
     roles = {str(name): variable.attrs.get("role") for name, variable in run.data_vars.items()}
     names = [name for name, role in roles.items() if role == "state" and run[name].dims == ("step",)]
     if "coordinate" in roles.values() or not 2 <= len(names) <= SEEN:
         return []
+    model = _model(run)
+    named = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
     times, lines = _lines(run, names)
     units = [str(run[name].attrs["units"]) for name in names]
     return [
         [BodyPath(names[i], names[j], units[i], times, lines[i], lines[j], up_units=units[j])]
         for i, j in combinations(range(len(names)), 2)
+        if {names[i], names[j]} not in named
     ]
 
 

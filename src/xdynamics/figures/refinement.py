@@ -13,7 +13,7 @@ from xdynamics import schema
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.figures.marks import COLOURS, at_time, timed, words
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import in_prose, words_of
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
@@ -98,7 +98,7 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
             if place == AT
             else f"occurrence {k + 1}"
         )
-        verdict = words_of(study[f"verdict_{name}"].isel(selection))[0].replace("_", " ") if number else ""
+        verdict = in_prose(words_of(study[f"verdict_{name}"].isel(selection))[0]) if number else ""
         shown = change > 0.0
         uncertain = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
         colour, label = COLOURS[k % len(COLOURS)], ", ".join(filter(None, (where, verdict)))
@@ -126,10 +126,10 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
 
 
 def _known(study: xr.Dataset, name: str) -> str:
-    """Write the finest level's value at the first place with the digits that are known."""
+    """Write the finest level's value at the first place with the digits that are known; alone if none is known to be."""
     value = float(study[name].values.reshape(study.sizes[LEVEL], -1)[-1, 0])
     doubt = float(study[f"uncertainty_{name}"].values.ravel()[0]) if f"uncertainty_{name}" in study else np.nan
-    return with_uncertainty(value, doubt) if doubt > 0.0 else short_number(value)
+    return with_uncertainty(value, doubt) if 0.0 < doubt < np.inf else short_number(value)
 
 
 PAGE = Page(("refinement",), panels_of, foot_of, most_panels=6)

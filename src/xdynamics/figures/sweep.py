@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, at_time, timed, typeset, words
+from xdynamics.figures.marks import COLOURS, at_time, in_unit, timed, typeset, words
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.transients import Transient, without
 from xdynamics.figures.vanishing import END_TIME, vanishing
@@ -335,7 +335,7 @@ def _words(sweep: xr.Dataset, name: str, axes: Axes) -> None:
 
 def _labelled(sweep: xr.Dataset, name: str) -> str:
     units = str(sweep[name].attrs["units"])
-    return words(name if units == "1" else f"{name} ({units})")
+    return words(in_unit(name, units))
 
 
 def _unit(sweep: xr.Dataset, name: str) -> str:

@@ -20,6 +20,17 @@ def words_of(flag: xr.DataArray) -> list[str]:
     return [names[int(value)] for value in np.atleast_1d(np.asarray(flag))]
 
 
+def in_prose(word: str) -> str:
+    """Return the word of a flag as sentences have it.
+
+    Examples
+    --------
+    >>> in_prose("pre_asymptotic"), in_prose("event_limited")
+    ('pre-asymptotic', 'event limited')
+    """
+    return word.replace("pre_", "pre-").replace("_", " ")
+
+
 def time_unit(record: xr.Dataset) -> Unit:
     """Return the unit of a record's times: seconds, or 1 if its model's time is dimensionless."""
     times = (record.variables[name] for name in ("time", AT_TIME, "event_time") if name in record.variables)

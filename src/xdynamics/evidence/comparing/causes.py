@@ -39,7 +39,9 @@ def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
         if values[0] != values[1] and section not in ("name", "description", "run"):
             heading, key = (section, rest) if section in SECTIONS else ("model", name)
             differences[heading].append(
-                escaped(f"{key.removesuffix('.value')}: {_short(values[0])} | {_short(values[1])}")
+                escaped(
+                    f"{key.removesuffix('.value')}: {' | '.join(_short(value.removesuffix(' 1')) for value in values)}"
+                )
             )
     return {name: "\n".join(lines) for name, lines in differences.items()}
 

@@ -86,7 +86,8 @@ def rounding_told(first: xr.Dataset, second: xr.Dataset) -> str:
 
 def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
     """Return the title of a comparison."""
-    return f"{first.attrs['title']}, beside {second.attrs['title']}"
+    titles = [str(run.attrs["title"]) for run in (first, second)]
+    return f"{titles[0]}, two runs" if titles[0] == titles[1] else ", beside ".join(titles)
 
 
 def wanted(first: xr.Dataset, at: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
@@ -274,8 +275,8 @@ def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
             earliest = float(times[k])
             sentence = (
-                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {name} by {float(difference[k]):.3g} {units}, beyond an"
-                f" interpolation error of {float(uncertainty[k]):.2g} {units}"
+                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {name} by {float(difference[k]):.3g}{unit_suffix(units)}, beyond an"
+                f" interpolation error of {float(uncertainty[k]):.2g}{unit_suffix(units)}"
             )
     return sentence
 
