@@ -305,8 +305,13 @@ REST_TIME = Variable(
     "rest_time", (STEPS,), "f8", SECONDS.text, "what is left of the time beside `time`, to be added to it", LEFT_OVER
 )
 REST_EVENT_TIME = Variable(
-    "rest_event_time", (EVENTS,), "f8", SECONDS.text, "what is left of the time of the event function's zero beside `event_time`, to be added to it", LEFT_OVER
-)  # fmt: skip
+    "rest_event_time",
+    (EVENTS,),
+    "f8",
+    SECONDS.text,
+    "what is left of the time of the event function's zero beside `event_time`, to be added to it",
+    LEFT_OVER,
+)
 STEP_NUMBER = Variable(
     "step_number",
     (STEPS,),

@@ -24,7 +24,7 @@ from xdynamics.evidence.runs import march
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.settings import LEAST_RTOL
+from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.model import Model
 from xdynamics.units import NONE

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.dynamics.accepted_times import AcceptedTimes
 from xdynamics.elementary import kept_set
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError
@@ -148,8 +149,8 @@ class Inside:
         return self.dataset(times, *_located(self._times, times, after=after))
 
     @cached_property
-    def _times(self) -> _Times:
-        return _Times(self.run.variables["time"])
+    def _times(self) -> AcceptedTimes:
+        return AcceptedTimes(self.run.variables["time"])
 
     def dataset(self, times: Floats, rows: NDArray[np.int64], starts: Floats, ends: Floats) -> xr.Dataset:
         """Gather the states of the steps, and evaluate them at times."""
@@ -344,7 +345,7 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
     return wanted
 
 
-def _located(accepted: _Times, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+def _located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Find the row from which each time's step starts, and the times at both ends of that step."""
     first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
     outside = np.flatnonzero((wanted < first) | (wanted > last))
@@ -358,52 +359,6 @@ def _located(accepted: _Times, wanted: Floats, *, after: bool) -> tuple[NDArray[
     if not after:
         rows = np.minimum(rows, accepted.count(wanted, "left"))
     return rows, accepted.at(rows), accepted.at(np.minimum(rows + 1, len(accepted) - 1))
-
-
-class _Times:
-    """Accepted times, of which only the chunks are read that a search needs."""
-
-    def __init__(self, time: xr.Variable) -> None:
-        self._time, self.units = time, str(time.attrs.get("units", SECONDS.text))
-        sizes = time.chunks[0] if time.chunks else (time.size,)
-        self._offsets = np.concatenate([[0], np.cumsum(sizes)])
-        self._read: dict[int, Floats] = {}
-
-    def __len__(self) -> int:
-        return int(self._offsets[-1])
-
-    def at(self, rows: NDArray[np.int64]) -> Floats:
-        """Return the times of rows."""
-        if len(self._offsets) == 2:
-            return self._chunk(0)[rows]
-        chunks = np.searchsorted(self._offsets, rows, side="right") - 1
-        times = np.empty(rows.size)
-        for chunk in np.unique(chunks).tolist():
-            inside = chunks == chunk
-            times[inside] = self._chunk(chunk)[rows[inside] - self._offsets[chunk]]
-        return times
-
-    def count(self, wanted: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
-        """Count the rows before each time, or up to and including it."""
-        counts = np.empty(wanted.size, np.int64)
-        pending = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
-        while pending:
-            low, high, which = pending.pop()
-            if low == high:
-                counts[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
-                continue
-            middle = (low + high + 1) // 2
-            border = self._chunk(middle)[0]
-            after = wanted[which] >= border if side == "right" else wanted[which] > border
-            parts = (low, middle - 1, which[~after]), (middle, high, which[after])
-            pending += [part for part in parts if part[2].size]
-        return counts
-
-    def _chunk(self, chunk: int) -> Floats:
-        if chunk not in self._read:
-            part = self._time.isel({STEPS: slice(int(self._offsets[chunk]), int(self._offsets[chunk + 1]))})
-            self._read[chunk] = np.asarray(part)
-        return self._read[chunk]
 
 
 def _blockwise(function: Callable[[Floats, Floats], Floats], where: Floats, columns: list[Any], height: int) -> Any:

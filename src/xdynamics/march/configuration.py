@@ -74,7 +74,6 @@ def settings_for(model: Model, **asked: Any) -> Settings:
             " rtol or atol too"
         )
     read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
-    precision = read.get("precision", FLOAT64)
     settings = Settings(
         method,
         read["until"],
@@ -85,7 +84,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read["force_samples"] == "all",
         scales,
         jacobian,
-        read.get("summation") or (PLAIN if precision == DOUBLE_DOUBLE else _summation(method)),
+        read.get("summation") or _summation(method, read.get("precision")),
         _nodes(model, read.get("nodes")),
         _switches(model, read.get("switches") or LOCATED),
         _time_tolerance(model, read),
@@ -95,7 +94,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
         "order" in read,
-        precision,
+        read.get("precision", FLOAT64),
     )
     settings.check(model)
     return settings
@@ -274,6 +273,8 @@ def _switches(model: Model, choice: str) -> str:
     return STEPPED_OVER if choice == LOCATED and not watched else choice
 
 
-def _summation(method: Method) -> str:
+def _summation(method: Method, precision: str | None) -> str:
     """Return the default summation: compensated where rounding is what is left of the error, in long runs and tight ones."""
+    if precision == DOUBLE_DOUBLE:
+        return PLAIN
     return COMPENSATED if (method.symplectic or method.stepper.compensates) and updates(method) else PLAIN

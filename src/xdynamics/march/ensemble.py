@@ -19,8 +19,9 @@ from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
-from xdynamics.march.settings import LEAST_RTOL, Settings
+from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import lanes_for, march_abreast
+from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.model import Model
 from xdynamics.units import TIME, Scales
 

@@ -197,12 +197,17 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "assemblies": len(model.assemblies),
         "together": together(model),
         **_left_polynomial(law),
-        "doubled": layout.is_doubled,
-        "start_rest": rest_of(model.initial["t"]) if layout.is_doubled else 0.0,
-        "step_rest": nearest(exact_value(single)).low if layout.is_doubled else 0.0,
+        **_rests_of_grid(model, layout, single),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float]:
+    """Return whether numbers are sums of two, and then what is left of the start and of the step."""
+    if not layout.is_doubled:
+        return {"doubled": 0, "start_rest": 0.0, "step_rest": 0.0}
+    return {"doubled": 1, "start_rest": rest_of(model.initial["t"]), "step_rest": rest_of_time(step)}
 
 
 def _left_polynomial(law: Law) -> dict[str, int]:

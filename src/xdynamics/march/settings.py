@@ -2,50 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-
-import numpy as np
-from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import InputError, numbered
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
+from xdynamics.march.precision_faults import precision_faults
 from xdynamics.march.root_methods import EARLIEST_FIRST, ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.tolerances import Tolerances, least_rtol
 from xdynamics.methods import Method
 from xdynamics.methods.scheme import (
-    DOUBLE_DOUBLE,
     EMBEDDED,
     ESTIMATORS,
     FLOAT64,
-    INTERPOLANT,
     NO_ESTIMATE,
-    PRECISIONS,
-    UNIT_OF,
     Scheme,
 )
 from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
-from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
-from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import sampled
-from xdynamics.shapes.blocks import Blocks
-from xdynamics.units import NONE, UNSCALED, Quantity, Scales, Unit, unit_suffix
+from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
 
-LEAST_RTOL = 10 * EPS  # of numbers of one float
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next
 SAFETY, GROWTH_LIMITS, MOST_STEPS = 0.9, (0.2, 10.0), 1_000_000
-
-
-def least_rtol(precision: str) -> float:
-    """Return the least relative tolerance, below which rounding is as large."""
-    return 10 * UNIT_OF.get(precision, EPS)
 
 
 def given_times(start: float, steps: tuple[float, ...], end: float) -> list[float]:
@@ -56,85 +41,6 @@ def given_times(start: float, steps: tuple[float, ...], end: float) -> list[floa
         t = t + step
         times.append(end if abs(t - end) <= slack else t)
     return times
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """The allowed error of a step, atol + rtol*|value|, for every coordinate, velocity and state.
-
-    An absolute tolerance that is not given follows the size of its variable along the run; see `tolerance_sizes`.
-
-    Attributes
-    ----------
-    rtol : float
-    atol : dict of str to float
-        SI units, by name.
-    units : dict of str to Unit
-        Of every coordinate, velocity and state: its declared unit, or that of the march's scales.
-    bare : float, optional
-        Tolerance, in its unit, of each variable without one of its own.
-    """
-
-    rtol: float
-    atol: Mapping[str, float]
-    units: Mapping[str, Unit]
-    bare: float | None = None
-
-    def __hash__(self) -> int:
-        return hash((self.rtol, self.bare, *sorted(self.atol.items())))
-
-    def of(self, name: str) -> float | None:
-        """Return the absolute tolerance given for a coordinate, velocity or state, SI; None if it follows the size."""
-        if name in self.atol:
-            return self.atol[name]
-        return None if self.bare is None else self.units[name].to_si(self.bare)
-
-    def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
-        """Return the absolute tolerance of every number of some blocks, SI; nan where it follows the size."""
-        for known, atols in self._last:
-            if known is blocks:
-                return atols
-        found = np.full(blocks.size, np.nan)
-        for block in blocks.blocks if self.bare is not None else ():
-            place = blocks.place(block.name)
-            found[place : place + block.size] = self.units[block.first].to_si(self.bare or 0.0)
-        for name, atol in self.atol.items():
-            if (own := blocks.find(name)) is not None:
-                found[own] = atol
-        found.flags.writeable = False
-        self._last[:] = [(blocks, found)]
-        return found
-
-    @cached_property
-    def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
-        return []
-
-    def faults(self, model: Model, least: float = LEAST_RTOL) -> list[str]:
-        """List everything that an error test could not use, with relative tolerances from `least` on."""
-        faults = []
-        if not least <= self.rtol < 1:
-            finer = f"; from {least_rtol(DOUBLE_DOUBLE):.1g} on with precision = 'double_double'" * (
-                0.0 < self.rtol < least == LEAST_RTOL
-            )
-            faults.append(
-                f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
-            )
-        names = variables(model)
-        atols = {f" of '{name}'": value for name, value in self.atol.items()}
-        atols |= {} if self.bare is None else {"": self.bare}
-        bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
-        faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
-        faults += [
-            f"atol names '{name}', which is none of {', '.join(names)}" for name in self.atol if name not in names
-        ]
-        if bad:
-            return faults
-        faults += [
-            f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
-            for name in names
-            if self.of(name) == 0 and model.initial[name].si == 0
-        ]
-        return faults
 
 
 @dataclass(frozen=True)
@@ -309,7 +215,7 @@ class Settings:
             *self._jacobian_faults(),
             *self._summation_faults(),
             *self._switches_faults(),
-            *self._precision_faults(model),
+            *precision_faults(self, model),
             *self.pacing.faults(second),
         ]
         if self.tolerances is not None:
@@ -409,61 +315,6 @@ class Settings:
                 f"summation = 'compensated' is for methods that add to the state, and '{self.method.name}' does not"
             ]
         return []
-
-    def _precision_faults(self, model: Model) -> list[str]:
-        if self.precision not in PRECISIONS:
-            return [f"precision is {self.precision!r}; there are {', '.join(map(repr, PRECISIONS))}"]
-        if self.precision != DOUBLE_DOUBLE:
-            return []
-        faults = [why for holds, why in self._beyond_float64(model) if holds]
-        return [f"precision = 'double_double' does not go with {why}" for why in faults]
-
-    def _beyond_float64(self, model: Model) -> list[tuple[bool, str]]:
-        """Return what is asked for that is made of single floats, and what to do about it."""
-        on_interpolant = [name for name, event in model.events.items() if event.root_state == INTERPOLANT]
-        return [
-            (
-                bool(self.method.solves),
-                f"method '{self.method.name}', whose equations are solved in float64; take an explicit one, such as dop853",
-            ),
-            (
-                self.estimator not in (EMBEDDED, NO_ESTIMATE),
-                (
-                    f"estimator = {self.estimator!r}, a difference of single floats; take a method with an embedded formula, such as"
-                    " dop853, or a fixed step"
-                ),
-            ),
-            (
-                self.summation == COMPENSATED,
-                "summation = 'compensated': a rest is carried of every number; leave it out",
-            ),
-            (self.scales != UNSCALED, "scales, which are single floats; leave them out"),
-            (
-                bool(model.python_functions),
-                (
-                    f"functions in Python ({', '.join(sorted({f.name for f in model.python_functions}))}), which return a float; write"
-                    " them as expressions"
-                ),
-            ),
-            (
-                bool(model.contacts or model.frictions),
-                (
-                    "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
-                    " action = 'reset'"
-                ),
-            ),
-            (
-                bool(on_interpolant),
-                (
-                    f"root_state = 'interpolant' of event '{''.join(on_interpolant[:1])}'; leave it out: the state at an event is then"
-                    " that of a shortened step"
-                ),
-            ),
-            (
-                self.apart or self.event_root_method != EARLIEST_FIRST,
-                f"event_root_method = {self.event_root_method!r}; leave it out",
-            ),
-        ]
 
     def _switches_faults(self) -> list[str]:
         names = ", ".join(f"'{name}'" for name in SWITCHES)

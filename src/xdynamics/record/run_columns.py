@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
@@ -12,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.elementary.double_double import DoubleDouble, nearest
-from xdynamics.elementary.double_double.sums import add, multiply
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
@@ -24,11 +21,12 @@ from xdynamics.model import Model
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.table_keys import near
-from xdynamics.record.column import About, Column, row_of, sample_of, times, trial_of
+from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.folded_columns import dimensions, folded, folded_constants, parted
+from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, side_columns
 from xdynamics.schema import CLOSED_LINKS, SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
@@ -209,27 +207,11 @@ def _steps(about: About) -> list[Column]:
     if layout.rests:
         collected.append(Column(schema.REST_TIME, row_of(layout.row.place(schema.REST_TIME.name), units.time)))
         rests = zip(layout.used.blocks, layout.rests.blocks[1:], strict=True)
-        collected += [_rest(about, own, rest) for own, rest in rests]
+        collected += [rest_column(about, own, rest) for own, rest in rests]
     if layout.effort:
         index = layout.row.place(layout.effort[0])
         collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
     return collected
-
-
-def _rest(about: About, own: Quantity, rest: Quantity) -> Column:
-    """Return what is left of a number beside the nearest float that is recorded."""
-    unit, rows = about.units.known[own.name], [about.layout.row.place(quantity.name) for quantity in (own, rest)]
-    factor = about.units.factor(unit)
-    exact = nearest(1 / Fraction(unit.factor))
-
-    def left(block: LogBlock) -> Array:
-        numbers = [row_of(row, 1.0, own.shape)(block) for row in rows]
-        product = multiply(DoubleDouble(*numbers), exact)
-        rests: Array = add(product, DoubleDouble(-times(numbers[0], factor), 0.0 * numbers[0])).high
-        return rests
-
-    long_name = f"what is left of {own.name} beside the nearest float, to be added to it"
-    return Column(Variable(rest.name, (STEPS, *own.dims), "f8", unit.text, long_name, schema.LEFT_OVER), left)
 
 
 def _regime(about: About) -> Column:

@@ -144,7 +144,13 @@ class SweepGrid:
         return {name: entry for name, entry in self.asked.items() if name not in RECORDING} | own
 
     def settings_of(self, at: At) -> Settings:
-        """Return a member's settings, without the thinning of records that its model file asks for."""
+        """Return a member's settings, without the thinning of records that its model file asks for.
+
+        Raises
+        ------
+        InputError
+            If a setting is wrong, or of more digits than members have.
+        """
         settings = unthinned_settings_for(self._common(at), **self.asked_of(at))
         if settings.precision != FLOAT64:
             raise InputError(

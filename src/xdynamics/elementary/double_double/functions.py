@@ -239,6 +239,18 @@ def acos(x: DoubleDouble) -> DoubleDouble:
 
 
 FUNCTIONS: dict[str, Callable[..., DoubleDouble]] = {
-    "sin": sin, "cos": cos, "tan": tan, "asin": asin, "acos": acos, "atan": atan, "atan2": atan2, "sinh": sinh,
-    "cosh": cosh, "tanh": tanh, "exp": exp, "log": log, "power": power, "hypot": hypot,
-}  # fmt: skip
+    "sin": sin,
+    "cos": cos,
+    "tan": tan,
+    "asin": asin,
+    "acos": acos,
+    "atan": atan,
+    "atan2": atan2,
+    "sinh": sinh,
+    "cosh": cosh,
+    "tanh": tanh,
+    "exp": exp,
+    "log": log,
+    "power": power,
+    "hypot": hypot,
+}

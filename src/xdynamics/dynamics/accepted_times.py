@@ -1,0 +1,62 @@
+"""The accepted times of a record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.schema import STEPS
+from xdynamics.units import SECONDS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+
+class AcceptedTimes:
+    """Accepted times, of which only the chunks are read that a search needs."""
+
+    def __init__(self, time: xr.Variable) -> None:
+        self._time, self.units = time, str(time.attrs.get("units", SECONDS.text))
+        sizes = time.chunks[0] if time.chunks else (time.size,)
+        self._offsets = np.concatenate([[0], np.cumsum(sizes)])
+        self._read: dict[int, Floats] = {}
+
+    def __len__(self) -> int:
+        return int(self._offsets[-1])
+
+    def at(self, rows: NDArray[np.int64]) -> Floats:
+        """Return the times of rows."""
+        if len(self._offsets) == 2:
+            return self._chunk(0)[rows]
+        chunks = np.searchsorted(self._offsets, rows, side="right") - 1
+        times = np.empty(rows.size)
+        for chunk in np.unique(chunks).tolist():
+            inside = chunks == chunk
+            times[inside] = self._chunk(chunk)[rows[inside] - self._offsets[chunk]]
+        return times
+
+    def count(self, wanted: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
+        """Count the rows before each time, or up to and including it."""
+        counts = np.empty(wanted.size, np.int64)
+        pending = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
+        while pending:
+            low, high, which = pending.pop()
+            if low == high:
+                counts[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
+                continue
+            middle = (low + high + 1) // 2
+            border = self._chunk(middle)[0]
+            after = wanted[which] >= border if side == "right" else wanted[which] > border
+            parts = (low, middle - 1, which[~after]), (middle, high, which[after])
+            pending += [part for part in parts if part[2].size]
+        return counts
+
+    def _chunk(self, chunk: int) -> Floats:
+        if chunk not in self._read:
+            part = self._time.isel({STEPS: slice(int(self._offsets[chunk]), int(self._offsets[chunk + 1]))})
+            self._read[chunk] = np.asarray(part)
+        return self._read[chunk]

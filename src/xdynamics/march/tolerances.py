@@ -1,0 +1,107 @@
+"""The allowed error of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.methods.scheme import (
+    DOUBLE_DOUBLE,
+    UNIT_OF,
+)
+from xdynamics.model import Model
+from xdynamics.model.motion import variables
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.shapes.blocks import Blocks
+from xdynamics.units import Unit
+
+LEAST_RTOL = 10 * EPS  # of numbers of one float
+
+
+def least_rtol(precision: str) -> float:
+    """Return the least relative tolerance, below which rounding is as large."""
+    return 10 * UNIT_OF.get(precision, EPS)
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """The allowed error of a step, atol + rtol*|value|, for every coordinate, velocity and state.
+
+    An absolute tolerance that is not given follows the size of its variable along the run; see `tolerance_sizes`.
+
+    Attributes
+    ----------
+    rtol : float
+    atol : dict of str to float
+        SI units, by name.
+    units : dict of str to Unit
+        Of every coordinate, velocity and state: its declared unit, or that of the march's scales.
+    bare : float, optional
+        Tolerance, in its unit, of each variable without one of its own.
+    """
+
+    rtol: float
+    atol: Mapping[str, float]
+    units: Mapping[str, Unit]
+    bare: float | None = None
+
+    def __hash__(self) -> int:
+        return hash((self.rtol, self.bare, *sorted(self.atol.items())))
+
+    def of(self, name: str) -> float | None:
+        """Return the absolute tolerance given for a coordinate, velocity or state, SI; None if it follows the size."""
+        if name in self.atol:
+            return self.atol[name]
+        return None if self.bare is None else self.units[name].to_si(self.bare)
+
+    def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
+        """Return the absolute tolerance of every number of some blocks, SI; nan where it follows the size."""
+        for known, atols in self._last:
+            if known is blocks:
+                return atols
+        found = np.full(blocks.size, np.nan)
+        for block in blocks.blocks if self.bare is not None else ():
+            place = blocks.place(block.name)
+            found[place : place + block.size] = self.units[block.first].to_si(self.bare or 0.0)
+        for name, atol in self.atol.items():
+            if (own := blocks.find(name)) is not None:
+                found[own] = atol
+        found.flags.writeable = False
+        self._last[:] = [(blocks, found)]
+        return found
+
+    @cached_property
+    def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
+        return []
+
+    def faults(self, model: Model, least: float = LEAST_RTOL) -> list[str]:
+        """List everything that an error test could not use, with relative tolerances from `least` on."""
+        faults = []
+        if not least <= self.rtol < 1:
+            finer = f"; from {least_rtol(DOUBLE_DOUBLE):.1g} on with precision = 'double_double'" * (
+                0.0 < self.rtol < least == LEAST_RTOL
+            )
+            faults.append(
+                f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
+            )
+        names = variables(model)
+        atols = {f" of '{name}'": value for name, value in self.atol.items()}
+        atols |= {} if self.bare is None else {"": self.bare}
+        bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
+        faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
+        faults += [
+            f"atol names '{name}', which is none of {', '.join(names)}" for name in self.atol if name not in names
+        ]
+        if bad:
+            return faults
+        faults += [
+            f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
+            for name in names
+            if self.of(name) == 0 and model.initial[name].si == 0
+        ]
+        return faults
