@@ -11,7 +11,8 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator, particle
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.settings import LEAST_RTOL, Pacing, Settings, Tolerances, given_times
+from xdynamics.march.settings import Pacing, Settings, given_times
+from xdynamics.march.tolerances import LEAST_RTOL, Tolerances
 from xdynamics.methods.steppers import EXACT
 from xdynamics.model.motion import variables
 from xdynamics.shapes.blocks import Block, Blocks

@@ -15,7 +15,8 @@ from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS, STATES, columns_of, number
 from xdynamics.march.root_methods import EARLIEST_FIRST
-from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings, Tolerances, least_rtol
+from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
+from xdynamics.march.tolerances import Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED, FLOAT64, NO_ESTIMATE, STEP_DOUBLING
 from xdynamics.methods.steppers import DIFFERENCES, EXACT

@@ -12,8 +12,8 @@ from xdynamics.kernels import Layout
 from xdynamics.march.engine import engine
 from xdynamics.march.perturbation import EVALUATIONS, STATES
 from xdynamics.march.runner import March
-from xdynamics.march.settings import Tolerances
 from xdynamics.march.timescales import put_aside, states_of
+from xdynamics.march.tolerances import Tolerances
 
 Floats = NDArray[np.float64]
 
