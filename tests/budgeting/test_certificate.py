@@ -451,7 +451,7 @@ def test_the_number_of_draws_that_is_told_settles_it(case: int) -> None:
     true = max(abs(end(part) - spread * float(norm.ppf(part))) for part in (0.025, 0.975))
     tolerance = tolerance_of(spread * np.sqrt(1.0 + 2.0 * bent**2))
     count, rounds, verdict = 100, 0, NOT_CHECKED
-    while verdict == NOT_CHECKED and rounds < 5 and count < 1_000_000:
+    while verdict == NOT_CHECKED and rounds < 5 and count < 2_000_000:
         normal = rng.standard_normal(count)
         found = drawn(3.0 + spread * (normal + bent * normal**2), 0.95)
         verdict, apart = judged(3.0, spread, found, 0.95)
