@@ -33,7 +33,7 @@ from xdynamics.evidence.refining.convergence import judge, observed_orders
 from xdynamics.evidence.refining.defects import step_defects
 from xdynamics.evidence.refining.family import Watched, family
 from xdynamics.evidence.refining.forecast import Bounds, obstacle
-from xdynamics.evidence.refining.levels import CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
+from xdynamics.evidence.refining.levels import ALL, CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
 from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
 from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words
 from xdynamics.evidence.refining.study import Study
@@ -115,11 +115,14 @@ def test_a_number_of_a_whole_run_has_levels_alone() -> None:
 # --------------------------------------------------------------------------------------------------------------- levels
 
 
+NOTHING_VARIED: dict[str, Any] = dict.fromkeys(varied.keyword for varied in ALL)
+
+
 def levels_of(**given: Any) -> Levels:
     """Levels of the oscillator, from what `refine` is given."""
     return Levels.of(
         OSCILLATOR,
-        {"steps": None, "rtols": None, "time_tolerances": None, "rules": None} | given,
+        NOTHING_VARIED | given,
         {"method": "dop853"},
         fewest=2,
     )
@@ -142,7 +145,7 @@ def test_levels_know_what_is_varied_and_its_order() -> None:
 def test_a_finer_level_goes_on_as_the_last_one_went() -> None:
     """Assert the ratio of the last two, a half or a tenth behind a single one, and 24 levels at most."""
     assert levels_of(steps=[0.4, 0.1]).finer().values.tolist() == pytest.approx([0.4, 0.1, 0.025])
-    asked = {"steps": None, "rtols": None, "time_tolerances": None, "rules": None}
+    asked = NOTHING_VARIED
     for given, ratio in (({"steps": [0.4]}, 2.0), ({"rtols": [1e-3]}, 10.0), ({"time_tolerances": [1e-3]}, 10.0)):
         one = Levels.of(OSCILLATOR, asked | given, {"method": "dop853"}, fewest=1).finer()
         assert one.values[0] / one.values[1] == pytest.approx(ratio)
@@ -176,7 +179,7 @@ def test_levels_that_do_not_get_finer_are_refused(given: dict[str, Any], said: s
 
 def test_levels_of_location_change_every_event() -> None:
     """Assert that tolerances of a level stand in its model, in the place of its own, and rules of location too."""
-    asked: dict[str, Any] = {"steps": None, "rtols": None, "time_tolerances": None, "rules": None}
+    asked = NOTHING_VARIED
     bouncing = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
     for model, kind, name in ((BALL, "events", "ground"), (bouncing, "contacts", "floor")):
         levels = Levels.of(model, asked | {"time_tolerances": ["1 ms", "2 us"]}, {}, fewest=2)
@@ -304,7 +307,7 @@ def test_tolerances_of_changes_are_in_the_numbers_unit() -> None:
     ):
         with pytest.raises(xd.InputError, match=said):
             _tolerances(given, study)
-    study.levels.ordered = False
+    study.levels.ordered, study.levels.varied = False, CHOICES
     assert _tolerances({}, study) == {}
     with pytest.raises(xd.InputError, match="rules have none"):
         _tolerances({"x": 1.0}, study)
@@ -410,8 +413,8 @@ def test_differences_are_in_the_first_runs_unit() -> None:
     """Assert second less first, errors of both, and the scale of the first, of metres beside millimetres; none of what is not known."""
     one, other = (xr.DataArray(0.0, attrs={"units": units}) for units in ("m", "mm"))
     here, there = (
-        (np.array([2.0, -4.0]), np.array([0.5, 0.25])),
-        (np.array([2500.0, -3000.0]), np.array([100.0, 200.0])),
+        (np.array([2.0, -4.0]), np.array([0.5, 0.25]), np.zeros(2)),
+        (np.array([2500.0, -3000.0]), np.array([100.0, 200.0]), np.zeros(2)),
     )
     found = difference_of("x", one, other, here, there)
     assert found["difference_x"][1].tolist() == [0.5, 1.0]
@@ -422,7 +425,7 @@ def test_differences_are_in_the_first_runs_unit() -> None:
     back = difference_of("x", other, one, there, here)
     assert back["difference_x"][1].tolist() == [-500.0, -1000.0]
     assert float(back["difference_scale_x"][1]) == 3000.0
-    zero = difference_of("x", one, other, (0.0 * here[0], here[1]), there)
+    zero = difference_of("x", one, other, (0.0 * here[0], *here[1:]), there)
     assert float(zero["difference_scale_x"][1]) == 3.0
     assert difference_of("x", one, other, None, there) == difference_of("x", one, other, here, None) == {}
 

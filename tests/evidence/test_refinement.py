@@ -165,7 +165,10 @@ def test_the_uncertainty_is_near_the_error(request: pytest.FixtureRequest) -> No
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({}, r"refine needs steps=\[…\], rtols=\[…\], time_tolerances=\[…\] or rules=\[…\], one of them"),
+        (
+            {},
+            r"refine needs steps=\[…\], rtols=\[…\], time_tolerances=\[…\], precisions=\[…\] or rules=\[…\], one of them",
+        ),
         ({"steps": [0.1, 0.05], "rtols": [1e-3, 1e-4]}, "one of them"),
         ({"steps": "10 ms"}, "steps is '10 ms', needs a row of them"),
         ({"steps": [0.1]}, "need 2 or more that get smaller"),

@@ -97,10 +97,11 @@ def logging(draw: np.random.Generator) -> tuple[Function, list[Function]]:
     return of(lambda t, y: calls.append(t) or 0.1)
 
 
-def in_place(draw: np.random.Generator) -> tuple[Function, list[Function]]:
-    """Works in the array that it is given."""
+def in_a_copy(draw: np.random.Generator) -> tuple[Function, list[Function]]:
+    """Works in a copy of the array that it is given."""
 
     def right(t: Any, y: Any) -> Any:
+        y = np.array(y)
         y[0] = 2.0 * y[0]
         return rates(y, 0.1)
 
@@ -112,7 +113,7 @@ STEADY: dict[str, Make] = {
     "seeded": lambda _: of(lambda t, y: np.random.default_rng(7).normal()),
     "remembered": lambda draw: of(lambda t, y, k=int(draw.integers(9)): remembered(k)),
     "logging": logging,
-    "in place": in_place,
+    "in a copy": in_a_copy,
     "cancelling": lambda _: of(lambda t, y: np.sin(y[0]) ** 2 + np.cos(y[0]) ** 2 - 1.0),
     "large angles": lambda draw: of(lambda t, y, w=float(10.0 ** draw.uniform(0, 10)): np.sin(w * t + w * y[0])),
     "no number beside the start": lambda _: of(lambda t, y: np.sqrt(0.5000001 - y[0]), lambda t, y: 1 / t),

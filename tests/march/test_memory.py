@@ -128,3 +128,23 @@ def test_a_memory_of_another_form_is_refused() -> None:
     with pytest.raises(xd.InputError, match=r"the march's '\w+' has another form than here"):
         put_back(march.run, arrays_of(other.run))
     assert bytes_of(march) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "until"), [("woodpecker", 0.3), ("block_on_incline", 2.0), ("granular_box", 0.2), ("rocket_c6", 1.0)]
+)
+def test_every_number_of_the_log_is_written(name: str, until: float) -> None:
+    """Assert that rows, trials and events have the same bytes, whatever was in the memory that they are written to."""
+    model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    settings = settings_for(model, until=until)
+    logs = []
+    for filling in (0x00, 0xA5):
+        march = March(model, settings)
+        log = allocate(march.layout, 5_000, sampled=int(march.run.plan[0].samples))
+        for part in ("rows", "trials", "events", "samples"):
+            getattr(log, part).view(np.uint8)[...] = filling
+        log.lend(march.run)
+        engine().march(march.run, 1 << 40)
+        assert march.now.events > log.base[0]["events"]
+        logs.append(logged(march, log))
+    assert logs[0] == logs[1]

@@ -38,7 +38,7 @@ def add_row(run: Run, a: int, before: int, kind: int) -> int:
     event, assembly = run.log_events[e], run.assemblies[run.candidates[k, ASSEMBLY]]
     event.time, event.left, event.residual = run.trial[0].t, now.t + run.spans[LEFT], run.touching[a, GAP]
     event.slope, event.uncertainty = run.touching[a, RATE], run.touching[a, ROUGH]
-    event.murk, event.interpolation, event.substeps = 0.0, 0.0, run.piece[0].substeps
+    event.murk, event.interpolation, event.rest, event.substeps = 0.0, 0.0, 0.0, run.piece[0].substeps
     event.row_before, event.row_after, event.direction, event.kind = before, before + 1, -1, kind
     event.detector, event.link = assembly.detector, run.candidates[k, LINK]
     for i in range(run.log_rates.shape[0]):

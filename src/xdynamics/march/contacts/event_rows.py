@@ -84,7 +84,8 @@ def another_row(run: Run, k: int, first: int) -> int:
     event.time, event.left = run.trial[0].t, run.trial[0].t
     if e > first:
         event.left = run.log_events[first].left
-    event.residual, event.slope, event.uncertainty, event.murk, event.substeps = 0.0, 0.0, 0.0, 0.0, 0
+    event.residual, event.slope, event.uncertainty, event.murk = 0.0, 0.0, 0.0, 0.0
+    event.rest, event.substeps = 0.0, 0
     event.interpolation = 0.0
     event.row_before, event.row_after, event.direction = run.now[0].rows - 1, run.now[0].rows, -1
     event.link = NO_LINK
