@@ -551,7 +551,7 @@ def test_drag_that_vanishes() -> None:
     assert found.attrs["order_in"] == "1/vt"
     assert np.isnan(found.order_y.values[0]).all()
     assert found.order_y.values[1:, 0] == pytest.approx(2.0, abs=0.002)
-    with pytest.raises(xd.InputError, match="a limiting case has no figure"):
+    with pytest.raises(xd.InputError, match="there is no figure of a limiting case"):
         xd.plot(found)
 
 

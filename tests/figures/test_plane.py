@@ -295,6 +295,19 @@ def test_runs_in_one_plane(orbit: xr.Dataset) -> None:
         xd.plot(xd.simulate(xd.Model.from_toml(MODELS / "pendulum.toml"), until="1 s"), only="plane")
 
 
+@pytest.mark.dear
+def test_bodies_keep_their_colours_beside_another_run() -> None:
+    """Assert that of several bodies each has one colour in all runs, which differ by dashes and are all named."""
+    model = xd.Model.from_toml(MODELS / "figure_eight.toml")
+    runs = {name: xd.simulate(model, method=name, step="50 ms", until="1 s") for name in ("rk4", "velocity_verlet")}
+    (axes,) = xd.plot(runs, only="plane").axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["0", "1", "2", "rk4", "velocity_verlet"]
+    lines = [line for line in axes.lines if np.size(line.get_xdata()) > 1]
+    own, others = ([line.get_color() for line in lines if line.get_linestyle() == style] for style in ("-", "--"))
+    assert len({*own}) == 3
+    assert own == others
+
+
 def test_a_size_that_is_too_small_is_refused(orbit: xr.Dataset) -> None:
     """Assert that panels which would lie on one another are refused with the remedy, and one alone fits."""
     with pytest.raises(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,3 +120,25 @@ def test_tables_of_the_command_line(tmp_path: Path) -> None:
     ):
         done = call("sample", archive, *wrong)
         assert (done.exit_code, said in done.output) == (2, True), done.output
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        (lambda run: run.isel(step=slice(0, 3)), "a part of a run"),
+        (lambda run: run.isel(step=slice(500, None)), "a part of a run"),
+        (lambda run: run.isel(step=slice(0, 0)), "a part of a run"),
+        (lambda run: run.isel(event=0), "a part of a run"),
+        (lambda run: run[["y"]], "a part of a run"),
+        (lambda run: run.dynamics.at([1.0]), "a part of a run"),
+        (lambda _: xr.Dataset({"a": ("x", [1.0])}), "no run"),
+        (lambda run: run.dynamics.events(), "evidence, no run: events from 1 run"),
+        (xd.modes, "Linearisation about the state at t = 0.0 s"),
+    ],
+)
+def test_what_is_no_whole_run_is_described(run: xr.Dataset, part: Any, said: str) -> None:
+    """Assert what it is and how many rows it has, not the end or the events of the whole; and a page of it."""
+    lines = repr(part(run).dynamics).splitlines()
+    assert f"kind      {said}" in lines
+    assert not [line for line in lines if line.startswith(("event ", "end "))]
+    assert said in part(run).dynamics._repr_html_()

@@ -58,7 +58,7 @@ def summary(run: xr.Dataset) -> list[str]:
     attributes = run.attrs
     if is_evidence(attributes):
         return [escaped(line) for line in _evidence(run)]
-    if not is_whole(attributes):
+    if not is_whole(attributes) or not has_its_rows(run):
         return [escaped(line) for line in _partly(run)]
     lines = [
         *_at_rest(attributes),
@@ -145,10 +145,25 @@ def _summarising() -> Iterator[Any]:
     yield certificate
 
 
+def has_its_rows(run: xr.Dataset) -> bool:
+    """Whether a run has the rows that its events name; `isel` and the like keep the attributes of the whole."""
+    parts = {"time": STEPS, "event_time": EVENTS, "event_detector": EVENTS, "event_row_before": EVENTS}
+    if "run_outcome" not in run.attrs or any(
+        name not in run or run[name].dims != (dim,) for name, dim in parts.items()
+    ):
+        return False
+    times, rows = run["time"].values, run["event_row_before"].values
+    inside = times.size > 0 and bool(np.all((rows >= 0) & (rows < times.size)))
+    return inside and np.array_equal(times[rows], run["event_time"].values)
+
+
 def _partly(run: xr.Dataset) -> Iterator[str]:
+    """Describe what is no whole run: a part of one, states at asked times, modes, a Dataset of another origin."""
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
-    yield f"kind      {kind_description(attributes)}"
+    other = "a part of a run" if "solver_method" in attributes else str(attributes.get("summary") or "no run")
+    described = kind_description(attributes) or other
+    yield f"kind      {described}"
     if is_selection(attributes):
         yield from _ended("of run", attributes, f"{attributes['solver_method']}, ")
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"

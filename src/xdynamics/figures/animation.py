@@ -13,7 +13,7 @@ from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
 from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
 from xdynamics.figures.marks import at_time, words
-from xdynamics.figures.scenes import Scene, scene_of
+from xdynamics.figures.scenes import LABELS, Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
 from xdynamics.record.run_dataset import check_dataset
@@ -101,7 +101,7 @@ def drawing(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, C
     axes.grid(linewidth=0.6)
     beside = scene.start(axes)
     title = words(f"{run.attrs.get('title', 'run')}{beside}")
-    axes.set_title("\n".join(wrap(title, round(scene.size[0] * LETTERS))), loc="left", fontsize=10)
+    axes.set_title("\n".join(wrap(title, round((scene.size[0] - LABELS) * LETTERS))), loc="left", fontsize=10)
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace")
 
     def at(frame: int) -> list[Any]:

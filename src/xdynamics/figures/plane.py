@@ -36,6 +36,7 @@ SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
+GREY = "#555555"  # of what stands for all bodies
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
@@ -176,7 +177,7 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         colour = COLOURS[k % len(COLOURS)]
         x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
         label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
-        label = words(beside.own) if beside.own and not body.body and k == 0 else label
+        label = words(beside.own) if beside.own and len(view) == 1 else label
         axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
         if is_long(run):
             axes.plot(*alone(x, y), color=colour, **DOTS)
@@ -189,7 +190,7 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
     elif first.is_space:
         axes.set_aspect("equal", adjustable="box")
     is_one = all(body.across == first.across and body.up == first.up for body in view)
-    across, up = (_short(first.across), _short(first.up)) if is_one else ("across", "up")
+    across, up = (short(first.across), short(first.up)) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
     named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
     what = "the plane" if first.is_space else "phase plane"
@@ -211,7 +212,13 @@ def left_out(view: list[BodyPath]) -> str:
 
 
 def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
-    """Draw where other runs have the same bodies, and measurements of their coordinates."""
+    """Draw where other runs have the same bodies, and measurements of their coordinates.
+
+    Of one body each run has a colour; of several each body keeps its own, and runs differ by their dashes.
+    """
+    several = len(view) > 1
+    if several and beside.others:
+        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=words(beside.own))
     for k, other in enumerate(beside.others, 1):
         if other.record is None:
             found = [other.together(body.across, body.up) for body in view]
@@ -225,9 +232,11 @@ def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
             found = [[path.x, path.y] for path in ways[0][: len(view)]] if ways else []
         style = "+" if other.record is None else DASHES[(k - 1) % len(DASHES)]
         for j, pair in enumerate(line for line in found if line is not None):
-            colour = COLOURS[(k + j) % len(COLOURS)]
-            label = words(other.label) if j == 0 else None
-            axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8, label=label)
+            colour = COLOURS[(j if several else k) % len(COLOURS)]
+            axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8)
+        if any(line is not None for line in found):
+            colour = GREY if several else COLOURS[k % len(COLOURS)]
+            axes.plot([], [], style, color=colour, linewidth=1.2, alpha=0.8, label=words(other.label))
 
 
 def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
@@ -321,5 +330,6 @@ def _lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
     return curves[0][0], [values for _, values in curves]
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
+    """Cut an expression to what an axis shows."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"

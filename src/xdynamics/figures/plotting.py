@@ -27,6 +27,7 @@ from xdynamics.figures.sheet import DPI, check_path, lit, sheet, write
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.partial_records import with_article
 from xdynamics.record.run_dataset import check_dataset
 from xdynamics.record.unfolding import unfold
 from xdynamics.schema import EVIDENCE
@@ -105,7 +106,7 @@ def plot(
     if hasattr(given, "attrs"):
         kind = str(given.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
-            raise InputError(f"a {kind} has no figure; `xdynamics show` prints what it found")
+            raise InputError(f"there is no figure of {with_article(kind)}; `xdynamics show` prints what it found")
         default = modes.PAGE if modes.is_modes(given) else run.PAGE
         page, title = PAGES.get(kind, default), str(given.attrs.get("title", "run"))
         if page is run.PAGE and others:

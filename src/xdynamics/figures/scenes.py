@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.marks import COLOURS, typeset, words
-from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, drawn_links, left_out, views
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, drawn_links, left_out, short, views
 from xdynamics.figures.scenery import Boundary, Fastening, boundaries, fastenings
 
 if TYPE_CHECKING:
@@ -120,7 +120,8 @@ class Bodies:
         view, (across, up) = self.view, self._limits
         first = view[0]
         axes.set(xlim=across, ylim=up, aspect="equal" if first.is_space else "auto")
-        labels = ("across", "up") if first.is_space else (first.across, first.up)
+        is_one = len(view) == 1 or not first.is_space
+        labels = (short(first.across) or "across", short(first.up) or "up") if is_one else ("across", "up")
         axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
         axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
         shown, colours = view[:MOST_BODIES], [COLOURS[k % len(COLOURS)] for k in range(len(view))]

@@ -43,6 +43,7 @@ BANDS = ("#dbe6f3", "#a9c4e2")
 BAD = "#c8452f"
 DASHES = ("-", "--", ":", "-.")
 LARGE = 20_000  # members from which on points are small
+FEW_POINTS = 3000  # up to which points of a diagram are large
 
 
 def panels_of(sweep: xr.Dataset, transient: Transient | None = None) -> list[Panel]:
@@ -124,7 +125,7 @@ def _map(whole: xr.Dataset, name: str, part: Mapping[str, int], shown: list[str]
     _regions(axes, ended(sweep).transpose(y, x).values.astype(str), across, up)
     best = _relief(axes, across, up, values)
     axes.set(xlabel=_labelled(sweep, x), ylabel=_labelled(sweep, y))
-    if sweep[x].attrs["units"] == sweep[y].attrs["units"] and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
+    if sweep[x].attrs["units"] == sweep[y].attrs["units"] != "1" and 0.5 < np.ptp(across) / np.ptp(up) < 2.0:
         axes.set_aspect("equal", anchor="W")
     marked = [
         f"{word} {mark} {known_number(sweep, name, value)}{_unit(sweep, name)} at {x} {known_to(*at[0])}{_unit(sweep, x)},"
@@ -261,7 +262,7 @@ def _occurrences(axes: Axes, x: Values, values: Values, colour: str, label: str)
         values.ravel(),
         ".",
         color=colour,
-        markersize=0.9 if values.size > LARGE else 2.0,
+        markersize=0.9 if values.size > LARGE else 2.0 if values.size > FEW_POINTS else 3.5,
         markeredgewidth=0,
         alpha=0.8,
         label=label,

@@ -94,6 +94,18 @@ def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
         raise InputError(f"{what} needs all columns of a run's log, and this record has not: {said}")
 
 
+def with_article(kind: str) -> str:
+    """Return a kind of evidence as a sentence names it: a budget, an extension, events.
+
+    Examples
+    --------
+    >>> with_article("diagnosis"), with_article("events"), with_article("envelope")
+    ('a diagnosis', 'events', 'an envelope')
+    """
+    several = kind.endswith("s") and not kind.endswith(("ss", "is"))
+    return kind if several else f"{'an' if kind[:1] in 'aeio' else 'a'} {kind}"
+
+
 def kind_description(attributes: Mapping[Any, Any]) -> str:
     """Describe a record that is not a whole run; empty for one that is."""
     if is_derived(attributes):
@@ -101,7 +113,7 @@ def kind_description(attributes: Mapping[Any, Any]) -> str:
     if is_evidence(attributes):
         runs = len(str(attributes.get(RUNS, "")).split())
         counted = "1 run" if runs == 1 else f"{runs} runs"
-        return f"evidence, no run: {f'a {attributes[EVIDENCE]} from {counted}' if runs else attributes[EVIDENCE]}"
+        return f"evidence, no run: {f'{with_article(attributes[EVIDENCE])} from {counted}' if runs else attributes[EVIDENCE]}"
     if is_selection(attributes):
         return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
     return ""
