@@ -64,6 +64,33 @@ def test_a_lost_report_ends_a_verb_that_only_reports(redirected: str, code: int,
     assert shell(tmp_path, f"{COMMAND} methods {redirected}")[0] == code
 
 
+@pytest.mark.dear
+@pytest.mark.parametrize(("written", "code"), [("", 1), ("-o refinement.nc", 0)])
+def test_a_lost_number_is_a_failure_unless_it_is_kept(written: str, code: int, tmp_path: Path) -> None:
+    """Assert that a refinement whose JSON is lost fails, and does not where an archive has it."""
+    line = f"refine {KEPLER} --step 40ms --step 20ms --until 1s --json {written}"
+    ended, _, said = shell(tmp_path, f"{COMMAND} {line} >&-")
+    assert (ended, said.splitlines()[-1]) == (
+        code,
+        "xdynamics: the report could not be written to standard output (it is closed)",
+    )
+
+
+@pytest.mark.dear
+def test_a_sweep_that_is_terminated_goes_on_later(tmp_path: Path) -> None:
+    """Assert exit code 143 and what to do in words; the same command then ends the sweep, without marching anew."""
+    line = f"sweep {MODELS / 'ball_drag.toml'} --axis vt='20:60:60000 m s-1' -o found"
+    wait = "while ! ls found/* > /dev/null 2>&1; do sleep 0.1; done; kill -TERM $!; wait $!; exit $?"
+    ended, _, said = shell(tmp_path, f"{COMMAND} {line} & {wait}")
+    assert ended == 143
+    assert said.splitlines()[-2:] == [
+        "xdynamics: interrupted; what is done is kept in 'found', and the same command goes on with it",
+        "xdynamics: terminated",
+    ]
+    assert shell(tmp_path, f"{COMMAND} {line}")[0] == 0
+    assert xd.open_sweep(tmp_path / "found").sizes["vt"] == 60000
+
+
 @pytest.mark.parametrize("verb", ["new model.toml", "sign --new-key key.pem"])
 def test_a_lost_report_does_not_end_a_verb_that_makes_a_file(verb: str, tmp_path: Path) -> None:
     """Assert exit code 0 and one line, though no option names the file."""

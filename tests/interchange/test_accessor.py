@@ -122,6 +122,13 @@ def test_tables_of_the_command_line(tmp_path: Path) -> None:
         assert (done.exit_code, said in done.output) == (2, True), done.output
 
 
+@pytest.mark.parametrize("verb", [xd.plot, xd.animate])
+def test_no_rows_are_no_picture(run: xr.Dataset, verb: Any) -> None:
+    """Assert words where a selection is empty."""
+    with pytest.raises(xd.InputError, match="there is nothing to draw: the record has no rows"):
+        verb(run.isel(step=slice(0, 0)))
+
+
 @pytest.mark.parametrize(
     ("part", "said"),
     [
@@ -132,6 +139,10 @@ def test_tables_of_the_command_line(tmp_path: Path) -> None:
         (lambda run: run[["y"]], "a part of a run"),
         (lambda run: run.dynamics.at([1.0]), "a part of a run"),
         (lambda _: xr.Dataset({"a": ("x", [1.0])}), "no run"),
+        (
+            lambda _: xd.simulate(BOUNCING, until="2 s", compute=False, sizes={"step": 9, "event": 1}),
+            "a run that is still to be marched",
+        ),
         (lambda run: run.dynamics.events(), "evidence, no run: events from 1 run"),
         (xd.modes, "Linearisation about the state at t = 0.0 s"),
     ],

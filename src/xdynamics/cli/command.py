@@ -21,7 +21,7 @@ DONE, BADLY, WRONG_INPUT = 0, 1, 2
 SIGNALLED = 128  # and the signal's number, as a shell reports a process that it ended: 143 for SIGTERM, 129 for SIGHUP
 LEAST_MEMORY = 700_000_000  # bytes of address space: Python with the libraries, the engine and a short run take 640 MB
 LIGHT = ("help", "methods", "new")  # verbs that load none of that
-QUIET, JSON = "xdynamics.quiet", "xdynamics.json"
+QUIET, JSON, WRITES = "xdynamics.quiet", "xdynamics.json", "xdynamics.writes"
 
 
 class _Verb(click.Command):
@@ -51,10 +51,10 @@ class _Verb(click.Command):
             with formatter.section(title):
                 formatter.write_dl(rows)
 
-    @property
-    def writes(self) -> bool:
-        """Whether it makes a file, so that its report is secondary."""
-        return self.makes or any(parameter.name == "output" for parameter in self.params)
+    def invoke(self, ctx: click.Context) -> Any:
+        """Do it; note whether a file is made, beside which the report is secondary."""
+        ctx.meta[WRITES] = self.makes or bool(ctx.params.get("output"))
+        return super().invoke(ctx)
 
 
 def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:
@@ -90,8 +90,7 @@ class _Command(click.Group):
         if not output.lost or output.cut_off:
             return code
         complain(f"the report could not be written to standard output ({output.lost})")
-        verb = self.commands.get(ctx.invoked_subcommand or "")
-        return code if isinstance(verb, _Verb) and verb.writes else code or BADLY
+        return code if ctx.meta.get(WRITES) else code or BADLY
 
     def _invoked(self, ctx: click.Context) -> Any:
         import warnings

@@ -42,7 +42,7 @@ def _opened(name: str) -> xr.Dataset:
     return open_sweep(name) if is_folder(placed(name)) else open_run(name)
 
 
-@main.command()
+@main.command(makes=True)
 @click.argument("archive", metavar="RUN.nc")
 @click.option(
     "-o",

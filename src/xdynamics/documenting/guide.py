@@ -245,7 +245,7 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
         return _contents(verbs)
     topic = topic_named(topic)
     if topic not in pages:
-        raise InputError(f"help has no topic '{topic}'{near(topic, (*pages, *verbs))}")
+        raise InputError(f"help has no topic '{topic}'{near(topic, tuple(dict.fromkeys((*pages, *verbs))))}")
     more = f"the verb of that name: xdynamics {topic} --help"
     return iter((*pages[topic](), *([more] if topic in verbs else ())))
 

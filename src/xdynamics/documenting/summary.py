@@ -161,7 +161,10 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
     """Describe what is no whole run: a part of one, states at asked times, modes, a Dataset of another origin."""
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
-    other = "a part of a run" if "solver_method" in attributes else str(attributes.get("summary") or "no run")
+    other = str(attributes.get("summary") or "no run")
+    if "solver_method" in attributes:
+        unmarched = "run_outcome" not in attributes and any(each.chunks for each in run.variables.values())
+        other = "a run that is still to be marched" if unmarched else "a part of a run"
     described = kind_description(attributes) or other
     yield f"kind      {described}"
     if is_selection(attributes):

@@ -95,8 +95,10 @@ def panels_of(
     InputError
         If the Dataset has no recorded times, or nothing that was asked for.
     """
-    if "time" not in run.variables or run["time"].dims != (STEPS,) or not run["time"].size:
+    if "time" not in run.variables or run["time"].dims != (STEPS,):
         raise InputError("plot needs a run record with 'time' along 'step'")
+    if not run["time"].size:
+        raise InputError("there is nothing to draw: the record has no rows")
     check(run, whole=False, values=False)
     if transient is not None and not _is_driven(run):
         raise InputError(
@@ -117,7 +119,9 @@ def panels_of(
         )
     if not panels and wanted is not None:
         log_note = log_description(run.attrs)
-        raise InputError(f"the run has nothing of {', '.join(wanted)} to draw{log_note and f'; {log_note}'}")
+        raise InputError(
+            f"the run has nothing of {', '.join(wanted) or 'an empty list'} to draw{log_note and f'; {log_note}'}"
+        )
     if not panels:
         raise InputError(
             f"there is nothing along '{STEPS}' to draw among {', '.join(map(str, run.data_vars)) or 'nothing'}"

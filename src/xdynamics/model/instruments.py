@@ -133,7 +133,9 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     """
     lines = [line for line in normal(text).split("\n")[reading.skip :] if line.strip(" \t,;")]
     if not lines:
-        raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
+        if reading.skip and text.strip():
+            raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
+        raise InputError(f"table '{name}' is empty")
     grid: Cells | None = None
     first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
     ready = is_table(first) and not any(form.search(first) for form in (RUN, STEP))
