@@ -12,6 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
+from cases.problems import MODELS
 from xdynamics.evidence.comparing.measured import measured
 from xdynamics.model import Table
 from xdynamics.model.instruments import KEYS, Reading, as_table
@@ -126,6 +127,13 @@ def test_tracked_positions_need_their_units() -> None:
         match=r"column 't': it has no unit(.|\n)*it begins 't,x,y' / '1.00E-1,1.00E0,4.28E1'(.|\n)*units = \{ t = \"s\", x = \"m\" \}",
     ):
         table("tracker.txt", "x")
+
+
+def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
+    """Assert no remedy for what cannot be read in any way."""
+    (tmp_path / "none.csv").write_text("\n")
+    with pytest.raises(xd.InputError, match=r"table 'none.csv' is empty$"):
+        xd.fit(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), tmp_path / "none.csv", ["k"])
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from xdynamics.record import of_elements
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.partial_records import (
     ended,
+    has_its_rows,
     is_evidence,
     is_run,
     is_selection,
@@ -143,18 +144,6 @@ def _summarising() -> Iterator[Any]:
     from xdynamics.budgeting import certificate
 
     yield certificate
-
-
-def has_its_rows(run: xr.Dataset) -> bool:
-    """Whether a run has the rows that its events name; `isel` and the like keep the attributes of the whole."""
-    parts = {"time": STEPS, "event_time": EVENTS, "event_detector": EVENTS, "event_row_before": EVENTS}
-    if "run_outcome" not in run.attrs or any(
-        name not in run or run[name].dims != (dim,) for name, dim in parts.items()
-    ):
-        return False
-    times, rows = run["time"].values, run["event_row_before"].values
-    inside = times.size > 0 and bool(np.all((rows >= 0) & (rows < times.size)))
-    return inside and np.array_equal(times[rows], run["event_time"].values)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from xdynamics.faults import InputError
 from xdynamics.schema import (
     CHOSEN,
     DERIVED,
     DERIVED_FROM,
+    EVENTS,
     EVIDENCE,
     KEEP_EVERY,
     LEFT_OUT_ATOL,
@@ -19,8 +22,12 @@ from xdynamics.schema import (
     RUNS,
     SELECTION,
     SELECTION_OF,
+    STEPS,
 )
 from xdynamics.shapes.naming import written
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 COMPLETED = (
     "`xdynamics complete RUN.nc -o WHOLE.nc`, or xdynamics.complete(run) in Python, marches it again to its whole log"
@@ -51,6 +58,18 @@ def is_run(attributes: Mapping[Any, Any]) -> bool:
 def is_whole(attributes: Mapping[Any, Any]) -> bool:
     """Whether a record should have all that a run has."""
     return is_run(attributes) and not is_selection(attributes)
+
+
+def has_its_rows(run: xr.Dataset) -> bool:
+    """Whether a run has the rows that its events name; `isel` and the like keep the attributes of the whole."""
+    parts = {"time": STEPS, "event_time": EVENTS, "event_detector": EVENTS, "event_row_before": EVENTS}
+    if "run_outcome" not in run.attrs or any(
+        name not in run or run[name].dims != (dim,) for name, dim in parts.items()
+    ):
+        return False
+    times, rows = run["time"].values, run["event_row_before"].values
+    inside = times.size > 0 and bool(np.all((rows >= 0) & (rows < times.size)))
+    return inside and np.array_equal(times[rows], run["event_time"].values)
 
 
 def rows_apart(attributes: Mapping[Any, Any]) -> int:

@@ -178,14 +178,12 @@ def _of_array(source: Any) -> Any:
 def _of_file(path: Path, known: Sequence[str] | None, reading: Reading, *, skip: bool) -> Measured:
     """Read the columns of a file, which may be an instrument's."""
     text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
-    if not text.strip():
-        raise InputError(f"'{path.name}' is empty")
     try:
         sheet = Sheet.of(path.name, as_table(path.name, text, reading))
         named = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known) if sheet.has_titles else None
     except InputError as error:
         begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
-        raise InputError(f"{error}; the file begins {begin}; {REMEDY}") from None
+        raise InputError(f"{error}; the file begins {begin}; {REMEDY}" if begin else str(error)) from None
     if named is None:
         raise InputError(_without_titles(sheet, known))
     titles, left_out = named
