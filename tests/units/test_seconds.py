@@ -20,6 +20,7 @@ OTHER_LETTERS = {
     "kernels": 3,
     "methods": 2,
     "model": 5,
+    "record": 1,
 }
 # and sentences with seconds of a clock, or of models that have them by definition: of `scales`, and of `solve`
 CLOCKS = {"archive": 3, "budgeting": 1, "cli": 1, "expressions": 1, "figures": 1, "march": 1, "simulation": 2}

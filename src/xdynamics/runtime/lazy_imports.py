@@ -15,9 +15,11 @@ def load_dask_whole() -> None:
     """Load dask where there are other threads, before xarray does so by its parts.
 
     Many operations of xarray import `dask.base` to ask whether an array is lazy, and others `dask.array`; where two
-    threads begin with different ones, Python hands out modules that are half made.
+    threads begin with different ones, Python hands out modules that are half made. `dask.array` imports xarray too: where
+    another thread does so at that moment, as one of a new worker that unpickles a task, each would wait for the other.
     """
     if threading.active_count() > 1 and "dask.array" not in sys.modules:
+        import_module("xarray")
         import_module("dask.array")
 
 
