@@ -47,7 +47,7 @@ def doubled(program: Program, rests: Mapping[str, int]) -> Program:
     ----------
     program : Program
     rests : mapping of str to int
-        How far behind a number of an array its rest is; of an array without, all numbers are exact.
+        How many places after a number of an array its rest stands; the numbers of an array that is not named are exact.
     """
     calls = [line for line in nested(program.body) if isinstance(line, ProgramCall)]
     passed = {program.views.get(name, (name,))[0] for call in calls for name in (call.y, call.z)}

@@ -6,11 +6,13 @@ a rest may therefore be larger than half a spacing.
 
 from __future__ import annotations
 
+from xdynamics.elementary import numbers
 from xdynamics.kernels.compiling import compiled
 from xdynamics.kernels.program import AT
 from xdynamics.march.run import Run
 
-RESTS = len(AT)  # how far behind a number that laws read of a step its rest is
+RESTS = len(AT)  # how many places after a number that laws read of a step its rest stands
+exact_sum = compiled(numbers.exact_sum)
 SPLITTER = 134217729.0  # 2**27 + 1: it parts a float into halves of 26 bits
 
 
@@ -40,7 +42,5 @@ def grid_rest(start: float, start_rest: float, step: float, step_rest: float, nu
     count_high, step_high = scaled - (scaled - count), parted - (parted - step)
     count_low, step_low = count - count_high, step - step_high
     lost = ((count_high * step_high - product) + count_high * step_low + count_low * step_high) + count_low * step_low
-    time = start + product
-    other = time - start
-    rounded = (start - (time - other)) + (product - other)
-    return rounded + (lost + (count * step_rest + start_rest))
+    _, rounded = exact_sum(start, product)
+    return float(rounded + (lost + (count * step_rest + start_rest)))

@@ -94,12 +94,12 @@ def shorten(run: Run) -> bool:
     if run.plan[0].doubled > 0:
         land_on_roots(run)
     # two events closer than the spacing of t still have two rows
-    end = trial.t
+    located = trial.t
     trial.t = max(trial.t, np.nextafter(run.now[0].t, np.inf))
     reached = landing != AT_BORDER and (trial.h == whole_step or trial.t >= target)
     trial.t = target if reached else trial.t
     if run.plan[0].doubled > 0:
-        trial.rest = trial.rest + (end - trial.t)
+        trial.rest = trial.rest + (located - trial.t)
     return bool(reached)
 
 
