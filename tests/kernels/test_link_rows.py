@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,3 +122,14 @@ def test_rows_that_depend_on_one_another_come_one_by_one(name: str) -> None:
         call(p=q, z=z)
         found.append(z.tobytes() + q.tobytes())
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("changed", [{"below": ""}, {"below": "", "above": "i"}, {"count": 23}, {"where": "close"}])
+def test_only_rows_of_all_before_an_element_are_made_together(changed: dict[str, Any]) -> None:
+    """Assert that a loop over others than all elements before one, or over some of them, is left as it is."""
+    (line,) = meetings(24).body
+    assert isinstance(line, Loop)
+    load, row, store = line.body
+    assert isinstance(row, Reduction)
+    assert link_rows(line) is not None
+    assert link_rows(replace(line, body=(load, replace(row, **changed), store))) is None

@@ -11,6 +11,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.faults import InputError
+from xdynamics.model.drives import coefficients
 
 LONG = {"precision": "double_double"}
 SERIES: dict[str, Any] = {"method": "taylor", "order": 30, "step": "0.1 s"}
@@ -181,3 +182,49 @@ def test_models_of_single_floats_are_refused() -> None:
         xd.simulate(bouncing, until="1 s", **SERIES, **LONG)
     with pytest.raises(InputError, match="members of a sweep are of single floats"):
         xd.sweep(swing(), axes={"k": ["1 N m-1", "2 N m-1"]}, keep=["end"], until="1 s", **SERIES, **LONG).compute()
+
+
+def test_events_that_are_nearer_than_floats_are_told_apart() -> None:
+    """Assert the sign and the size of the difference of two events by the closed form: T/4 goes as 1/sqrt(k)."""
+    runs = [
+        xd.simulate(
+            xd.Model(
+                name="swing",
+                coordinates={"x": "m"},
+                parameters={"k": k, "m": "1 kg"},
+                mass={"x": "m"},
+                forces={"spring": {"x": "-k*x"}},
+                events={"middle": {"function": "x"}},
+                initial={"x": "1 m", "v_x": "0 m s-1"},
+            ),
+            until="2 s",
+            **SERIES,
+            **LONG,
+        )
+        for k in ("1 N m-1", "1.00000000000000000000002 N m-1")
+    ]
+    difference = float(xd.compare(*runs)["difference_event_time_middle"][0])
+    assert difference == pytest.approx(-float(mpmath.pi) / 2.0 * 1e-23, rel=1e-6)
+
+
+def test_tables_are_read_with_all_digits() -> None:
+    """Assert the root of a straight motion against a cubic spline, whose coefficients count as the floats that they are."""
+    model = xd.Model(
+        name="chase",
+        coordinates={"y": "m"},
+        parameters={"m": "1 kg"},
+        mass={"y": "m"},
+        drives={"d": {"table": "d.csv", "csv": "t [s],d [m]\n0,2\n1,1.7\n2,2.3\n3,2.1\n", "interpolation": "cubic"}},
+        forces={"none": {"y": "0*newton"}},
+        events={"met": {"function": "y - d"}},
+        initial={"y": "0 m", "v_y": "1 m s-1"},
+    )
+    run = xd.simulate(model, method="rk4", step="0.5 s", until="2.9 s", **LONG)
+    origin, powers = coefficients(np.arange(4.0), np.array([2.0, 1.7, 2.3, 2.1]), "cubic", "error")
+    time = float(run.event_time[0])
+    piece = np.searchsorted(origin, time, "right") - 1
+    cubic = [mpmath.mpf(float(row[piece])) for row in powers]
+    root = mpmath.findroot(lambda t: t - mpmath.polyval(cubic, t - mpmath.mpf(float(origin[piece]))), time)
+    met = mpmath.mpf(time) + mpmath.mpf(float(run.rest_event_time[0]))
+    assert abs(met - root) < mpmath.mpf("1e-30")
+    assert abs(number(run, "y", int(run.event_row_before[0])) - root) < mpmath.mpf("1e-30")
