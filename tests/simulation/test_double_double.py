@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.elementary.piecewise import POLYNOMIALS
 from xdynamics.faults import InputError
+from xdynamics.kernels.double_double import PIECES
 from xdynamics.model.drives import coefficients
 
 LONG = {"precision": "double_double"}
@@ -204,7 +206,7 @@ def test_events_that_are_nearer_than_floats_are_told_apart() -> None:
         for k in ("1 N m-1", "1.00000000000000000000002 N m-1")
     ]
     difference = float(xd.compare(*runs)["difference_event_time_middle"][0])
-    assert difference == pytest.approx(-float(mpmath.pi) / 2.0 * 1e-23, rel=1e-6)
+    assert difference == pytest.approx(-float(mpmath.pi) / 2.0 * 1e-23, rel=1e-6, abs=0.0)
 
 
 def test_tables_are_read_with_all_digits() -> None:
@@ -228,3 +230,12 @@ def test_tables_are_read_with_all_digits() -> None:
     met = mpmath.mpf(time) + mpmath.mpf(float(run.rest_event_time[0]))
     assert abs(met - root) < mpmath.mpf("1e-30")
     assert abs(number(run, "y", int(run.event_row_before[0])) - root) < mpmath.mpf("1e-30")
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_pieces_are_the_polynomials_of_tables(name: str) -> None:
+    """Assert that values, slopes and bends by Horner's scheme are those of single floats."""
+    row, x, total = (0.25, 3.0, -2.0, 0.7, 1.3), 0.6, 0.0
+    for coefficient, factor in PIECES[name]:
+        total = total * (x - row[0]) + factor * float(POLYNOMIALS[coefficient](lambda k, _piece: row[k], x, 0))
+    assert total == pytest.approx(float(POLYNOMIALS[name](lambda k, _piece: row[k], x, 0)), rel=1e-15, abs=0.0)
