@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import io
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +14,8 @@ import dask
 import numpy as np
 import pytest
 import xarray as xr
+from dask.callbacks import Callback
+from dask.diagnostics import progress
 
 import xdynamics as xd
 from cases.object_server import bucket
@@ -176,8 +180,16 @@ def test_the_record_gives_back_what_was_put_in() -> None:
         assert abs(value - truth[str(name)]) < 3 * doubt
 
 
-def test_a_report_computes_its_stages_in_one_graph(tmp_path: Path) -> None:
-    """Assert that lazy stages are archived as eager ones, that what they share is marched once, and each is drawn."""
+class Terminal(io.StringIO):
+    """Keeps what is written to a terminal."""
+
+    def isatty(self) -> bool:
+        """Say that it is one."""
+        return True
+
+
+def test_a_report_computes_its_stages_in_one_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert one graph with one bar, archives as of eager stages, one march of what they share, and each drawn."""
     oscillator = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
     asked: dict[str, Any] = {"method": "rk4", "until": "10 s"}
     run = xd.simulate(oscillator, step="20 ms", **asked)
@@ -186,8 +198,17 @@ def test_a_report_computes_its_stages_in_one_graph(tmp_path: Path) -> None:
         "beside": xd.companion(run, compute=False),
         "budget": xd.error_budget(oscillator, "x", at="5 s", step="20 ms", compute=False, **asked),
     }
-    with marches() as begun:
+    graphs: list[Any] = []
+    bar: Any = progress.ProgressBar  # it is not typed
+    with monkeypatch.context() as seen, marches() as begun, Callback(start=graphs.append):
+        seen.setattr(sys, "stderr", Terminal())
+        seen.setattr(
+            progress, "ProgressBar", lambda **how: bar(**how | {"minimum": 0.0})
+        )  # without its second of patience
         page = xd.report(tmp_path / "lazy", run=run, **stages)
+        drawn = str(sys.stderr.getvalue())  # type: ignore[attr-defined]
+    assert len(graphs) == 1
+    assert drawn.count("100% Completed") == 1
     assert begun.count("Harmonic oscillator rk4 0.01") == 1
     eager = {
         "study": xd.refine(oscillator, steps=["20 ms", "10 ms"], **asked),

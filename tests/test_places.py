@@ -87,7 +87,7 @@ def test_a_name_that_leads_elsewhere_is_refused(name: str, tmp_path: Path) -> No
 
 
 def test_a_store_of_others_is_left_alone(tmp_path: Path) -> None:
-    """Assert that no sweep is marched into a Zarr store that no sweep began, of either version, and that it stays as it is."""
+    """Assert that no sweep is marched into a Zarr store that none began, nor one opened from it, and that it stays as it is."""
     pytest.importorskip("zarr")
     for version in (2, 3):
         place = tmp_path / f"{version}.zarr"
@@ -98,6 +98,8 @@ def test_a_store_of_others_is_left_alone(tmp_path: Path) -> None:
             xd.InputError, match=rf"{version}.zarr' holds a Zarr store that is no sweep's; name another place"
         ):
             VERBS["sweep"](str(place))
+        with pytest.raises(xd.InputError, match=rf"{version}.zarr' holds no sweep: .*; name what sweep marched into"):
+            xd.open_sweep(place)
         assert {entry: entry.read_bytes() for entry in place.rglob("*") if entry.is_file()} == before
 
 

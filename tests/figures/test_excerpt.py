@@ -54,6 +54,7 @@ def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Datase
     lazy, reads = chunked(long, ragged(long.sizes["step"], 23, 2))
     whole, found = (xd.plot(run).axes for run in (long, lazy))
     assert max(reads.values()) == 1
+    assert sum(read == "time" for read, _ in reads) == 23
     assert len(whole) == len(found)
     for one, other in zip(whole, found, strict=True):
         assert other.get_title(loc="left") == one.get_title(loc="left")
@@ -61,6 +62,17 @@ def test_a_figure_of_an_excerpt_shows_what_that_of_the_run_shows(long: xr.Datase
         assert other.axis() == pytest.approx(one.axis(), rel=2e-3)
         marks = [[line.get_xydata() for line in axes.lines if line.get_linestyle() == "None"] for axes in (one, other)]
         assert all(np.array_equal(*pair) for pair in zip(*marks, strict=True))
+
+
+def test_a_figure_of_a_short_run_reads_each_chunk_once() -> None:
+    """Assert one reading of every chunk that is drawn, times among them, where all rows are drawn."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=2.0)
+    sizes = ragged(run.sizes["step"], 5, 3)
+    lazy, reads = chunked(run, sizes)
+    xd.plot(lazy)
+    assert {*reads.values()} == {1}
+    for name in ("time", "y", "v_y"):
+        assert sum(read == name for read, _ in reads) == len(sizes)
 
 
 @pytest.mark.parametrize("is_lazy", [False, True])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import pty
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -101,6 +103,7 @@ def test_a_client_that_is_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
 SCHEDULER = """
 import time, distributed
 asked = {"processes": False, "dashboard_address": None, "silence_logs": "CRITICAL", "protocol": "tcp://"}
+asked["scheduler_kwargs"] = {"dashboard_address": "127.0.0.1:0"}
 print(distributed.LocalCluster(n_workers=1, threads_per_worker=1, **asked).scheduler_address, flush=True)
 time.sleep(600)
 """
@@ -134,6 +137,14 @@ def test_a_cluster_that_is_gone_is_told(
     assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
+def test_two_clusters_of_this_machine_do_not_meet(client: Any) -> None:
+    """Assert that the pages of one are at a free port, not at dask's own, and for this machine alone."""
+    server = client.cluster.scheduler.http_server
+    address, port = server.address, server.port
+    assert address == "127.0.0.1"
+    assert port != 8787
+
+
 @pytest.mark.dear
 def test_a_cluster_is_where_stages_are_computed(client: Any) -> None:
     """Assert a client of its own by an address, with the bits of this process, and that the one before is back then."""
@@ -144,6 +155,19 @@ def test_a_cluster_is_where_stages_are_computed(client: Any) -> None:
         there = study.compute()
     assert connected() is client
     assert_same(there, study.compute(scheduler="synchronous"))
+
+
+@pytest.mark.dear
+def test_a_report_on_a_cluster_has_its_bar(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a terminal is told how many tasks of a report's graph are done, and that the line is empty in the end."""
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(cluster, "OFTEN", 0.01)
+    assert connected() is client
+    xd.report(tmp_path, study=studied(until=200.0))
+    assert re.search(r"\[#* *\] \| \d+% \| \d+ tasks done", terminal.getvalue())
+    assert terminal.getvalue().endswith("\r\x1b[K")
 
 
 @pytest.mark.dear

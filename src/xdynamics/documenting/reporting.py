@@ -11,6 +11,7 @@ from xdynamics import archive
 from xdynamics.archive.place import Given, Place, check_name, placed
 from xdynamics.archive.stores import made_folder, taking_name
 from xdynamics.documenting.summary import summary
+from xdynamics.evidence.cluster import Tell, connected
 from xdynamics.evidence.stages import computed
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.figures import plot
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     Record = xr.Dataset | dict[str, xr.Dataset]
 
 PAGE = "report.md"
+WIDTH = 40  # letters of a bar of progress, as dask draws it
 
 
 def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
@@ -82,14 +84,14 @@ def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[st
     places = [(name, key) for name, entry in records.items() for key in (entry if isinstance(entry, dict) else [""])]
     stages = [entry[key] if isinstance(entry := records[name], dict) else entry for name, key in places]
     faults: dict[str, str] = {}
-    with _progress():
+    with _progress() as tell:
         try:
-            results: list[xr.Dataset | None] = _computed_stages(stages)
+            results: list[xr.Dataset | None] = _computed_stages(stages, tell)
         except Exception:  # noqa: BLE001 - of any stage: the others are computed by themselves, what was marched is remembered
             results = []
             for (name, key), stage in zip(places, stages, strict=True):
                 try:
-                    results += _computed_stages([stage])
+                    results += _computed_stages([stage], tell)
                 except Exception as error:  # noqa: BLE001 - as above
                     results.append(None)
                     faults[" ".join(filter(None, (name, key)))] = str(error) or type(error).__name__
@@ -104,24 +106,36 @@ def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[st
     return whole, faults
 
 
-def _computed_stages(records: Sequence[xr.Dataset]) -> list[xr.Dataset | None]:
+def _computed_stages(records: Sequence[xr.Dataset], tell: Tell | None) -> list[xr.Dataset | None]:
     """Compute stages in one graph; a run in chunks of a file stays as it is, to be drawn and written chunk by chunk."""
     wanted = [record for record in records if EVIDENCE in record.attrs or is_unmarched(record)]
-    results = iter(computed(*wanted))
+    results = iter(computed(*wanted, tell=tell))
     return [next(results) if EVIDENCE in record.attrs or is_unmarched(record) else record for record in records]
 
 
 @contextmanager
-def _progress() -> Iterator[None]:
-    """Show how far a graph is on a terminal, if it takes longer than a second."""
+def _progress() -> Iterator[Tell | None]:
+    """Show how far a graph is on a terminal, if it takes longer than a second; yield what is told of one on a cluster."""
     if "dask" not in sys.modules or not sys.stderr.isatty():
-        yield
+        yield None
         return
-    from dask.diagnostics import progress
+    if connected() is None:
+        from dask.diagnostics import progress
 
-    bar: Any = progress.ProgressBar  # it is not typed
-    with bar(minimum=1.0, out=sys.stderr):
-        yield
+        bar: Any = progress.ProgressBar  # it is not typed
+        with bar(minimum=1.0, out=sys.stderr):
+            yield None
+        return
+    try:
+        yield _bar
+    finally:
+        sys.stderr.write("\r\033[K")
+
+
+def _bar(done: float, _at: float, count: int) -> None:
+    """Draw a bar over the last one; dask's own sees graphs of this process alone."""
+    sys.stderr.write(f"\r\033[K[{'#' * int(WIDTH * done):{WIDTH}}] | {done:.0%} | {count} tasks done")
+    sys.stderr.flush()
 
 
 def _page_of(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> Iterator[str]:

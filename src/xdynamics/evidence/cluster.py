@@ -16,6 +16,7 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.kernels.engine_part import sources
 
 PATIENCE = "10s"  # with a scheduler that does not answer
+RESTARTING = "300s"  # for a killed worker; after 15 s, too few on a busy machine, it would be given up for good
 OFTEN = 0.5  # s between two questions how far a graph is
 ASKED = 10  # times at most, workers that are lost meanwhile
 DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # Ctrl-C of a terminal reaches its workers too
@@ -190,6 +191,7 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
             " with certificates by dask's configuration (distributed.comm.tls)"
         )
     try:
+        import dask.config
         import distributed
     except ImportError:
         raise InputError("a cluster needs dask's distributed: pip install xdynamics[distributed]") from None
@@ -198,10 +200,13 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         settings = {
             "threads_per_worker": 1,
             "dashboard_address": None,
+            # else its pages are at port 8787, and it warns where another cluster has that
+            "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
             "silence_logs": "CRITICAL",
             "preload": [DEAF],
         }
         with (
+            dask.config.set({"distributed.deploy.lost-worker-timeout": RESTARTING}),
             library.LocalCluster(n_workers=workers, **settings) as here,
             library.Client(here) as client,
             reached(client),

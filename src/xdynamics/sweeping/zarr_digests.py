@@ -25,7 +25,7 @@ from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.runtime.files import synced
 from xdynamics.schema import RUN_SEAL
 from xdynamics.sweeping.members import Block
-from xdynamics.sweeping.stored_blocks import said
+from xdynamics.sweeping.stored_blocks import CUT, said
 
 Values = NDArray[Any]
 
@@ -133,7 +133,7 @@ def facts_of(folder: Place) -> dict[str, Any]:
     """
     store, file = store_of(folder), folder / NOTES / DIGESTS
     if store.kind(file) is not None:
-        if store.kind(folder / METADATA) is None:
+        if store.kind(folder / NOTES / CUT) is None:  # else the store may be another program's
             raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
         raise InputError(
             f"'{folder}' holds no sweep: there is no '{NOTES}/{DIGESTS}' in it; name what sweep marched into"
