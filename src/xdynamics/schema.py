@@ -302,14 +302,19 @@ FIXED_STEPS = (
 # of records whose numbers are sums of two floats
 LEFT_OVER = "rest"  # their role
 REST_TIME = Variable(
-    "rest_time", (STEPS,), "f8", SECONDS.text, "what is left of the time beside `time`, to be added to it", LEFT_OVER
+    "rest_time",
+    (STEPS,),
+    "f8",
+    SECONDS.text,
+    "what a float does not hold of the time: it is time + rest_time",
+    LEFT_OVER,
 )
 REST_EVENT_TIME = Variable(
     "rest_event_time",
     (EVENTS,),
     "f8",
     SECONDS.text,
-    "what is left of the time of the event function's zero beside `event_time`, to be added to it",
+    "what a float does not hold of the time of the zero: it is event_time + rest_event_time",
     LEFT_OVER,
 )
 STEP_NUMBER = Variable(

@@ -25,14 +25,15 @@ class Bench:
     """Arrays that a law's programs are called with, each number once for every lane."""
 
     def __init__(self, one: Law, lanes: int, states: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
-        model, layout = one.layout.model, one.layout
+        self.law, model, layout = one, one.layout.model, one.layout
         tables, places = flattened(tables_of(model, UNSCALED))
-        self.at = np.zeros((len(AT), lanes))
+        kinds = 1 + layout.is_doubled  # beside each number what is left of it
+        self.at = np.zeros((kinds * len(AT), lanes))
         self.at[1], self.at[2], self.at[3] = steps, steps, 0.3
         self.y = np.zeros((len(layout.record), lanes))
         self.y[: len(layout.used)] = states
         known = [*constants(model).values(), *(_NO_ENGINE if model.assemblies else ())]
-        self.p = np.repeat(np.array(known)[:, None], lanes, axis=1)
+        self.p = np.repeat(np.array(known * kinds)[:, None], lanes, axis=1)
         self.tables, self.pieces = tables, np.repeat(places[:, None], lanes, axis=1)
         self.pieces[2::3] = 1
         # more than any program fills: the table of contacts is the longest
@@ -41,10 +42,23 @@ class Bench:
             np.zeros((len(layout.used), lanes)),
         )
         self.samples = np.zeros((20 * max(100, layout.sample_width), lanes))
-        self.w = np.zeros((max(1, one.steps.memory + 3 * len(layout.smooth)), lanes))
+        self.w = np.zeros((max(1, kinds * one.steps.memory + 3 * len(layout.smooth)), lanes))
+        if layout.is_doubled:
+            self._set_rests()
         assert len(TABLE) == len(self.arrays()) + 1
         assert WORDS == 3
         self.table = np.array([(one.ctypes.data, one.shape[0], 1) for one in (*self.arrays(), self.z)], np.int64)
+
+    def _set_rests(self) -> None:
+        """Leave less than half a spacing of each time, constant and variable."""
+        random = np.random.default_rng(3)
+        first, numbers = self.law.layout.used.size + self.law.layout.evaluation.size, len(self.p) // 2
+        for array, distance, size in (
+            (self.at, len(AT), 3),
+            (self.y, first, self.law.layout.used.size),
+            (self.p, numbers, numbers),
+        ):
+            array[distance : distance + size] = array[:size] * random.uniform(-5e-17, 5e-17, array[:size].shape)
 
     def arrays(self) -> list[NDArray[np.float64]]:
         """In the order of a program's pointers."""

@@ -8,8 +8,12 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+import xarray as xr
 
 import xdynamics as xd
+from cases.command_line import call
+from xdynamics.archive import segments
+from xdynamics.archive.signatures import new_key
 from xdynamics.elementary.piecewise import POLYNOMIALS
 from xdynamics.faults import InputError
 from xdynamics.kernels.double_double import PIECES
@@ -20,6 +24,10 @@ SERIES: dict[str, Any] = {"method": "taylor", "order": 30, "step": "0.1 s"}
 # of x' = 10 (y - x), y' = 28 x - x z - y, z' = x y - 8/3 z from (1, 0, 0) at t = 40: what series of order 40 with steps of
 # 0.02 and 60 digits, and of order 50 with steps of 0.025 and 70 digits, agree on
 LORENZ_AT_40 = ("-0.1947314224187369656", "0.1811029909705402862", "17.23446569130643076")
+
+
+class PowerCut(Exception):
+    """Ends a run as nothing that it expects."""
 
 
 def swing(**more: Any) -> xd.Model:
@@ -139,6 +147,58 @@ def test_what_reads_a_run_reads_it(tmp_path: Path) -> None:
     xd.save(run, tmp_path / "run.nc")
     assert xd.verify(tmp_path / "run.nc")
     assert xd.open_run(tmp_path / "run.nc").attrs["precision"].startswith("double_double")
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that what was kept of a run that broke off, behind a node, leads to the same digits."""
+
+    def cut(_done: float, t: float, _rows: int) -> None:
+        if t > 1.0:
+            raise PowerCut
+
+    monkeypatch.setattr(segments, "EVERY", 0.0)
+    monkeypatch.setattr(segments, "SHARE", 0.0)
+    monkeypatch.setattr(segments.Segments, "patience", float("inf"))
+    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 100)
+    asked: dict[str, Any] = {"method": "rk4", "step": "3 ms", "until": "1.7 s", "nodes": ["0.7 s"]} | LONG
+    with pytest.raises(PowerCut):
+        xd.simulate(swing(), **asked, path=tmp_path / "run.nc", progress=cut)
+    assert sorted(segments.folder_of(tmp_path / "run.nc").glob("*"))
+    run = xd.simulate(swing(), **asked, path=tmp_path / "run.nc", resume=True)
+    whole = xd.simulate(swing(), **asked)
+    assert xd.content_digest(run) == xd.content_digest(whole)
+    assert run.rest_x.values.tobytes() == whole.rest_x.values.tobytes()
+
+
+def test_a_signature_is_of_the_rests_too(tmp_path: Path) -> None:
+    """Assert that a signed archive is verified, and another whose rests alone differ is not."""
+    for name, more in (("run", ""), ("other", "000000000000000001")):
+        start = {"x": f"7.100{more} mm"}
+        xd.save(xd.simulate(swing().replace(initial=start), until="0.2 s", **SERIES, **LONG), tmp_path / f"{name}.nc")
+    run, other = (xd.open_run(tmp_path / f"{name}.nc").load() for name in ("run", "other"))
+    assert np.array_equal(run.x, other.x)
+    assert not np.array_equal(run.rest_x, other.rest_x)
+    new_key(tmp_path / "key.pem")
+    xd.sign(tmp_path / "run.nc", tmp_path / "key.pem")
+    xd.verify_signature(tmp_path / "run.nc", tmp_path / "key.public.pem")
+    (tmp_path / "other.nc.sig").write_bytes((tmp_path / "run.nc.sig").read_bytes())
+    with pytest.raises(xd.ArchiveError, match="is not what was signed"):
+        xd.verify_signature(tmp_path / "other.nc", tmp_path / "key.public.pem")
+
+
+def test_a_stranger_is_told(tmp_path: Path) -> None:
+    """Assert that summaries, comparisons and variables of archives say what rests are, to xarray alone as well."""
+    run, twin = (xd.simulate(swing(), until="0.2 s", **SERIES, **more) for more in ({}, LONG))
+    xd.save(run, tmp_path / "run.nc")
+    xd.save(twin, tmp_path / "twin.nc")
+    assert "\nnumbers   of 31 digits, x + rest_x: " in call("show", tmp_path / "twin.nc").output
+    assert "31 digits" not in call("show", tmp_path / "run.nc").output
+    compared = call("compare", tmp_path / "run.nc", tmp_path / "twin.nc").output
+    assert "\nrounding  the differences are the rounding error of the first run: " in compared
+    with xr.open_dataset(tmp_path / "twin.nc") as archive:
+        assert archive.rest_x.attrs["long_name"] == "what a float does not hold of x: the number is x + rest_x"
+        assert archive.rest_x.attrs["units"] == "mm"
+        assert archive.rest_time.attrs["units"] == "s"
 
 
 def test_the_twin_shows_rounding() -> None:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from xdynamics.methods import Method
 
 MORE = (
-    "`xdynamics methods NAME` describes one: its equations, where they stand in the literature, how long a step may be."
+    "`xdynamics methods NAME` describes one: its equations, where they stand in the literature, how long a step may be.",
+    "With --precision double_double those that are not implicit compute with 31 digits: `xdynamics help precision`.",
 )
 
 
@@ -167,7 +168,7 @@ def methods(name: str | None) -> None:
     from xdynamics.methods import METHODS, unknown_method
 
     if name is None:
-        say([*repr(METHODS).splitlines(), MORE])
+        say([*repr(METHODS).splitlines(), *MORE])
         hand_over({"kind": "methods", "methods": {each.name: _data_of(each) for each in METHODS.values()}})
     elif name in METHODS:
         say(page_of(METHODS[name]))
@@ -193,6 +194,7 @@ def page_of(method: Method) -> Iterable[str]:
         f" {method.interpolant.order}"
     )
     yield f"    stable    {', '.join(_limits(method))}"
+    yield f"    digits    {'16' if method.solves else '16; 31 with precision = double_double, see `xdynamics help precision`'}"
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
     yield f"    also      {', '.join(method.synonyms) or 'no other name'}"
     yield f"    source    {method.reference}"

@@ -11,6 +11,7 @@ from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.manual_pages import EVIDENCE_PAGE, GRIDS_PAGE, MARCHING_PAGE, RUNS_PAGE
+from xdynamics.documenting.precision_page import PRECISION_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.documenting.words_page import words_page
 from xdynamics.expressions.tree import FUNCTIONS
@@ -41,6 +42,12 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("force_<term>_x", "step", "every force term, by coordinate"),
     ("fuel, rate_fuel", "step", "every first-order state and its rate"),
     ("<observable>", "step", "every declared observable, kinetic_energy, potential_energy, total_energy"),
+    (
+        "rest_x, rest_v_x, rest_fuel, rest_time",
+        "step",
+        "with 31 digits: what the float does not hold (`help precision`)",
+    ),
+    ("rest_event_time", "event", "the same of the time of an event"),
     ("error_norm, error_x, error_v_x", "step", "estimated local errors, where the method makes them"),
     ("contact_gap_<name>, contact_force_<name>, contact_state_<name>", "step", "of every contact"),
     ("friction_force_<name>, friction_state_<name>", "step", "of every friction"),
@@ -63,6 +70,7 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
     "record": "Every dimension and variable of a run.",
     "runs": "Runs and their files: writing, editing, going on after a kill, signing, exit codes.",
     "marching": "Steps, events, switches, contacts: how a march finds them, and its limits.",
+    "precision": "Numbers of 31 digits: what is stored, what they cost, the rounding of a run.",
     "evidence": "What a number is worth: refinement, budgets, comparison, validation, certificates.",
     "grids": "Many runs: sweeps over parameters, starts, methods; bifurcation diagrams.",
     "words": "Names that do not explain themselves, and every verdict.",
@@ -277,6 +285,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "record": _record,
         "runs": RUNS_PAGE.splitlines,
         "marching": MARCHING_PAGE.splitlines,
+        "precision": PRECISION_PAGE.splitlines,
         "evidence": EVIDENCE_PAGE.splitlines,
         "grids": GRIDS_PAGE.splitlines,
         "words": words_page,

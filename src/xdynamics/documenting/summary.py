@@ -12,7 +12,9 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
+from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.record import of_elements
+from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.partial_records import (
     ended,
@@ -66,6 +68,7 @@ def summary(run: xr.Dataset) -> list[str]:
         attributes["title"],
         *_ended("outcome", attributes),
         f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_steps(run)}",
+        *_digits(attributes),
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
@@ -94,6 +97,12 @@ def _at_rest(attributes: Mapping[Any, Any]) -> Iterator[str]:
     if AT_REST in attributes:
         names = ", ".join(str(attributes[AT_REST]).split())
         yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
+
+
+def _digits(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """Say where the other half of numbers is, if they are sums of two floats."""
+    if precision_of(attributes) == DOUBLE_DOUBLE:
+        yield "numbers   of 31 digits, x + rest_x: `xdynamics help precision`"
 
 
 def _pace(attributes: Mapping[Any, Any]) -> Iterator[str]:

@@ -176,7 +176,7 @@ class Inside:
             if self.layout.is_doubled:
                 left = {
                     "units": described["units"],
-                    "long_name": f"what is left of {name}, to be added to it",
+                    "long_name": f"what a float does not hold of {name}: the number is {name} + {schema.rest(name)}",
                     "role": LEFT_OVER,
                 }
                 variables[schema.rest(name)] = xr.Variable((AT,), numbers[2 * len(self._descriptions) + i], left)

@@ -30,5 +30,5 @@ def rest_column(about: About, own: Quantity, rest: Quantity) -> Column:
         rests: Array = add(product, DoubleDouble(-times(numbers[0], factor), 0.0 * numbers[0])).high
         return rests
 
-    long_name = f"what is left of {own.name} beside the nearest float, to be added to it"
+    long_name = f"what a float does not hold of {own.name}: the number is {own.name} + {rest.name}"
     return Column(Variable(rest.name, (STEPS, *own.dims), "f8", unit.text, long_name, schema.LEFT_OVER), left)

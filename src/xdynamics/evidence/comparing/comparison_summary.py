@@ -17,7 +17,18 @@ from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
 
 ROLE = "difference"
-TOLD = ("identical", "first_difference", "model", "parameters", "initial", "events", "settings", "cause", "parted")
+TOLD = (
+    "identical",
+    "first_difference",
+    "model",
+    "parameters",
+    "initial",
+    "events",
+    "settings",
+    "cause",
+    "parted",
+    "rounding",
+)
 
 
 def lines_of(table: xr.Dataset) -> list[str]:
@@ -35,6 +46,7 @@ def lines_of(table: xr.Dataset) -> list[str]:
     lines += [f"setting   {line}" for line in independent(str(told["settings"] or "").splitlines())]
     lines += [f"cause     {told['cause']}", f"times     {int(table[AT_TIME].count())} at which both are known"]
     lines.append(f"parted    {told['parted'] or 'nowhere by more than interpolation can be off'}")
+    lines += [f"rounding  {told['rounding']}"] if told["rounding"] else []
     return [*lines, *_largest(table)]
 
 
