@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.expressions.tree import Name
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
@@ -31,11 +33,14 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 POSITIONS = ("coordinate", "state")  # roles
+AXES = ("x", "y", "z")
 UPRIGHT = ("y", "z", "h", "height")  # coordinates that are drawn upright where they are alone
+_STEM = re.compile(r"([a-z]+?)_?(\d+|(?<=_)[a-z]\w*)", re.IGNORECASE | re.ASCII)  # `x` and `2`, `y` and `bob`
 SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
+SLENDER = 2.0  # ratio of the sides, from which on few numbers fit below
 GREY = "#555555"  # of what stands for all bodies
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
@@ -56,6 +61,8 @@ class BodyPath:
         Which of several it is.
     up_units : str
         Of the axis up, in a plane of unlike quantities.
+    names : pair of str
+        The coordinates that the axes are, as the run's elements are called; empty where an axis is none.
     """
 
     across: str
@@ -66,11 +73,17 @@ class BodyPath:
     y: Floats
     body: str = ""
     up_units: str = ""
+    names: tuple[str, str] = ("", "")
 
     @property
     def is_space(self) -> bool:
         """Whether both axes are lengths, so that one scale suits both."""
         return not self.up_units and _is_length(self.units)
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the body never moves: an anchor, a wall."""
+        return bool(np.ptp(self.x) == 0.0 and np.ptp(self.y) == 0.0)
 
 
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
@@ -87,11 +100,11 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
             groups.setdefault(units, []).append(str(name))
     pairs = []
     for units, names in groups.items():
-        if 2 <= len(names) <= SEEN:
+        if 2 <= len(names) <= SEEN and not of_one_kind(names):
             for across, up in combinations(names, 2):
                 (times, x), (_, y) = _line(run, across), _line(run, up)
                 if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
-                    pairs.append([BodyPath(across, up, units, times, x, y)])
+                    pairs.append([BodyPath(across, up, units, times, x, y, names=(across, up))])
     return pairs
 
 
@@ -115,16 +128,38 @@ def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
     ]
 
 
+def of_one_kind(names: list[str]) -> bool:
+    """Tell whether coordinates are one and the same of several bodies, and no axes: `x1` and `x2`, `x_left` and `x_right`.
+
+    Examples
+    --------
+    >>> of_one_kind(["x1", "x2"]), of_one_kind(["y_cart", "y_bob"]), of_one_kind(["r_x", "r_y"]), of_one_kind(["x", "y"])
+    (True, True, False, False)
+    """
+    found = [_STEM.fullmatch(name) for name in names]
+    stems = {match[1] for match in found if match}
+    axes = {match[2] for match in found if match} <= {*AXES}
+    return all(found) and len(stems) == 1 and not axes
+
+
 def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
-    """Return the view of a motion with a single coordinate that is a length: upright if it is called like a height."""
+    """Return the view of bodies on one line, each with a single coordinate that is a length: upright if called like a height."""
     names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
-    if len(names) != 1 or run[names[0]].dims != ("step",) or not _is_length(units := str(run[names[0]].attrs["units"])):
+    units = {str(run[name].attrs["units"]) for name in names if run[name].dims == ("step",)}
+    if len(units) != 1 or any(run[name].dims != ("step",) for name in names) or not _is_length(unit := units.pop()):
         return []
-    times, values = _line(run, names[0])
-    zero = np.zeros(times.size)
-    if names[0] in UPRIGHT:
-        return [[BodyPath("", names[0], units, times, zero, values)]]
-    return [[BodyPath(names[0], "", units, times, values, zero)]]
+    if len(names) > 1 and not of_one_kind(names):
+        return []
+    times, lines = _lines(run, names)
+    zero, view, several = np.zeros(times.size), [], len(names) > 1
+    axis = _STEM.fullmatch(names[0])[1] if several else names[0]  # type: ignore[index]
+    for name, values in zip(names, lines, strict=True):
+        body = name if several else ""
+        if axis in UPRIGHT:
+            view.append(BodyPath("", axis, unit, times, zero, values, body, names=("", name)))
+        else:
+            view.append(BodyPath(axis, "", unit, times, values, zero, body, names=(name, "")))
+    return [view]
 
 
 def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
@@ -139,14 +174,14 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
             across, up = (f"{name}[{axis.label(number)}]" for number in (i, j))
             view = []
             for place in shapes.places(dims[:-1]):
-                ends = [shapes.element(name, {**place, dims[-1]: number}) for number in (i, j)]
+                ends = shapes.element(name, {**place, dims[-1]: i}), shapes.element(name, {**place, dims[-1]: j})
                 if any(end not in run for end in ends):
                     return []
                 (times, x), (_, y) = (_line(run, end) for end in ends)
                 labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
-                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels))
-            largest = [max(np.ptp(path.x) for path in view), max(np.ptp(path.y) for path in view)]
-            if min(largest) > THIN * max(largest):
+                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels, names=ends))
+            sides = _sides(view)
+            if min(sides) > THIN * max(sides):
                 pairs.append(view)
     return pairs
 
@@ -173,8 +208,10 @@ def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
 def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
     """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
     every, view = view, view[:MOST_BODIES]
-    for k, body in enumerate(view):
-        colour = COLOURS[k % len(COLOURS)]
+    for body, colour in zip(view, colours_of(view), strict=True):
+        if body.is_fixed:
+            axes.plot(body.x[:1], body.y[:1], "s", color=colour, markersize=4)
+            continue
         x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
         label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
         label = words(beside.own) if beside.own and len(view) == 1 else label
@@ -189,6 +226,8 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         note = ", not to scale"
     elif first.is_space:
         axes.set_aspect("equal", adjustable="box")
+        wide, high = _sides(view)
+        axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
     is_one = all(body.across == first.across and body.up == first.up for body in view)
     across, up = (short(first.across), short(first.up)) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
@@ -197,13 +236,31 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
     axes.set_title(f"{what} (dot: start{note}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
 
 
+def colours_of(view: list[BodyPath]) -> list[str]:
+    """Return a colour for each body, grey for those that never move."""
+    moving = iter(range(len(view)))
+    return [GREY if body.is_fixed else COLOURS[next(moving) % len(COLOURS)] for body in view]
+
+
+def moves_in_lines(view: list[BodyPath]) -> bool:
+    """Whether every body moves across alone, or every one up alone: time shows it better than the plane."""
+    sides = ([body.x for body in view], [body.y for body in view])
+    return view[0].is_space and any(all(np.ptp(line) == 0.0 for line in lines) for lines in sides)
+
+
 def _is_flat(view: list[BodyPath]) -> bool:
     """Whether all paths together are so much longer than wide that nothing would be seen at one scale."""
-    sides = [
-        max(values.max() for values in lines) - min(values.min() for values in lines)
-        for lines in ([path.x for path in view], [path.y for path in view])
-    ]
+    sides = _sides(view)
     return bool(max(sides) > 0.0 and max(sides) > FLATTEST * min(sides))
+
+
+def _sides(view: list[BodyPath]) -> tuple[float, float]:
+    """Return how wide and how high all paths together are."""
+    x, y = (
+        np.array([[line.min(), line.max()] for line in lines])
+        for lines in ([path.x for path in view], [path.y for path in view])
+    )
+    return float(np.ptp(x)), float(np.ptp(y))
 
 
 def left_out(view: list[BodyPath]) -> str:
@@ -251,7 +308,7 @@ def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
             own = {*body.body.split(", ")}
             events = [event for event in kind.drawn if not concerned[event] or concerned[event] & own]
             at = times[events] if events else times[:0]
-            inside = at[(at >= body.times[0]) & (at <= body.times[-1])]
+            inside = at[(at >= body.times[0]) & (at <= body.times[-1]) & (not body.is_fixed)]
             axes.plot(
                 np.interp(inside, body.times, body.x),
                 np.interp(inside, body.times, body.y),
@@ -293,10 +350,14 @@ def _named(run: xr.Dataset, model: Model) -> list[BodyPath]:
     times, lines = _lines(run, names)
     bodies = []
     places = positions(model, times, dict(zip(names, lines, strict=True)))
-    for pair, (x, y) in zip(model.pictured.plane, places, strict=True):
+    called = model.pictured.bodies if len(model.pictured.bodies) == len(places) else ("",) * len(places)
+    for pair, (x, y), body in zip(model.pictured.plane, places, called, strict=True):
         across, up = (spell(dimension_of(model.expanded(each), model.dimensions)).text for each in pair)
         other = up if up != across else ""
-        bodies.append(BodyPath(text_of(pair[0]), text_of(pair[1]), across, times, x, y, up_units=other))
+        own = [part.name if isinstance(part, Name) and part.name in model.coordinates else "" for part in pair]
+        bodies.append(
+            BodyPath(text_of(pair[0]), text_of(pair[1]), across, times, x, y, body, other, names=(own[0], own[1]))
+        )
     return bodies
 
 

@@ -166,7 +166,7 @@ def _panels(
     run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None = None, transient: Transient | None = None
 ) -> Iterator[Keyed]:
     """Yield every panel, in reading order."""
-    views = plane.views(run)
+    views = [view for view in plane.views(run) if not plane.moves_in_lines(view)]
     for view in views:
         yield "plane", [], partial(plane.draw, run, view, beside)
     for seen in space.spaces(views):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.figures.boundaries import Boundary, boundaries, radii_of
 from xdynamics.figures.lattice import profiled, shapes_of
 from xdynamics.figures.marks import COLOURS, typeset, words
-from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, drawn_links, left_out, short, views
-from xdynamics.figures.scenery import Boundary, Fastening, boundaries, fastenings
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, colours_of, drawn_links, left_out, short, views
+from xdynamics.figures.scenery import Fastening, fastenings
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,7 +51,8 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     """Return the scene of a run's plane, or of its first quantity along a dimension; None if it has neither."""
     if (shown := views(run) or along_a_line(run)) and shown[0]:
         view = shown[0]
-        return Bodies(view, drawn_links(run), trail, fastenings(run, view), boundaries(run, view))
+        radii = radii_of(run, view)
+        return Bodies(view, drawn_links(run), trail, fastenings(run, view), boundaries(run, view, radii), radii)
     if shown:
         return None
     for name, dim, elements in profiled(run, shapes_of(run)):
@@ -74,6 +76,8 @@ class Bodies:
         Rods, springs and threads that the model names.
     boundaries : list of Boundary
         Walls and floors, where gaps are zero.
+    radii : ndarray, shape (bodies,)
+        Of discs, in the axes' unit; empty where bodies are dots.
     """
 
     view: list[BodyPath]
@@ -81,6 +85,7 @@ class Bodies:
     trail: float | None = None
     fastenings: Sequence[Fastening] = ()
     boundaries: Sequence[Boundary] = ()
+    radii: Floats = field(default_factory=lambda: np.zeros(0))
     _dots: Any = None
     _trails: Any = None
     _lines: Any = None
@@ -108,7 +113,8 @@ class Bodies:
         ends = ends.reshape(-1, 2, 2)
         if any((part.ends < 0).any() for part in self.fastenings):  # to the origin
             ends = np.concatenate([ends, np.zeros((1, 2, 2))])
-        low, high = ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)
+        beyond = float(self.radii.max(initial=0.0))
+        low, high = ends[..., 0].min(axis=0) - beyond, ends[..., 1].max(axis=0) + beyond
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
         half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
         return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
@@ -124,7 +130,7 @@ class Bodies:
         labels = (short(first.across) or "across", short(first.up) or "up") if is_one else ("across", "up")
         axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
         axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
-        shown, colours = view[:MOST_BODIES], [COLOURS[k % len(COLOURS)] for k in range(len(view))]
+        shown, colours = view[:MOST_BODIES], colours_of(view)
         self.links = self.links[(self.links < len(shown)).all(axis=-1)]
         self._lines = axes.add_collection(LineCollection([], colors="0.5", linewidths=1.5), autolim=False)
         few = len(shown) <= MOST_TRAILS
@@ -134,9 +140,23 @@ class Bodies:
             fastening.start(axes, self._limits)
         for boundary in self.boundaries:
             boundary.start(axes, self._limits)
-        none = np.full(len(shown), np.nan)
-        self._dots = axes.scatter(none, none, s=64.0 if few else 16.0, c=colours[: len(shown)], zorder=3)
+        self._dots = self._bodies(axes, colours[: len(shown)])
         return left_out(view)
+
+    def _bodies(self, axes: Axes, colours: list[str]) -> Any:
+        """Prepare the bodies: discs as large as they are, or dots."""
+        from matplotlib.collections import EllipseCollection
+
+        none = np.full((len(colours), 2), np.nan)
+        if not self.radii.size:
+            area = 64.0 if len(colours) <= MOST_TRAILS else 16.0
+            return axes.scatter(none[:, 0], none[:, 1], s=area, c=colours, zorder=3)
+        size = 2.0 * self.radii[: len(colours)]
+        style: dict[str, Any] = {"facecolors": colours, "edgecolors": "none", "zorder": 3}
+        discs = EllipseCollection(
+            size, size, np.zeros(len(size)), units="xy", offsets=none, offset_transform=axes.transData, **style
+        )
+        return axes.add_collection(discs, autolim=False)
 
     def at(self, now: float) -> list[Any]:
         """Put dots, links and trails where they are."""

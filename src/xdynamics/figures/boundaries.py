@@ -1,0 +1,219 @@
+"""Where the gaps of a film's contacts close: floors and walls that bodies meet, and the discs that meet each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.expressions import Node, free_names
+from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.expressions.tree import Name
+from xdynamics.figures.plane import MOST_BODIES, BodyPath
+from xdynamics.model import Model
+from xdynamics.model.motion import constants
+from xdynamics.shapes.trees import at
+from xdynamics.units import parse_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+GRID = 160  # points along each side, among which a gap's zero is looked for
+GROUND = "0.6"
+PLACE = "place"  # across or up, where it is an expression
+LIKE = 9  # digits in which two gaps agree that are of one wall
+PROBES = np.array([[0.0, 1.0, 0.0, 0.3, -0.7], [0.0, 0.0, 1.0, 0.9, 0.4]])  # of a view's longer side
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The gap of a contact as a function of where one body, or two, are.
+
+    Attributes
+    ----------
+    tree : Node
+    names : tuple of pairs of str
+        The coordinates across and up of each body, empty where an axis has none.
+    known : mapping of str to float
+        Parameters and constants, in SI units.
+    factor, clock : float
+        The units of the axes and of recorded times, in SI units.
+    """
+
+    tree: Node
+    names: tuple[tuple[str, str], ...]
+    known: Mapping[str, float]
+    factor: float
+    clock: float
+
+    def at(self, places: Floats, now: float) -> Floats:
+        """Return the gap in the axes' unit where the bodies are at `places`, shape (bodies, 2, n)."""
+        values: dict[str, Any] = {**self.known, "t": np.float64(now * self.clock)}
+        for pair, place in zip(self.names, places, strict=True):
+            values |= {name: self.factor * axis for name, axis in zip(pair, place, strict=True) if name}
+        found: Floats = np.broadcast_to(evaluate_many(self.tree, values), places.shape[-1]) / self.factor
+        return found
+
+
+@dataclass
+class Boundary:
+    """A floor or wall: where a contact's gap is zero in the plane, a radius beyond the middle of what meets it.
+
+    Attributes
+    ----------
+    gap : Gap
+        Of one body.
+    radius : float
+        Of the body, in the axes' unit.
+    """
+
+    gap: Gap
+    radius: float = 0.0
+    _grid: Any = None
+    _line: Any = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the gap depends on time."""
+        return "t" in free_names(self.gap.tree)
+
+    def start(self, axes: Axes, limits: Floats) -> None:
+        """Draw what stands still, with the forbidden side shaded; prepare what moves."""
+        from matplotlib.collections import LineCollection
+
+        self._grid = np.meshgrid(*(np.linspace(low, high, GRID) for low, high in limits))
+        if self.moves:
+            self._line = axes.add_collection(LineCollection([], colors=GROUND, linewidths=2.0), autolim=False)
+            return
+        gaps = self._gaps(0.0)
+        if gaps.min() < 0.0 < gaps.max():
+            axes.contourf(*self._grid, gaps, levels=[-np.inf, 0.0], colors=[GROUND], alpha=0.25)
+            axes.contour(*self._grid, gaps, levels=[0.0], colors=[GROUND], linewidths=2.0)
+
+    def _gaps(self, now: float) -> Floats:
+        """Return how far the wall is from each point of the grid, shape (n, n)."""
+        across, up = self._grid
+        found: Floats = self.gap.at(np.stack([across.ravel(), up.ravel()])[None], now) + self.radius
+        return found.reshape(across.shape)
+
+    def at(self, now: float) -> Any:
+        """Put the line to where the gap is zero at a time."""
+        from contourpy import contour_generator
+
+        across, up = self._grid
+        self._line.set_segments(contour_generator(x=across, y=up, z=self._gaps(now)).lines(0.0))
+        return self._line
+
+
+def boundaries(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Boundary]:
+    """Return where gaps of contacts close that read no more than where one body is.
+
+    What many bodies meet in the same way is one wall; of bodies without radii that of the one that comes nearest.
+    """
+    if "model_toml" not in run or not view[0].is_space:
+        return []
+    model, found = model_of(run, None), dict[Any, tuple[float, Boundary]]()
+    known, factor, clock = _units_of(model, view)
+    span = max(float(np.ptp(path.x)) + float(np.ptp(path.y)) for path in view) or 1.0
+    for contact, tree, names, radius in _of_single_bodies(model, view, radii):
+        gap = Gap(tree, (names,), known, factor, clock)
+        values = gap.at(span * PROBES[None], float(view[0].times[0])) + radius
+        key = (contact, *np.round((values - values[0]) / span, LIKE).tolist())
+        if key not in found or values[0] > found[key][0]:
+            found[key] = (float(values[0]), Boundary(gap, radius))
+    walls = {(*key[1:], round(value / span, LIKE)): wall for key, (value, wall) in found.items()}
+    return [*walls.values()]
+
+
+def _of_single_bodies(
+    model: Model, view: list[BodyPath], radii: Floats
+) -> Iterator[tuple[str, Node, tuple[str, str], float]]:
+    """Yield gaps that read no more than where one body is, with its coordinates and its radius."""
+    owner = {name: k for k, path in enumerate(view[:MOST_BODIES]) for name in path.names if name}
+    shown, known = dict(_places(model, len(view))), constants(model).keys()
+    for contact, tree in _gaps(model):
+        if tree in shown:
+            yield contact, Name(PLACE), shown[tree], 0.0
+            continue
+        read = free_names(tree) - known - {"t"}
+        if read and read <= owner.keys() and len(bodies := {owner[name] for name in read}) == 1:
+            body = bodies.pop()
+            yield contact, tree, view[body].names, float(radii[body]) if radii.size else 0.0
+
+
+def _places(model: Model, count: int) -> Iterator[tuple[Node, tuple[str, str]]]:
+    """Yield what a model's plane shows beside plain coordinates, and on which of the axes: a gap may be the same."""
+    for pair in model.pictured.plane[:count]:
+        yield model.expanded(pair[0]), (PLACE, "")
+        yield model.expanded(pair[1]), ("", PLACE)
+
+
+def _units_of(model: Model, view: list[BodyPath]) -> tuple[Mapping[str, float], float, float]:
+    return constants(model), float(parse_unit(view[0].units).factor), float(model.time_unit.factor)
+
+
+def _gaps(model: Model) -> Iterator[tuple[str, Node]]:
+    """Yield the gaps of contacts, those of many bodies for each body; not of links between bodies."""
+    for name, contact in model.shaped.contacts.items():
+        dims = model.shapes.dims.get(name, ())
+        if isinstance(contact.gap, Node) and not {*dims} & model.shapes.relations.keys():
+            for place in model.shapes.places(dims):
+                yield name, model.expanded(at(contact.gap, place, model.shapes))
+
+
+def radii_of(run: xr.Dataset, view: list[BodyPath]) -> Floats:
+    """Return the radii of bodies that meet each other as discs, shape (bodies,), in the axes' unit; empty if they do not.
+
+    Where two bodies are at a distance d, their gap is d less both radii; three pairs tell the first one's.
+    """
+    none, count = np.zeros(0), len(view)
+    if "model_toml" not in run or not view[0].is_space or count < 2 or not all(path.names[0] for path in view):
+        return none
+    model = model_of(run, None)
+    wanted = {(0, body) for body in range(1, count)} | ({(1, 2)} if count > 2 else set())
+    known, factor, clock = _units_of(model, view)
+    sums = dict[tuple[int, int], float]()
+    for pair, tree in _gaps_between(model, view, wanted):
+        names = tuple(view[body].names for body in pair)
+        if free_names(tree) - known.keys() != {name for both in names for name in both}:
+            return none
+        gap = Gap(tree, names, known, factor, clock)
+        apart = np.array([[[0.0, 0.0, 0.0]] * 2, [[1.0, 2.0, 0.0], [0.0, 0.0, 3.0]]]) * float(np.ptp(view[0].x) or 1.0)
+        both = np.hypot(*apart[1]) - gap.at(apart, float(view[0].times[0]))
+        if not np.allclose(both, both[0], rtol=1e-9) or both[0] <= 0.0:
+            return none
+        sums[pair] = float(both[0])
+    if sums.keys() != wanted:
+        return none
+    first = sums[0, 1] / 2.0 if count == 2 else (sums[0, 1] + sums[0, 2] - sums[1, 2]) / 2.0
+    radii = np.array([first, *(sums[0, body] - first for body in range(1, count))])
+    return radii if (radii > 0.0).all() else none
+
+
+def _gaps_between(
+    model: Model, view: list[BodyPath], wanted: set[tuple[int, int]]
+) -> Iterator[tuple[tuple[int, int], Node]]:
+    """Yield gaps between two bodies of a view, for the wanted pairs of them."""
+    owner = {name: k for k, path in enumerate(view) for name in path.names}
+    for name, contact in model.shaped.contacts.items():
+        if not isinstance(contact.gap, Node):
+            continue
+        if not (dims := model.shapes.dims.get(name, ())):
+            tree = model.expanded(contact.gap)
+            bodies = sorted({owner[read] for read in free_names(tree) if read in owner})
+            if tuple(bodies) in wanted:
+                yield (bodies[0], bodies[1]), tree
+        elif len(dims) == 1 and dims[0] in model.shapes.relations:
+            relation = model.shapes.relations[dims[0]]
+            if relation.source != relation.target or model.shapes.extent(relation.source).size != len(view):
+                continue
+            for link, pair in enumerate(zip(relation.first.tolist(), relation.second.tolist(), strict=True)):
+                if pair in wanted:
+                    yield pair, model.expanded(at(contact.gap, {dims[0]: link}, model.shapes))

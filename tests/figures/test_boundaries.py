@@ -1,0 +1,108 @@
+"""Walls, floors and discs of films, as the gaps of contacts have them, and bodies that share one line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import xdynamics as xd
+from cases.problems import MODELS
+from xdynamics.figures.scenes import Bodies, scene_of
+from xdynamics.record import unfold
+
+
+def filmed(name: str, **asked: Any) -> Bodies:
+    """The scene of a model of data/models."""
+    scene = scene_of(unfold(xd.simulate(xd.Model.from_toml(MODELS / f"{name}.toml"), **asked)), None)
+    assert isinstance(scene, Bodies)
+    return scene
+
+
+def lines_of(scene: Bodies) -> list[np.ndarray]:
+    """The corners of what a scene draws where gaps close."""
+    axes = Figure(figsize=scene.size).subplots()
+    scene.start(axes)
+    contours = [item for item in axes.collections if type(item).__name__ == "QuadContourSet" and not item.filled]
+    return [path.vertices for item in contours for path in item.get_paths() if len(path.vertices)]
+
+
+def test_discs_have_their_radii_and_the_box_its_walls() -> None:
+    """Assert that pairs of gaps tell three radii, and that discs of two sizes meet the same four walls, from 0 to 1 by 0.8 m."""
+    scene = filmed("balls_in_box", until="20 ms")
+    assert scene.radii == pytest.approx([0.1, 0.15, 0.1], rel=1e-12)
+    walls = []
+    for wall in scene.boundaries:
+        at_corner, across, up = wall.gap.at(np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]), 0.0) + wall.radius
+        walls.append((across - at_corner, up - at_corner, at_corner))
+    assert np.array(sorted(walls)) == pytest.approx(
+        np.array([(-1.0, 0.0, 1.0), (0.0, -1.0, 0.8), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)]), abs=1e-12
+    )
+
+
+def test_two_corners_meet_one_floor() -> None:
+    """Assert that the gaps of a block's corners, which its figure shows as heights, are one floor at 0; and its four edges."""
+    scene = filmed("rocking_block", until="10 ms")
+    (floor,) = lines_of(scene)
+    assert floor[:, 1] == pytest.approx(np.zeros(len(floor)), abs=1e-12)
+    assert [len(part.ends) for part in scene.fastenings] == [4]
+
+
+def test_two_masses_move_on_one_line() -> None:
+    """Assert four bodies of which the walls stand, three springs, no plane among the panels; and that x1, x2 are not a plane."""
+    model = xd.Model.from_toml(MODELS / "coupled_masses.toml")
+    run = xd.simulate(model, until="1 s")
+    scene = scene_of(run, None)
+    assert isinstance(scene, Bodies)
+    assert [body.is_fixed for body in scene.view] == [True, False, False, True]
+    assert [len(part.ends) for part in scene.fastenings] == [3]
+    assert not any("plane" in axes.get_title(loc="left") for axes in xd.plot(run).axes)
+    text = (MODELS / "coupled_masses.toml").read_text()
+    bare = xd.Model.from_text(text[: text.index("[figure]")] + text[text.index("[run]") :])
+    plain = scene_of(xd.simulate(bare, until="1 s"), None)
+    assert isinstance(plain, Bodies)
+    assert [(body.across, body.body, float(np.ptp(body.y))) for body in plain.view] == [("x", "x1", 0), ("x", "x2", 0)]
+
+
+def pair_of_balls(gap: str) -> xr.Dataset:
+    """Two balls with coordinates of their own, under a floor each that is one."""
+    names = ("x_a", "y_a", "x_b", "y_b")
+    return xd.simulate(
+        xd.Model(
+            name="pair",
+            coordinates=dict.fromkeys(names, "cm"),
+            parameters={"r": "2 cm", "w": "1 m"},
+            mass=dict.fromkeys(names, "1*kilogram"),
+            initial=dict(zip(names, ("0 cm", "30 cm", "10 cm", "50 cm"), strict=True)) | {"v_x_a": "5 cm s-1"},
+            contacts={
+                "floor_a": {"gap": "y_a - r", "restitution": 1.0},
+                "floor_b": {"gap": "y_b - r", "restitution": 1.0},
+                "drum": {"gap": "w - r - hypot(x_a, y_a)", "restitution": 1.0},
+                "balls": {"gap": gap, "restitution": 1.0},
+            },
+            figure={"plane": [["x_a", "y_a"], ["x_b", "y_b"]]},
+        ),
+        method="rk4",
+        step="10 ms",
+        until="0.1 s",
+    )
+
+
+@pytest.mark.parametrize(
+    ("gap", "radii", "floor"),
+    [("hypot(x_b - x_a, y_b - y_a) - 2*r", [0.02, 0.02], 0.0), ("hypot(x_b - x_a, y_b - y_a)**2/w - r", [], 0.02)],
+)
+def test_two_balls_of_a_model_in_centimetres(gap: str, radii: list[float], floor: float) -> None:
+    """Assert discs of 2 cm on a floor at 0 within a drum of 1 m; and dots where a gap is no distance less radii."""
+    scene = scene_of(pair_of_balls(gap), None)
+    assert isinstance(scene, Bodies)
+    assert scene.radii == pytest.approx(radii, rel=1e-9)
+    round_radius = scene.boundaries[-1].radius + float(scene.boundaries[-1].gap.at(np.zeros((1, 2, 1)), 0.0)[0])
+    assert round_radius == pytest.approx(1.0 if radii else 0.98, rel=1e-12)
+    level = [line[:, 1] for line in lines_of(scene) if np.ptp(line[:, 1]) < 1e-9]
+    assert len(level) <= 1
+    assert all(line == pytest.approx(np.full(len(line), floor), abs=1e-9) for line in level)
+    assert len(scene.boundaries) == 2
