@@ -103,6 +103,7 @@ def _intervals(budget: xr.Dataset, axes: Axes) -> None:
     axes.axvline(value, color=COLOURS[0], linewidth=1.0, label="the run's own value")
     axes.set_yticks(range(len(rows)), [*rows], fontsize=8)
     axes.set(xlabel=words(f"{budget.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
+    axes.locator_params(axis="x", nbins=4)  # numbers that differ in their last digits are long
     verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
     axes.set_title(f"{coverage:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
