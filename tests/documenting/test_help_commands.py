@@ -15,13 +15,14 @@ from cases.command_line import call
 from cases.problems import ROOT
 from xdynamics.cli import main
 from xdynamics.cli.examples import EXAMPLES
+from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.guide import topics
 
 LONGEST_PAGE = 12_000  # characters
 PAGES = {name: "\n".join(page()) for name, page in topics().items()}
 PRINTED = [
     found.group(0).strip()
-    for text in PAGES.values()
+    for text in (re.sub(r" \\\n\s+", " ", page) for page in PAGES.values())
     for found in re.finditer(r"(?:(?<=^  )|(?<=`))xdynamics [a-z]+[^`\n]*", text, re.MULTILINE)
 ]
 CHEAP = ("check", "run", "show", "methods", "help", "new", "verify")
@@ -77,9 +78,10 @@ def succeeds(command: str) -> bool:
 
 @pytest.mark.parametrize("name", [*PAGES, *main.commands])
 def test_pages_are_short(name: str) -> None:
-    """Assert that no page is longer than a person reads at once."""
+    """Assert that no page is longer than a person reads at once, and none wider than a window."""
     text = PAGES.get(name) or call("help", name).output
     assert 100 < len(text) < LONGEST_PAGE
+    assert max(map(len, text.splitlines())) <= WIDTH
 
 
 def test_printed_commands_have_their_options() -> None:

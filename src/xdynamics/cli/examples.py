@@ -7,7 +7,7 @@ from xdynamics.cli.command import main
 
 EXAMPLES = {
     "animate": "xdynamics animate orbit.nc -o orbit.gif --seconds 8",
-    "budget": "xdynamics budget data/models/rocket_c6.toml --quantity y --event apogee --draws 4096 -o budget.nc",
+    "budget": "xdynamics budget data/models/rocket_c6.toml --quantity y --event apogee --draws 512 -o budget.nc",
     "bundle": "xdynamics bundle apogee.nc -o apogee",
     "certify": "xdynamics certify data/models/rocket_c6.toml --quantity y --event apogee -o apogee.nc",
     "check": "xdynamics check data/models/ball_drag.toml",

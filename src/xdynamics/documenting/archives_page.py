@@ -1,32 +1,43 @@
 """The page `xdynamics help archives`: runs in files, by time and many together, with xarray alone where that is enough."""
 
 ARCHIVES_PAGE = """\
-An archive is a netCDF-4 file, which any program for netCDF reads: xr.open_dataset("run.nc"), ncdump, Panoply, MATLAB.
-  xd.open_run("run.nc")             verifies digests and seal, then opens it; xdynamics show run.nc prints what it holds
-  xd.save(run, "run.nc")            as it was marched, or a part of it; what was edited with derived="how it was made"
+An archive is a netCDF-4 file, which any program for netCDF reads: xr.open_dataset("run.nc"),
+ncdump, Panoply, MATLAB.
+  xd.open_run("run.nc")             verifies digests and seal, then opens it; xdynamics show run.nc
+                                    prints what it holds
+  xd.save(run, "run.nc")            as it was marched, or a part of it; what was edited with
+                                    derived="how it was made"
   run.load(), run[["y", "v_y"]]     as of every Dataset of xarray; arrays of a run are read-only
-By time. Rows are accepted steps, wherever those ended, and at an event there are two at one time, before and after it.
-  run.dynamics.at("1 s")            states at any time, each as if a step had ended there; also [0.1, 0.2], "0:2:201 s"
+By time. Rows are accepted steps, wherever those ended, and at an event there are two at one time,
+before and after it.
+  run.dynamics.at("1 s")            states at any time, each as if a step had ended there; also
+                                    [0.1, 0.2], "0:2:201 s"
   run.sel(time=slice(0.5, 1.0))     the rows from 0.5 s to 1 s
-  run.sel(time=1.0)                 rows that end there exactly, two at an event; a KeyError `not all values found in index
-                                    'time'` says that no step ended there: run.dynamics.at("1 s")
-  run.sel(time=…, method="nearest") is refused by xarray, `Reindexing only valid with uniquely valued Index objects`, where
-                                    a time has two rows; run.interp(time=…) too, since rows are along step. A straight line
-                                    between rows would be neither the method's state nor leave out jumps:
-                                    run.dynamics.at repeats the step
-  Below such an error, and below those of resample, rolling, coarsen and drop_sel, stands a note of ours that names
-  run.dynamics.at with the times that were asked for. reindex(time=…), reindex_like and interp_like are refused: xarray would
-  give the rows as they were, without a word.
-  time has no index: with one, xarray aligns records by it and refuses a.y - b.y and xr.concat([a, b], "run") of runs that
-  have equally many rows at other times.
-Many files. Runs with as many rows, events and force evaluations are put together by xarray alone, as are catalogues of sweeps
-that keep quantities at times:
+  run.sel(time=1.0)                 rows that end there exactly, two at an event; a KeyError
+                                    `not all values found in index 'time'` says that no step ended
+                                    there: run.dynamics.at("1 s")
+  run.sel(time=…, method="nearest") is refused by xarray,
+                                    `Reindexing only valid with uniquely valued Index objects`,
+                                    where a time has two rows; run.interp(time=…) too, since rows
+                                    are along step. A straight line between rows would be neither
+                                    the method's state nor leave out jumps: run.dynamics.at repeats
+                                    the step
+  Below such an error, and below those of resample, rolling, coarsen and drop_sel, stands a note of
+  ours that names run.dynamics.at with the times that were asked for. reindex(time=…), reindex_like
+  and interp_like are refused: xarray would give the rows as they were, without a word.
+  time has no index: with one, xarray aligns records by it and refuses a.y - b.y and
+  xr.concat([a, b], "run") of runs that have equally many rows at other times.
+Many files. Runs with as many rows, events and force evaluations are put together by xarray alone,
+as are catalogues of sweeps that keep quantities at times:
   xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run")
   xr.open_mfdataset(["a/catalogue.nc", "b/catalogue.nc"], combine="nested", concat_dim="run")
-Others have rows of their own, `AlignmentError: cannot reindex or align along dimension 'step'`: put them on common times,
-  xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run", preprocess=lambda run: xd.sample(run, "0:2:201 s"))
+Others have rows of their own, `AlignmentError: cannot reindex or align along dimension 'step'`: put
+them on common times,
+  xr.open_mfdataset("runs/*.nc", combine="nested", concat_dim="run",
+                    preprocess=lambda run: xd.sample(run, "0:2:201 s"))
 or keep them in a sweep, whose runs are read when they are used, along its axes:
-  found = xd.sweep(model, {"g": "9:10:11 m s-2"}, keep=["log"], path="grid")     (xdynamics sweep … --keep log -o grid)
+  found = xd.sweep(model, {"g": "9:10:11 m s-2"}, keep=["log"], path="grid")   (or sweep --keep log)
   xd.open_logs("grid", "0:2:201 s")
-Names of variables: `xdynamics help record`; words of evidence: `xdynamics help words`; buckets: `xdynamics help stores`.
+Names of variables: `xdynamics help record`; words of evidence: `xdynamics help words`; buckets:
+`xdynamics help stores`.
 """

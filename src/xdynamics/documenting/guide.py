@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.fits_page import FITS_PAGE
+from xdynamics.documenting.folding import folded
 from xdynamics.documenting.json_page import JSON_PAGE
-from xdynamics.documenting.manual_pages import EVIDENCE_PAGE, GRIDS_PAGE, MARCHING_PAGE, RUNS_PAGE
+from xdynamics.documenting.manual_pages import (
+    CLUSTER_PAGE,
+    EVIDENCE_PAGE,
+    GRIDS_PAGE,
+    MARCHING_PAGE,
+    RUNS_PAGE,
+    STORES_PAGE,
+)
 from xdynamics.documenting.precision_page import PRECISION_PAGE
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.documenting.words_page import words_page
@@ -82,29 +89,6 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
     "json": "What verbs print with --json.",
     "stores": "Objects of S3, and Zarr stores.",
 }
-STORES = (
-    "Whatever takes the name of a file or folder also takes that of an object: s3://bucket/runs/one.nc. It needs",
-    "  pip install 'xdynamics[s3]'",
-    "and credentials in the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or in ~/.aws, never in the",
-    "name; AWS_ENDPOINT_URL names a store that is not Amazon's.",
-    "  xdynamics run pendulum.toml -o s3://bucket/run.nc     (--resume goes on from the segments beside it)",
-    "  xdynamics sweep pendulum.toml --axis 'g=1:10:99 m s-2' -o s3://bucket/grid",
-    "  xd.save(run, 's3://bucket/run.nc'); xd.open_run('s3://bucket/run.nc'); xd.report('s3://bucket/page', run=run)",
-    "  xd.sweep(model, axes, path='grid.zarr')      a Zarr store, of files or objects, for grids too large for one file",
-    "  xd.open_logs('s3://bucket/grid', '0:10:101 s')      the runs of a sweep with keep=['log'] at common times, lazily",
-    "  xd.refine(model, steps=[...], keep='s3://bucket/levels')      a run for each level; the same call goes on with those",
-    "  xd.error_budget(model, 'y', at='1 s', keep='s3://bucket/kept')     each term, block of draws; also validate, certify",
-    "A file is written on this machine (in TMPDIR), uploaded whole, and downloaded whole before it is read: its seal is of",
-    "every byte, and nothing is believed before. Of a Zarr store each chunk is read alone when it is used; xd.verify compares",
-    "all of them with their digest, which does not depend on how members were cut into chunks. With keep=['log'] whole runs",
-    "stand beside its arrays, in runs/. Members are added to a folder anywhere; to a Zarr store behind the last values of its",
-    "axes, in blocks as large as those that it was begun with. Until all are there, whoever opens it sees what was before.",
-    "What is new is put only if nothing is there, and what replaces only if there still is what was there: of two writers",
-    "the second is refused in words, and nothing is lost. A lock that its process does not renew is free after a minute, one that a dead",
-    "process of this machine left at once.",
-    "xd.save_many(runs, 's3://bucket/runs') sends several files at once, and names them when all are there: if one cannot be",
-    "sent, none has changed; if the store fails between the first name and the last, the error says how many have theirs.",
-)
 STARTER = """\
 # A driven pendulum. `xdynamics help model` lists all sections, `xdynamics help forces` every key of one.
 name = "Driven pendulum"
@@ -156,81 +140,70 @@ rtol = 1e-9
 until = "20 s"
 """
 FILES = """\
-A drive, `compare` and `fit` read tables: a header with names and units, rows of numbers; commas, semicolons, tabs.
-  time [ms],x [mm],u(x) [mm]      also  time (ms);x (mm)  and  time/ms, with decimal commas where cells are not split by commas
-  u(x) is the standard uncertainty of x row by row, u_common(x) one that all rows share. Columns nobody asks for may be anything.
+A drive, `compare` and `fit` read tables: a header with names and units, rows of numbers; commas,
+semicolons, tabs.
+  time [ms],x [mm],u(x) [mm]
+  also  time (ms);x (mm)  and  time/ms, with decimal commas where cells are not split by commas.
+  u(x) is the standard uncertainty of x row by row, u_common(x) one that all rows share. Columns
+  nobody asks for may be anything.
 Files of instruments are read as they come:
   phyphox      exports of the phone (CSV or Excel): column = "Acceleration x"
-  Vernier      "Data Set 1:Position(m)" or "Latest: Position (m)": column = "Position"; the first data set is taken
-  Tracker      a line with the track's name, then t, x, y without units: units = { t = "s", x = "m" }
+  Vernier      "Data Set 1:Position(m)" or "Latest: Position (m)": column = "Position"; the first
+               data set is taken
+  Tracker      a line with the track's name, then t, x, y without units:
+               units = { t = "s", x = "m" }
   oscilloscope Tektronix (TDS, MDO, MSO, DPO), Siglent, Rigol, PicoScope: column = "CH1"
   RASP         *.eng, thrust of a rocket motor; its first point (0, 0) is added
   Excel        *.xlsx, the first sheet with two rows or more (pip install 'xdynamics[excel]')
-  netCDF       a file, or a Dataset or DataArray of xarray, with `units`; u_x for the uncertainty of x; dates count from the first
-What a file does not say is said by keys of the drive, by reading={...} in Python, by options of compare and fit:
+  netCDF       a file, or a Dataset or DataArray of xarray, with `units`; u_x for the uncertainty of
+               x; dates count from the first
+What a file does not say is said by keys of the drive, by reading={...} in Python, by options of
+compare and fit:
   skip       --skip 3                      lines before the header
-  header     --header "t [s],x [mm]"       titles, one for each column, in the place of the file's own
-  columns    --column x=Position           a column's name where it is not the model's (compare and fit; a drive has `column`)
+  header     --header "t [s],x [mm]"       titles, one for each column, in the place of the file's
+  columns    --column x=Position           a column's name where it is not the model's (compare and
+                                           fit; a drive has `column`)
   units      --units t=s --units x=mm      of columns whose titles have none
   time_zero  --time-zero 2.5s | first      what times are counted from
   decimal    --decimal ,                   where it cannot be found
-  gaps       --gaps skip                   leaves out rows in which a number that is needed is missing
-What was read is kept in the model and its archives as a plain table, whose first line says what it was made of.
-Units are spelled as they are found: m/s², m/s^2, µm, °/s, kΩ. Of values in °C 273.15 K is added; of uncertainties not.
+  gaps       --gaps skip                   leaves out rows in which a number that is needed is
+                                           missing
+What was read is kept in the model and its archives as a plain table, whose first line says what it
+was made of.
+Units are spelled as they are found: m/s², m/s^2, µm, °/s, kΩ. Of values in °C 273.15 K is added; of
+uncertainties not.
 """
 SOLVE = """\
-xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_ivp takes, and returns a run.
-  run = xd.solve(lambda t, y, m: [y[1], m*(1 - y[0]**2)*y[1] - y[0]], (0, 20), [2, 0], args=(1.5,), rtol=1e-9)
-  run.dynamics.solution           t, y, sol(t), t_events, y_events, status, message, as scipy has them
-fun is called once, with symbols, and what it does to them is written down as expressions. So it may use
-  + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside, np.interp, np.sum, np.dot, @,
-  np.linalg.solve, np.zeros(n) and assignment to its elements, slices, np.roll, loops over range, functions of yours.
-Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one expression too, however large they are: windows
-u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an axis, np.pad, np.where, np.hstack, u.T, order="F".
-It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a contact. Comparisons are joined
-by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic; np.interp takes left, right and period.
-What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time, integer powers that vary,
-and what scipy computes from the state at every step: quad, fsolve, brentq, interpolators, erf and the like.
+xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_ivp takes, and
+returns a run.
+  run = xd.solve(lambda t, y, m: [y[1], m*(1 - y[0]**2)*y[1] - y[0]], (0, 20), [2, 0], args=(1.5,))
+  run.dynamics.solution           t, y, sol(t), t_events, y_events, status, message, as scipy has
+                                  them
+fun is called once, with symbols, and what it does to them is written down as expressions. So it may
+use
+  + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside,
+  np.interp, np.sum, np.dot, @, np.linalg.solve, np.zeros(n) and assignment to its elements, slices,
+  np.roll, loops over range, functions of yours.
+Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one expression too,
+however large they are: windows u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an
+axis, np.pad, np.where, np.hstack, u.T, order="F".
+It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
+contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
+np.interp takes left, right and period.
+What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time,
+integer powers that vary, and what scipy computes from the state at every step: quad, fsolve,
+brentq, interpolators, erf and the like.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down
-  300        elements of arrays with three axes, of sums along one axis of two, or picked by a list: each has an expression
-             of its own; of more, each has a name, y0, y1, … as well
-  10         numbers that get a name each; of more, an array whose rule is the same along it becomes one quantity with a dimension
-  40         points of np.interp at an expression of the state; over t a table of any length is a drive
+  300        elements of arrays with three axes, of sums along one axis of two, or picked by a list:
+             each has an expression of its own; of more, each has a name, y0, y1, … as well
+  10         numbers that get a name each; of more, an array whose rule is the same along it becomes
+             one quantity with a dimension
+  40         points of np.interp at an expression of the state; over t a table of any length is a
+             drive
   6          unknowns of np.linalg.solve
   12         diagonals of a matrix that multiplies a long array; a dense matrix has 200 rows at most
   30         pieces of a long array that have rules of their own, such as its ends
-"""
-CLUSTER = """\
-sweep, refine, budget, validate and certify march many runs. Where they march changes no bit of a result.
-threads: nothing to type. dask's threads are used in Python (DASK_NUM_WORKERS=4 sets how many):
-  study = xd.refine(model, steps=[...], compute=False); study.compute()
-processes of this machine: each has its own Python, which helps where a run spends its time outside of the march.
-  xdynamics sweep MODEL.toml --axis "k=1:2:100 N m-1" -o DIR --workers 4
-  with xd.cluster(4): study = study.compute()       # in a script, below if __name__ == "__main__":
-machines of your own, with the same versions of xdynamics and a folder that all of them see:
-  dask scheduler                                    # prints its address, like tcp://10.0.0.1:8786
-  dask worker tcp://10.0.0.1:8786 --nworkers 4 --nthreads 1
-  xdynamics refine MODEL.toml --step "10 ms" --levels 6 --scheduler tcp://10.0.0.1:8786
-  with xd.cluster("tcp://10.0.0.1:8786"): study = study.compute()
-  python pipelines/cluster_study/pipeline.py s3://bucket/results tcp://10.0.0.1:8786      # or a number of processes
-SLURM: pip install dask-jobqueue; jobs of the queue are the workers. In Python, and in a shell beside it:
-  from dask_jobqueue import SLURMCluster
-  cluster = SLURMCluster(cores=8, processes=8, memory="16 GB", walltime="01:00:00"); cluster.scale(jobs=10)
-  cluster.wait_for_workers(8)                       # until the queue lets the first job begin; later ones join in
-  print(cluster.scheduler_address)                  # for --scheduler, or xd.cluster(address), while this Python lives
-Kubernetes: pip install dask-kubernetes; the image has to have xdynamics[distributed] in it, the cluster dask's operator:
-  helm install --repo https://helm.dask.org --create-namespace -n dask-operator --generate-name dask-kubernetes-operator
-  from dask_kubernetes.operator import KubeCluster
-  cluster = KubeCluster(name="xdynamics", image="yours/with-xdynamics:0.2", n_workers=10); cluster.wait_for_workers(1)
-  kubectl port-forward service/xdynamics-scheduler 8786:8786     # then --scheduler tcp://localhost:8786
-Before anything is marched each worker is asked for its versions, math functions and engine; where they differ from those here
-the verb, or xd.cluster, ends with a line for each; a Client of your own is not asked. The finest level of a study begins first, and of several studies one ends before the next
-one's coarse levels begin. A worker that is lost loses what it was marching, which another marches again. Ctrl-C tells the cluster to drop what was asked of it; a march under way ends first.
-The same command goes on: a sweep from its folder, refine --keep FOLDER with the levels that are whole there (a folder that all
-machines see, or s3://bucket/levels), budget, validate and certify --keep FOLDER with the numbers, terms, blocks of draws and
-cases that are known there; what is of another version, or damaged, is made again.
-Stages whose sizes follow from the march need them stated: --occurrences 10 (refine), --impacts 10 (validate).
 """
 
 
@@ -263,10 +236,10 @@ def _contents(verbs: Iterable[str]) -> Iterator[str]:
     yield "Pages: xdynamics help PAGE"
     yield from (f"  {name:<9} {about}" for name, about in PAGES_ABOUT.items())
     yield "Sections of a model file: xdynamics help SECTION"
-    yield from textwrap.wrap(", ".join(SECTIONS), 100, initial_indent="  ", subsequent_indent="  ")
+    yield from folded(f"  {', '.join(SECTIONS)}", 2)
     if verbs:
         yield "Verbs: xdynamics help VERB"
-        yield from textwrap.wrap(", ".join(sorted(verbs)), 100, initial_indent="  ", subsequent_indent="  ")
+        yield from folded(f"  {', '.join(sorted(verbs))}", 2)
     yield "All of it as a site, with methods, gallery and Python: xdynamics help --html manual"
 
 
@@ -289,13 +262,13 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "evidence": EVIDENCE_PAGE.splitlines,
         "grids": GRIDS_PAGE.splitlines,
         "words": words_page,
-        "cluster": CLUSTER.splitlines,
+        "cluster": CLUSTER_PAGE.splitlines,
         "solve": SOLVE.splitlines,
         "archives": ARCHIVES_PAGE.splitlines,
         "files": FILES.splitlines,
         "fits": FITS_PAGE.splitlines,
         "json": JSON_PAGE.splitlines,
-        "stores": lambda: STORES,
+        "stores": STORES_PAGE.splitlines,
         **{name: partial(_section, name) for name in SECTIONS},
     }
 
@@ -306,19 +279,17 @@ def _model() -> Iterator[str]:
     yield "and its sections are"
     width = max(map(len, SECTIONS)) + 2
     for name, section in SECTIONS.items():
-        yield f"  {f'[{name}]':{width}}  {section.about}"
-    yield (
-        "`xdynamics help forces`, and so on, lists the keys of one; `xdynamics new MODEL.toml` writes one to begin"
-        " with."
-    )
+        yield from folded(f"  {f'[{name}]':{width}}  {section.about}", width + 4)
+    yield "`xdynamics help forces`, and so on, lists the keys of one;"
+    yield "`xdynamics new MODEL.toml` writes a model to begin with."
 
 
 def _section(name: str) -> Iterator[str]:
     section = SECTIONS[name]
     where = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
-    yield f"{where}: {section.about}"
+    yield from folded(f"{where}: {section.about}", 2)
     if section.short:
-        yield f"  in short, in the place of a table: {section.short}" if section.entry else f"  {section.short}"
+        yield from folded(f"  {'in short, in the place of a table: ' if section.entry else ''}{section.short}", 4)
     yield from _keys(section.keys)
     yield "for example"
     for line in section.example.rstrip("\n").split("\n"):
@@ -330,32 +301,34 @@ def _keys(keys: Iterable[Key]) -> Iterator[str]:
     width = max(len(key.name) for key in entries)
     for key in entries:
         default_note = {"": "", NEEDED: "; needed"}.get(key.default, f"; default: {key.default}")
-        yield f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})"
+        yield from folded(f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})", width + 4)
 
 
 def _language() -> Iterator[str]:
-    yield "An expression has numbers, names, t, pi, + - * / ** (a constant exponent), parentheses, and these functions:"
+    yield "An expression has numbers, names, t, pi, + - * / ** (a constant exponent), parentheses, and"
     plain = [name for name in FUNCTIONS if name not in SAID]
     yield f"  {', '.join(plain)}"
     for name in FUNCTIONS:
         if name in SAID:
-            yield f"  {name:6}  {SAID[name]}"
+            yield from folded(f"  {name:6}  {SAID[name]}", 10)
     yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
-    yield f"  {', '.join(CONSTANTS)}"
-    yield f"  {' and '.join(CALENDAR)} are 365.25 days and a twelfth of that, unless the model has something of that name"
+    yield from folded(f"  {', '.join(CONSTANTS)}", 2)
+    calendar = " and ".join(CALENDAR)
+    yield from folded(
+        f"  {calendar} are 365.25 days and a twelfth of that, unless the model has something of that name", 2
+    )
     yield "Along dimensions and relations there are more: `xdynamics help shapes`."
     yield "Every term has to have the unit of its place; angles are pure numbers, and radian is 1."
     yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
 
 
 def _units() -> Iterator[str]:
-    yield (
-        "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree', '2 kg m2 s-1', '1'"
-        " for none."
-    )
-    yield f"  units     {', '.join(SPELLING.values())}"
+    yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree',"
+    yield "'2 kg m2 s-1', '1' for none."
+    yield from folded(f"  units     {', '.join(SPELLING.values())}", 12)
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)}; u is micro"
-    yield "  values    also in month (365.25/12 d), °C and °F, which are kept in d and K; year is the Julian one, of 365.25 d"
+    yield "  values    also in month (365.25/12 d), °C and °F, which are kept in d and K;"
+    yield "            year is the Julian one, of 365.25 d"
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
 
 
@@ -365,10 +338,10 @@ def _record() -> Iterator[str]:
         yield f"  {name:6}  {schema.DIMENSIONS[name]}"
     yield "and its variables, first those that are called after the model's own names,"
     for name, dim, about in BY_NAME:
-        yield f"  {name}{f' ({dim})' if dim else ''}: {about}"
+        yield from folded(f"  {name}{f' ({dim})' if dim else ''}: {about}", 4)
     yield "then those of every run."
     for variable in schema.FIXED:
-        yield _variable(variable)
+        yield from folded(_variable(variable), 4)
 
 
 def _variable(variable: Variable) -> str:

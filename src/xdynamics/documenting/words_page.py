@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from textwrap import wrap
 
+from xdynamics.documenting.folding import folded
 from xdynamics.evidence.refining.verdict_words import MEANINGS
 
-WIDTH = 130  # of a line
 # … stands for the name of a quantity, an event or a contact
 OF_RECORDS = {
     "row": "an accepted state, along `step`; at an event there are two at one time, event_before and event_after",
@@ -82,7 +81,9 @@ OF_FILES = {
 
 def words_page() -> Iterator[str]:
     """Yield the lines of the page: each word with what it means."""
-    yield "Names that do not explain themselves; … stands for the name of a quantity or an event. All others: help record."
+    yield from folded(
+        "Names that do not explain themselves; … stands for the name of a quantity or an event. All others: help record."
+    )
     for title, words in (
         ("Of records", OF_RECORDS),
         ("Of evidence", OF_EVIDENCE),
@@ -96,4 +97,4 @@ def words_page() -> Iterator[str]:
 def _listed(words: Mapping[str, str]) -> Iterator[str]:
     width = max(map(len, words))
     for word, meaning in words.items():
-        yield from wrap(f"  {word:{width}}  {meaning}", WIDTH, subsequent_indent=" " * (width + 4))
+        yield from folded(f"  {word:{width}}  {meaning}", width + 4)

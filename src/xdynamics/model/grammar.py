@@ -176,7 +176,7 @@ SECTIONS: dict[str, Section] = {
         'k = { value = "40 N m-1", half_width = "1 N m-1", distribution = "triangular" }\n'
         'c = { value = "0.1 kg s-1", uncertainty = 0.01, distribution = "t", degrees_of_freedom = 9 }\n'
         'load = { dims = ["bead"], values = { left = "1 kg", middle = "2 kg", right = "900 g" } }\n'
-        'stretch = { dims = ["bead", "site"], table = "stretch.csv", columns = ["a", "b", "c", "d"], csv = "bead,a [mm],b [mm],c [mm],d [mm]\\nright,1,2,3,4\\nleft,0,0,0,0\\nmiddle,1,1,1,1\\n" }\n'
+        'stretch = { dims = ["bead", "site"], table = "bead.csv", columns = ["a", "b", "c", "d"], csv = """\nbead,a [mm],b [mm],c [mm],d [mm]\nright,1,2,3,4\nleft,0,0,0,0\nmiddle,1,1,1,1\n""" }\n'
         'stiff = { dims = ["spring"], table = "springs.csv", column = "k", csv = "k [N/m]\\n1\\n2\\n1\\n2\\n" }\n',
         'its value: "9.81 m s-2", or with its standard uncertainty: "9.81 ± 0.01 m s-2"',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
@@ -248,7 +248,7 @@ SECTIONS: dict[str, Section] = {
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
         'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n'
         'u = { table = "start.csv", column = "u", csv = "site,u [mm]\\n3,1\\n0,0\\n1,2\\n2,1\\n" }\nv_u = { values = { 0 = "0 m s-1", 1 = "1 mm s-1", 2 = "0 m s-1", 3 = "0 m s-1" } }\n'
-        'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = "a [J],b [J],c [J],d [J]\\n1,2,3,4\\n0,0,0,0\\n1,1,1,1\\n" }\n',
+        'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = """\na [J],b [J],c [J],d [J]\n1,2,3,4\n0,0,0,0\n1,1,1,1\n""" }\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
