@@ -336,13 +336,48 @@ def row(budget: xr.Dataset, name: str) -> xr.Dataset:
 
 def test_rounding_is_told_by_copies() -> None:
     """Assert that of whole roundings the bound is twice the largest, the size their mean square, each with half a spacing."""
-    found = row(xd.error_budget(standing(), "s", at="1 s", method="rk4", step="0.5 s", until="1 s"), "roundoff")
+    asked: dict[str, Any] = {"method": "implicit_midpoint", "step": "0.5 s", "until": "1 s"}
+    found = row(xd.error_budget(standing(), "s", at="1 s", **asked), "roundoff")
     off = (float(found.bound) / EPS - 0.5) / 2.0
     assert off in (0.5, 1.0, 1.5, 2.0)
     squares = 8.0 * ((float(found.standard_uncertainty) / EPS) ** 2 - 0.25 / 3.0)
     assert squares * 4.0 == pytest.approx(round(squares * 4.0), abs=1e-6)
     assert off**2 - 1e-6 <= squares <= 8.0 * off**2 + 1e-6
     assert float(found.standard_uncertainty_doubt) == pytest.approx(float(found.standard_uncertainty) / 4.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "more", "event"),
+    [
+        ("dormand_prince", {}, {"action": "record"}),
+        ("taylor", {"order": 12}, {"action": "reset", "set": {"v_x": "-0.9*v_x"}}),
+    ],
+)
+def test_rounding_is_measured_by_the_twin(method: str, more: dict[str, Any], event: dict[str, Any]) -> None:
+    """Assert that a state, and the time of an event, are as far from those of 31 digits by the same steps as is told."""
+    model = xd.Model(
+        name="swing",
+        coordinates={"x": "m"},
+        parameters={"k": "0.1 N m-1", "m": "0.3 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": "-k*x"}},
+        events={"middle": {"function": "x"} | event},
+        initial={"x": "0.2 m", "v_x": "-1.1 m s-1"},
+    )
+    asked: dict[str, Any] = {"method": method, "rtol": 1e-9, "until": "30 s"}
+    run = xd.simulate(model, **asked)
+    steps = run.step_size.values[run.step_size.values > 0.0]
+    asked_of_twin = more | {"step": steps, "estimator": "none", "precision": "double_double"}
+    twin = xd.simulate(model, method=method, until="30 s", **asked_of_twin)
+    for quantity, where, number in (
+        ("x", {"at": "30 s"}, lambda run: float(run.x[-1])),
+        ("t", {"event": "middle"}, lambda run: float(run.event_time[0])),
+    ):
+        found = row(xd.error_budget(model, quantity, **where, **asked, only=["roundoff"]), "roundoff")
+        off, spacing = abs(number(run) - number(twin)), EPS * abs(number(run)) / 2.0
+        assert float(found.bound) == pytest.approx(off + spacing, rel=1e-12, abs=0.0)
+        assert "measured: the same run with 31 digits, by the same steps" in str(found.term_rule.values)
+    assert abs(float(run.x[-1] - twin.x[-1])) > 2.0 * EPS  # what rounding comes to, so that another rule would be seen
 
 
 @pytest.mark.parametrize(("rtol", "ratio"), [(1e-6, 10.0), (1e-11, 10.0), (2e-13, None)])

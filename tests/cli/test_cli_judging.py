@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner, Result
 
+import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
 
@@ -60,6 +62,28 @@ def test_refine_keeps_shows_and_draws(tmp_path: Path) -> None:
     assert call("verify", path).output.startswith("verified")
     assert call("plot", path, "-o", tmp_path / "r.png").exit_code == 0
     assert call("reproduce", path).exit_code == 2
+
+
+def test_refine_by_precisions(tmp_path: Path) -> None:
+    """Assert two levels by the same step, whose difference is that of the two runs, and what else has levels refused."""
+    asked = ("--method", "rk4", "--step", "50 ms", "--until", "1 s")
+    found = call("refine", BALL, "--precisions", *asked, "-o", tmp_path / "r.nc")
+    assert found.exit_code == 0, found.output
+    assert "levels    precision float64, double_double" in found.output
+    runs = [
+        xd.simulate(xd.Model.from_toml(BALL), method="rk4", step="50 ms", until="1 s", precision=precision)
+        for precision in ("float64", "double_double")
+    ]
+    with xd.open_run(tmp_path / "r.nc") as study:
+        np.testing.assert_array_equal(study.y.values[:, 0], [float(run.y[-1]) for run in runs])
+    for more, said in (
+        (("--levels", "2"), "--levels and --precisions are both given"),
+        (("--time-tolerance", "1 ms"), "--time-tolerance and --precisions are both given"),
+        (("--precision", "float64"), "--precision and --precisions are both given"),
+        (("--method", "radau_iia"), "method 'radau_iia', whose equations are solved in float64"),
+    ):
+        refused = call("refine", BALL, "--precisions", *asked, *more)
+        assert (refused.exit_code, said in refused.output) == (2, True), refused.output
 
 
 @pytest.mark.dear

@@ -238,12 +238,10 @@ def test_refusals(more: dict[str, Any], said: str) -> None:
 
 
 def test_models_of_single_floats_are_refused() -> None:
-    """Assert that contacts and sweeps are refused, with what to do."""
+    """Assert that contacts are refused, with what to do."""
     bouncing = swing(contacts={"floor": {"gap": "x", "restitution": 0.8}})
     with pytest.raises(InputError, match="write an impact as an event with action = 'reset'"):
         xd.simulate(bouncing, until="1 s", **SERIES, **LONG)
-    with pytest.raises(InputError, match="members of a sweep are of single floats"):
-        xd.sweep(swing(), axes={"k": ["1 N m-1", "2 N m-1"]}, keep=["end"], until="1 s", **SERIES, **LONG).compute()
 
 
 def test_events_that_are_nearer_than_floats_are_told_apart() -> None:

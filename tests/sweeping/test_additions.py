@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
 from xdynamics.faults import InputError
-from xdynamics.sweeping import catalogue, members
+from xdynamics.sweeping import catalogue, grid
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {"rtol": 1e-6, "until": "5 s"}
@@ -25,14 +25,14 @@ KEEPS = (["end"], ["end", "maximum_y", "event_time_ground"], ["y", "event_count_
 def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many members were marched, call by call."""
     counts: list[int] = []
-    march_many = members.march_many
+    march_many = grid.march_many
 
     def counted(*given: Any, **more: Any) -> Any:
         runs = march_many(*given, **more)
         counts.append(len(runs.ends))
         return runs
 
-    monkeypatch.setattr(members, "march_many", counted)
+    monkeypatch.setattr(grid, "march_many", counted)
     return counts
 
 

@@ -47,12 +47,12 @@ def test_lazy_rows_are_described_and_saved_as_many_as_there_are(
 ) -> None:
     """Assert names and units while no run can be marched, rows beyond the last of no value, and the archive of the eager."""
     count, marched = rows.sizes["row"], []
-    march = xd.sweeping.ragged.march_many
+    march = xd.sweeping.grid.march_many
     with monkeypatch.context() as patch:
-        patch.setattr("xdynamics.sweeping.ragged.march_many", lambda *_, **__: pytest.fail("marched"))
+        patch.setattr("xdynamics.sweeping.grid.march_many", lambda *_, **__: pytest.fail("marched"))
         exact, longer = (xd.ragged(swept, compute=False, sizes={"row": n}) for n in (count, count + 3))
         assert_described(exact, rows)
-    monkeypatch.setattr("xdynamics.sweeping.ragged.march_many", lambda *a, **k: marched.append(1) or march(*a, **k))
+    monkeypatch.setattr("xdynamics.sweeping.grid.march_many", lambda *a, **k: marched.append(1) or march(*a, **k))
     with marches():
         assert np.isnan(longer.y.values[count:]).all()
         assert longer.y.values[:count].tobytes() == rows.y.values.tobytes()

@@ -23,7 +23,7 @@ from cases.object_server import bucket
 from cases.problems import oscillator
 from xdynamics.archive.place import placed
 from xdynamics.cli import main
-from xdynamics.sweeping import members, zarr_blocks, zarr_growth
+from xdynamics.sweeping import grid, zarr_blocks, zarr_growth
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -36,14 +36,14 @@ STIFFER, THIRD = {"k": [*BEFORE["k"], 1.75, 1.1]}, {"method": [*BEFORE["method"]
 def marched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many members were marched, call by call."""
     counts: list[int] = []
-    march_many = members.march_many
+    march_many = grid.march_many
 
     def counted(*given: Any, **more: Any) -> Any:
         runs = march_many(*given, **more)
         counts.append(len(runs.ends))
         return runs
 
-    monkeypatch.setattr(members, "march_many", counted)
+    monkeypatch.setattr(grid, "march_many", counted)
     return counts
 
 

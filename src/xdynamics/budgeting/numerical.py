@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
 from xdynamics.budgeting.measurand import Measurand
+from xdynamics.budgeting.precise_twin import twin_distance
 from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
 from xdynamics.budgeting.time_reversal import returned
@@ -263,15 +264,28 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
 
 
 def _roundoff(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
-    """Return the term of rounding, from copies in which every operation is rounded differently, and by marching back.
+    """Return the term of rounding: how far the twin with 31 digits is or, where there is none, how far copies are."""
+    value = number.value
+    spacing = EPS * abs(value) / 2.0
+    if settings_for(measurand.model, **measurand.settings).precision == DOUBLE_DOUBLE:
+        rule = "the run has 31 digits: what is left is the spacing of floats, in which the value is given"
+        return Term.bounded(ROUNDOFF, NUMERICAL, spacing, rule)
+    if (distance := twin_distance(run, measurand, value)) is None:
+        return _spread_of_copies(measurand, run, value)
+    rule = (
+        f"measured: the same run with 31 digits, by the same steps, is {distance:.2g} away; and half the spacing of"
+        " floats"
+    )
+    return Term(ROUNDOFF, NUMERICAL, float(np.hypot(distance, spacing / BOUNDED)), distance + spacing, rule)
+
+
+def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Term:
+    """Return the term of rounding from copies in which every operation is rounded differently, and by marching back.
 
     Copies are marched in random units, with parameters and starts moved by one spacing of numbers, as reading them may
     have done; so differences within an observable are rounded differently too. Only reversible runs are marched back.
     """
-    model, value = measurand.model, number.value
-    if settings_for(model, **measurand.settings).precision == DOUBLE_DOUBLE:
-        rule = "the run has 31 digits: what is left is the spacing of floats, in which the value is given"
-        return Term.bounded(ROUNDOFF, NUMERICAL, EPS * abs(value) / 2.0, rule)
+    model, spacing = measurand.model, EPS * abs(value) / 2.0
     rng, deviations = np.random.default_rng(measurand.seed), []
     tolerances = absolute_tolerances(model, measurand.settings)
     in_units = not model.python_functions
@@ -280,7 +294,7 @@ def _roundoff(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
         if scales and model.time_unit.dimension == NONE:
             del scales["time"]
         deviations.append(value - measurand.number(_nudged(model, rng), **tolerances, scales=scales))
-    distance_back, spacing = returned(run, measurand), EPS * abs(value) / 2.0
+    distance_back = returned(run, measurand)
     standard = float(np.sqrt(np.mean(np.square(deviations)) + spacing**2 / 3.0))
     bound = TRUSTED * float(np.abs(deviations).max()) + spacing
     units_text = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     "--time-tolerance",
     help="The coarsest tolerance of event times, like '1 ms'; step and rtol are then the same at all levels.",
 )
+@click.option(
+    "--precisions",
+    is_flag=True,
+    help="Two levels, with numbers of 16 digits and of 31: what is between them is rounding; step or rtol is the same.",
+)
 @click.option("--levels", type=int, default=5, show_default=True, help="Number of levels.")
 @click.option(
     "--ratio", type=float, help="Ratio from one level to the next; by default 2 for steps and 10 for tolerances."
@@ -60,6 +65,7 @@ def refine(
     step: str | None,
     rtol: str | None,
     time_tolerance: str | None,
+    precisions: bool,
     levels: int,
     ratio: float | None,
     times: tuple[str, ...],
@@ -91,9 +97,27 @@ def refine(
         "until_change": pairs(changes, "--until-change") or None,
         "occurrences": occurrences,
     }
-    study |= _levels(model, step, rtol, time_tolerance, levels, ratio)
+    if precisions:
+        study |= _kinds(time_tolerance, named, {"step": step, "rtol": rtol})
+    else:
+        study |= _levels(model, step, rtol, time_tolerance, levels, ratio)
     found = made(refined, model, scheduler=scheduler, workers=workers, **study, **asked(named))
     _kept(found, lines_of, output)
+
+
+def _kinds(time_tolerance: str | None, named: dict[str, Any], fixed: dict[str, Any]) -> dict[str, Any]:
+    """Return the kinds of numbers as levels; there are two, and what else has levels is given once or not at all."""
+    from xdynamics.faults import InputError
+    from xdynamics.methods.scheme import PRECISIONS
+
+    if time_tolerance is not None or named.get("precision") is not None:
+        given = "--time-tolerance" if time_tolerance is not None else "--precision"
+        raise InputError(f"{given} and --precisions are both given; one of them is varied")
+    source = click.get_current_context().get_parameter_source
+    for name in ("levels", "ratio"):
+        if source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError(f"--{name} and --precisions are both given; there are two precisions, each a level")
+    return fixed | {"precisions": [*PRECISIONS]}
 
 
 def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:

@@ -41,6 +41,12 @@ The rounding of a run of floats is its difference from its twin, the same run wi
   with their rests. Where steps are chosen, march both by those of one of them: simulate(model,
   step=run.step_size[1:], until=...). In Python also
   xd.refine(model, precisions=["float64", "double_double"], method="rk4", step="10 ms")
+  xdynamics refine data/models/kepler.toml --precisions --method rk4 --step "10 ms" --until "6.3 s"
+`budget` measures its term of rounding by such a twin, for coordinates, velocities, states and times
+of events. In sweeps precision is a setting or an axis; members are marched one by one, each from
+its own texts, and what is kept of them are floats:
+  xdynamics sweep data/models/kepler.toml --axis "precision=float64, double_double" \\
+      --method rk4 --step "10 ms" --until "6.3 s" -o grid
 `reproduce`, `verify`, `sign`, `extend`, --resume, `diagnose`, `plot` and `show` read such runs as
 they do others.
 What is refused, each with what to do instead:
@@ -53,7 +59,6 @@ What is refused, each with what to do instead:
   functions in Python               they return a float: write an expression
   scales, compensated sums          leave them out; a rest is carried of every number anyhow
   root_state = "interpolant"        leave it out: the state at an event is that of a shortened step
-  sweeps, lanes                     march each by simulate, or one by refine(precisions=[...])
 What it costs: a step takes 11 to 50 times as long as one of floats, a run of 6,000 steps with its
 record 3 to 20 times, and compiling 0.1 to 4 s in the place of 0.04 to 0.25 s. The benchmark
   python tests/benchmarks/precision_cost.py

@@ -210,7 +210,9 @@ def march_many(
         try:
             if side_by_side > 1:
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
-            return _march(model, settings, law, part_arrays, logs=kept)
+            log = allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
+            run = posed(model, settings, law, log, addresses_of(law))
+            return _march(run, log, law, inputs_of(model, settings, law, run, part_arrays), logs=kept)
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
@@ -220,14 +222,47 @@ def march_many(
         return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
 
 
-def _march(
-    model: Model, settings: Settings, law: Law, arrays: Mapping[tuple[str, str], Floats], *, logs: bool
-) -> EnsemblePart:
-    n, log = len(next(iter(arrays.values()))), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
-    run = posed(model, settings, law, log, addresses_of(law))
-    inputs = inputs_of(model, settings, law, run, arrays)
+def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False) -> Runs:
+    """March runs one after the other whose every number is the member's own, as where numbers are sums of two floats.
+
+    Parameters
+    ----------
+    members : sequence of (Model, Settings)
+        Which differ in numbers alone: parameters, starts, steps, tolerances.
+    logs : bool
+        Whether to keep every row of every run, or only the last states and the events.
+
+    Returns
+    -------
+    Runs
+        Every run is the same, to the bit, as when marched alone.
+
+    Raises
+    ------
+    InputError
+        If a member's settings are wrong, or the system gives no memory.
+    """
+    for model, settings in members:
+        settings.check(model)
+    model, settings = members[0]
+    law = law_of(settings.layout(model), sampled=False)
+    addresses, log = addresses_of(law), allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
+    small = allocate(law.layout, 1, sampled=0)
+    runs = [posed(*member, law, small, addresses) for member in members]
+    inputs = (
+        np.concatenate([run.plan for run in runs]),
+        *(np.stack([getattr(run, name) for run in runs]) for name in ("y", "p", "atol")),
+    )
+    try:
+        part = _march(posed(model, settings, law, log, addresses), log, law, inputs, logs=logs)
+    except NoMemoryError:
+        raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None
+    return _joined(law, settings, [part], tuple(law.layout.row), logs=logs)
+
+
+def _march(run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool) -> EnsemblePart:
+    n, first = len(inputs[0]), 0
     part = EnsemblePart.of(n, law, inputs[2])
-    first = 0
     while True:
         first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
         part.logs.append(_emptied(run, log, logs=logs))

@@ -45,6 +45,7 @@ SETTINGS = (
     "max_steps",
     "jacobian",
     "summation",
+    "precision",
     "switches",
     "time_tolerance",
     "atol",

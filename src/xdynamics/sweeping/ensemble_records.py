@@ -135,7 +135,7 @@ class Harvest:
             reintegrated=True,
             judged=judged,
             # the model's own numbers: what may follow them are addresses of the run that was marched
-            parameters=self.runs.parameters[:, : len(constants(self.model))],
+            parameters=self.runs.parameters[:, : (1 + self.layout.is_doubled) * len(constants(self.model))],
             runs=members,
         )
 
@@ -178,7 +178,8 @@ class Harvest:
         last = first[members + 1] - 1
         rows = rows_of_times(self["time"], first[members], last, times, after=False)
         states_and_errors = self._again(members, times, rows, np.minimum(rows + 1, last), judged=True)
-        states, errors = (dict(zip(used, half, strict=True)) for half in np.split(states_and_errors, 2))
+        parts = states_and_errors[: len(used)], states_and_errors[len(used) : 2 * len(used)]
+        states, errors = (dict(zip(used, part, strict=True)) for part in parts)
         if name in states:
             deviation: Floats = np.abs(errors[name])
             return deviation

@@ -13,14 +13,28 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.march import Settings
+from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
+from xdynamics.march.log import Room
 from xdynamics.march.root_methods import EARLIEST_FIRST
+from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.model.toml import tables_of
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.sweeping.axes import INITIAL, NUMBERS, OF_MODEL, PARAMETER, RTOL, START, STEP, TABLE, Axis, AxisColumn
+from xdynamics.sweeping.axes import (
+    INITIAL,
+    NUMBERS,
+    OF_MODEL,
+    PARAMETER,
+    RTOL,
+    SETTING,
+    START,
+    STEP,
+    TABLE,
+    Axis,
+    AxisColumn,
+)
 
 Places = NDArray[np.int64]
 At = Sequence[int] | Places
@@ -39,19 +53,34 @@ class Group:
         Indices of the members in the block.
     arrays : dict
         Those of `parameters`, `initial`, `steps` and `rtols` for `march_many` that vary, SI.
+    grid : SweepGrid
+    at : ndarray of int, shape (n, axes)
+        Indices of the members along the axes.
     """
 
     model: Model
     settings: Settings
     places: Places
     arrays: Arrays
+    grid: SweepGrid
+    at: Places
 
     def without(self, known: NDArray[np.bool_]) -> Group:
         """Return the group without the known members of the block."""
         remaining = ~known[self.places]
-        return self if remaining.all() else replace(self, places=self.places[remaining], arrays=self.part(remaining))
+        if remaining.all():
+            return self
+        return replace(self, places=self.places[remaining], arrays=self._arrays(remaining), at=self.at[remaining])
 
-    def part(self, which: slice | NDArray[np.bool_]) -> Arrays:
+    def marched(self, which: slice, *, logs: bool | Sequence[str], room: Room | None = None) -> Runs:
+        """March some of the members; sums of two floats are read of each member's own texts."""
+        if self.settings.precision == FLOAT64:
+            return march_many(self.model, self.settings, **self._arrays(which), logs=logs, room=room)
+        grid, samples = self.grid, self.settings.samples
+        members = [(grid.model_of(at), replace(grid.settings_of(at), samples=samples)) for at in self.at[which]]
+        return march_each(members, logs=bool(logs))
+
+    def _arrays(self, which: slice | NDArray[np.bool_]) -> Arrays:
         """Return the numbers of some of the members."""
         return {
             key: (
@@ -104,8 +133,17 @@ class SweepGrid:
 
     @cached_property
     def words(self) -> tuple[int, ...]:
-        """Axes along which something other than numbers varies: a block holds one value of each."""
-        return tuple({k: None for k, column in self.columns if column.kind not in NUMBERS})
+        """Axes along which something other than numbers varies, as does the order of a method by its tolerance."""
+        kinds = tuple(kind for kind in NUMBERS if kind != RTOL or not self._follows_rtol)
+        return tuple({k: None for k, column in self.columns if column.kind not in kinds})
+
+    @property
+    def _follows_rtol(self) -> bool:
+        """Whether the order of a member follows from its relative tolerance."""
+        varied = {column.name: column.values.tolist() for _, column in self.columns if column.kind == SETTING}
+        methods = varied.get("method", [self.asked.get("method") or self.model.run.get("method")])
+        given = "order" in varied or (self.asked.get("order") or self.model.run.get("order")) is not None
+        return not given and any(name in METHODS and METHODS[name].has_orders for name in methods)
 
     def check(self) -> None:
         """Check the settings of every combination of words, with the first of all numbers, before anything is marched.
@@ -149,15 +187,9 @@ class SweepGrid:
         Raises
         ------
         InputError
-            If a setting is wrong, or of more digits than members have.
+            If a setting is wrong.
         """
-        settings = unthinned_settings_for(self._common(at), **self.asked_of(at))
-        if settings.precision != FLOAT64:
-            raise InputError(
-                f"precision is {settings.precision!r}, and members of a sweep are of single floats; march each by simulate, or one"
-                " by refine(precisions=['float64', 'double_double'])"
-            )
-        return settings
+        return unthinned_settings_for(self._common(at), **self.asked_of(at))
 
     @property
     def recording(self) -> dict[str, Any]:
@@ -200,7 +232,7 @@ class SweepGrid:
             places = np.flatnonzero((keys == key).all(axis=1))
             members = at[places]
             settings = replace(self.settings_of(members[0]), samples=False)
-            yield Group(self._common(members[0]), settings, places, self._arrays(members))
+            yield Group(self._common(members[0]), settings, places, self._arrays(members), self, members)
 
     def _arrays(self, at: Places) -> Arrays:
         """Return the numbers of members, SI."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record
 from xdynamics.faults import InputError, ModelError
-from xdynamics.march import March, Runs, march_many
+from xdynamics.march import March, Runs
 from xdynamics.march.log import Room
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
@@ -172,7 +172,7 @@ def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs
     begin, count, room = 0, FEW if reads else len(group.places), Room()
     while begin < len(group.places):
         part = slice(begin, begin + count)
-        runs = march_many(group.model, group.settings, **group.part(part), logs=reads, room=room)
+        runs = group.marched(part, logs=reads, room=room)
         yield part, runs
         begin += count
         rows = max(1, int(runs.rows.max()) * len(reads) * 8)

@@ -12,7 +12,6 @@ from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.faults import InputError
-from xdynamics.march import march_many
 from xdynamics.record.run_columns import columns_of
 from xdynamics.schema import RAGGED, ROW, ROW_SIZE, RUN, SAMPLE_DIMENSION, STEPS
 from xdynamics.schema import Variable as RecordVariable
@@ -88,7 +87,7 @@ def _marched(plan: Plan, copied: Mapping[str, Any]) -> xr.Dataset:
     harvests: list[tuple[Any, Harvest]] = []
     bytes_ = 0
     for group in grid.groups([slice(None)] * len(grid.shape)):
-        runs = march_many(group.model, group.settings, **group.arrays, logs=True)
+        runs = group.marched(slice(None), logs=True)
         harvests.append((group.places, Harvest(group.model, group.settings, runs)))
         bytes_ += runs.kept.log.rows.nbytes
         if bytes_ > MOST:
