@@ -170,6 +170,20 @@ def test_two_motors_in_a_file_are_refused() -> None:
         as_table("motor.eng", text + text.replace("C6", "D7"))
 
 
+@pytest.mark.parametrize(("last", "fine"), [("   1.860 0.000\n", True), ("", False), ("   1.860 -0.5\n", False)])
+def test_the_thrust_of_a_motor_ends_at_zero(last: str, fine: bool) -> None:
+    """Assert that a record of thrust which is cut off is refused, with the line that would end it."""
+    text = (FILES / "motor.eng").read_text()
+    cut = text.replace("   1.860 0.000\n", last)
+    if fine:
+        assert Table.parse("a", as_table("motor.eng", cut)).value.tolist()[-1] == 0.0
+        return
+    with pytest.raises(
+        xd.InputError, match=r"ends with a thrust of .* N at 1.8.* s, where RASP has 0 N .* like '1.8[17] 0'"
+    ):
+        as_table("motor.eng", cut)
+
+
 def fallen(tmp_path: Path, file: str, keys: str = "", **also: Any) -> xd.Model:
     """A mass that a measured force pulls, from a file beside the model."""
     text = (FILES / file).read_bytes() if (FILES / file).exists() else also["content"]

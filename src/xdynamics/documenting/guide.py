@@ -153,7 +153,7 @@ Files of instruments are read as they come:
   Tracker      a line with the track's name, then t, x, y without units:
                units = { t = "s", x = "m" }
   oscilloscope Tektronix (TDS, MDO, MSO, DPO), Siglent, Rigol, PicoScope: column = "CH1"
-  RASP         *.eng, thrust of a rocket motor; its first point (0, 0) is added
+  RASP         *.eng, thrust of a rocket motor; its first point (0, 0) is added, its last is 0 N
   Excel        *.xlsx, the first sheet with two rows or more (pip install 'xdynamics[excel]')
   netCDF       a file, or a Dataset or DataArray of xarray, with `units`; u_x for the uncertainty of
                x; dates count from the first

@@ -33,7 +33,7 @@ def rasp(lines: list[str], _: str) -> Cells | None:
     Raises
     ------
     InputError
-        If the file holds several motors.
+        If the file holds several motors, or its last thrust is not zero.
     """
     entries = [line for line in lines if not line.lstrip().startswith(";")]
     words = entries[0].split() if entries else []
@@ -44,6 +44,12 @@ def rasp(lines: list[str], _: str) -> Cells | None:
         raise InputError(f"holds several motors, {words[0]} and {motor[0]}; keep the lines of one")
     if any(len(point) != 2 or None in map(number_of, point) for point in points):
         return None
+    if points and number_of(points[-1][1]) != 0:
+        time, thrust = points[-1]
+        raise InputError(
+            f"ends with a thrust of {thrust} N at {time} s, where RASP has 0 N at burnout: is a part of it missing?"
+            f" If not, add a line with the burnout and 0, like '{float(time) + 0.01:g} 0'"
+        )
     start = [] if not points or number_of(points[0][0]) == 0 else [("0", "0")]
     rows = (*start, *((time, thrust) for time, thrust in points))
     return Cells(f"thrust of the motor {words[0]} by {' '.join(words[6:])}, as RASP has it", (TIME, "thrust [N]"), rows)
