@@ -471,3 +471,23 @@ def test_a_plane_of_states_that_the_model_names_is_drawn_once() -> None:
     assert apart.attrs["title"] == "Spiral, by rk4, two runs"
     assert apart.attrs["cause"] == "initial: x: 1.0 | 1.5"
     assert apart.attrs["parted"] == "t = 0: x by 0.5, beyond an interpolation error of 0"
+
+
+def test_many_variables_of_two_runs_are_named_once() -> None:
+    """Assert that three variables keep their colours in both runs, and that the legend has each of the five names once."""
+    decay = xd.Model(
+        name="Decay",
+        time={"unit": "1"},
+        parameters={"k": "1"},
+        states={word: {"unit": "1", "rate": f"-k*{word}"} for word in "abc"},
+        initial={"a": "1", "b": "2", "c": "3"},
+    )
+    asked = {"method": "rk4", "step": "0.1", "until": "2"}
+    slow, fast = (xd.simulate(model, **asked) for model in (decay, decay.replace(parameters={"k": "2"})))
+    axes = xd.plot({"slow": slow, "fast": fast}, only=["state"]).axes[0]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a", "b", "c", "slow", "fast"]
+    solid, dashed = (
+        [line.get_color() for line in axes.lines if line.get_linestyle() == style] for style in ("-", "--")
+    )
+    assert solid[:3] == dashed[:3]
+    assert len({*dashed[:3]}) == 3

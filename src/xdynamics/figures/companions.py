@@ -76,12 +76,6 @@ class Beside:
         """The other runs with their labels."""
         return [(other.label, other.record) for other in self.others if other.record is not None]
 
-    def own_label(self, name: str, count: int) -> str:
-        """Label a line of the run: by its variable, by the run, or by both where there are several of each."""
-        if not self.own:
-            return name
-        return self.own if count == 1 else f"{name}, {self.own}"
-
 
 def labels_of(runs: Sequence[xr.Dataset]) -> list[str]:
     """Name runs by what differs between them: method, step or tolerance, parameters, starts; else by number.

@@ -34,11 +34,15 @@ LONGEST_LABEL = 24  # characters
 MOST_NAMED = 8  # lines in a legend
 MOST_DOTS = 20_000  # of a section
 MOST_LINES = 6  # in one panel; more are a map
+MOST_CROSSED = (
+    2  # variables that are named together with each run; of more the legend has a line for each, and for each run
+)
 COLUMNS = 800  # of a map
 MOST_TICKS = 10  # of a map, at equal distances
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
 FEWEST_LATE = 50  # rows for that
 CONTACTS = "contact and friction"
+GREY = "#555555"  # of what stands for all lines
 DASHES = ("--", ":", "-.")
 
 
@@ -48,15 +52,15 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
         _map(run, names, what, axes)
         return
     time, around = run["time"].values, wraps(run)
-    for colour, name in zip(cycled(names), names, strict=True):
+    for name in names:
+        colour, label = key(name, 0, beside.own, names, beside)
         values, (times, (line,)) = run[name].values, drawn(run, name)
         if name in around:
             units = str(run[name].attrs["units"])
             values, line = wrapped(values, units), torn(line, units)
         if run.sizes[STEPS] < FEW_ROWS:
             axes.plot(time, values, ".", color=colour, markersize=4)
-        label = words(beside.own_label(name, len(names)))
-        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=label)
+        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(label))
     overlaid = _overlay(run, names, beside, axes)
     label = "force" if what == CONTACTS and len(names) > 1 else _joined(names)
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
@@ -64,7 +68,7 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
     shade_regimes(run, axes)
     marked = mark_events(run, names, axes)
     over_the_run(run, axes)
-    _legend(axes, names, beside=overlaid or marked)
+    _legend(axes, names, beside if overlaid else Beside(), needed=marked)
 
 
 def straight(run: xr.Dataset, *names: str, exact: bool = False) -> str:
@@ -76,12 +80,12 @@ def _overlay(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> b
     """Draw the same variables of other runs and measurements."""
     overlaid, around = False, wraps(run)
     for k, other in enumerate(beside.others):
-        for i, name in enumerate(names):
+        for name in names:
             if name not in other.columns:
                 continue
-            colour = COLOURS[(i + (k + 1) * len(names)) % len(COLOURS)]
+            colour, label = key(name, k + 1, other.label, names, beside)
             times, values, doubts = other.columns[name]
-            text = words(f"{name}, {other.label}" if len(names) > 1 else other.label)
+            text = words(label)
             if name in around:
                 values = (torn if doubts is None else wrapped)(values, str(run[name].attrs["units"]))
             if doubts is None:
@@ -134,16 +138,15 @@ def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> Non
     """Draw the values of measured tables along the run, and along others."""
     drives = model_of(run, None).drives
     for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
-        for i, name in enumerate(names):
+        for name in names:
             if (found := _along(record, name)) is None:
                 continue
-            colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
-            text = ", ".join(filter(None, (f"{name}({drives[name].argument})", label)))
-            axes.plot(*found, dashes, color=colour, linewidth=1.1, label=words(text))
+            colour, text = key(name, k, label, names, beside, f"{name}({drives[name].argument})")
+            axes.plot(*found, ("-", *DASHES)[k % 4], color=colour, linewidth=1.1, label=words(text))
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
     over_the_run(run, axes)
-    _legend(axes, names, beside=bool(beside.own))
+    _legend(axes, names, beside)
 
 
 def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
@@ -172,20 +175,19 @@ def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
 def impact_needles(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
     """Draw the impulses of impacts as needles at their times."""
     for k, (label, record) in enumerate([(beside.own, run), *beside.records]):
-        for i, name in enumerate(names):
+        for name in names:
             if name not in record or "event_time" not in record:
                 continue
-            colour = COLOURS[(i + k * len(names)) % len(COLOURS)]
+            colour, text = key(name, k, label, names, Beside(), name.removeprefix("event_"))
             time, values = record["event_time"].values, record[name].values
             shown = values != 0.0
-            text = label if label and len(names) == 1 else ", ".join(filter(None, (name.removeprefix("event_"), label)))
             axes.vlines(time[shown], 0.0, values[shown], color=colour, linewidth=1.0)
             axes.plot(time[shown], values[shown], ".", color=colour, markersize=4, label=words(text))
     axes.axhline(0.0, color="#777777", linewidth=0.8)
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"impulse ({run[names[0]].attrs['units']})"))
     axes.set_title("impulses of impacts", loc="left", fontsize=10)
     over_the_run(run, axes)
-    _legend(axes, names, beside=bool(beside.own))
+    _legend(axes, names, needed=bool(beside.own))
 
 
 def turn(units: str) -> float:
@@ -223,11 +225,10 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, trans
         its_model, time = model_of(record, None), record["time"].values
         its_times = settled(record, strobes(its_model, float(time[0]), float(time[-1])), transient)
         states = sample(record, its_times, functions=its_model.functions)
-        for i, name in enumerate(names):
+        for name in names:
             units = str(run[name].attrs["units"])
             position = wrapped(states[name].values, units) if name in model.pictured.wrap else states[name].values
-            text = label if label and len(names) == 1 else ", ".join(filter(None, (name, label)))
-            colour = COLOURS[(i + k * len(names)) % len(COLOURS)]
+            colour, text = key(name, k, label, names, Beside())
             speeds = states[velocity(name)].values
             axes.plot(position, speeds, ".", color=colour, markersize=2.5, label=words(text))
     speed_names = [velocity(coordinate) for coordinate in names]
@@ -240,7 +241,7 @@ def section(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes, trans
     axes.set_title(
         f"Poincare section, {times.size} periods of {_period(model):.4g}{second}{left_out}", loc="left", fontsize=10
     )
-    _legend(axes, names, beside=bool(beside.own))
+    _legend(axes, names, needed=bool(beside.own))
 
 
 def strobes(model: Model, start: float, end: float) -> Floats:
@@ -257,24 +258,23 @@ def _period(model: Model) -> float:
 def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None:
     """Draw velocities against positions."""
     around = wraps(run)
-    for i, name in enumerate(names):
+    for name in names:
         _, lines = drawn(run, name, velocity(name))
-        found = [(beside.own_label(name, len(names)), lines)]
+        found = [(beside.own, lines)]
         for other in beside.others:
-            label = f"{name}, {other.label}" if len(names) > 1 else other.label
-            found += [(label, pair)] if (pair := other.together(name, velocity(name))) is not None else []
+            found += [(other.label, pair)] if (pair := other.together(name, velocity(name))) is not None else []
         for k, (label, (line, speeds)) in enumerate(found):
             start, units = line[:1], str(run[name].attrs["units"])
             if name in around:
                 start, line = wrapped(start, units), torn(line, units)  # noqa: PLW2901
-            colour, dashes = COLOURS[(i + k * len(names)) % len(COLOURS)], ("-", *DASHES)[k % 4]
+            colour, text = key(name, k, label, names, beside)
             first = speeds[:1]
             if k == 0 and is_long(run):
                 columns = (run[entry].values for entry in (name, velocity(name), "time"))
                 line, speeds = unjoined(*columns)  # noqa: PLW2901
                 line = torn(line, units) if name in around else line  # noqa: PLW2901
                 axes.plot(*alone(line, speeds), color=colour, **DOTS)
-            axes.plot(line, speeds, dashes, color=colour, linewidth=1.0, label=words(label))
+            axes.plot(line, speeds, ("-", *DASHES)[k % 4], color=colour, linewidth=1.0, label=words(text))
             axes.plot(start, first, "o", color=colour, markersize=4)
     units, per_second = run[names[0]].attrs["units"], run[velocity(names[0])].attrs["units"]
     axes.set(
@@ -283,12 +283,7 @@ def phase(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> None
     )
     note = straight(run, *names, *(velocity(name) for name in names))
     axes.set_title(f"phase portrait (dot: start){note}", loc="left", fontsize=10)
-    _legend(axes, names, beside=bool(beside.own))
-
-
-def cycled(names: list[str]) -> list[str]:
-    """Return a colour for each line."""
-    return [COLOURS[i % len(COLOURS)] for i in range(len(names))]
+    _legend(axes, names, beside)
 
 
 def _joined(names: list[str]) -> str:
@@ -300,9 +295,32 @@ def _joined(names: list[str]) -> str:
     return joined if len(joined) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
 
 
-def _legend(axes: Axes, names: list[str], *, beside: bool = False) -> None:
+def key(name: str, k: int, run: str, names: list[str], beside: Beside, shown: str = "") -> tuple[str, str]:
+    """Return colour and label of a variable's line of the k-th run, which is called `run`.
+
+    A few variables have a colour for each line. Of more each keeps its colour in all runs, and is named once; runs are told
+    apart by their dashes, which `_legend` names.
+    """
+    i, shown = names.index(name), shown or name
+    if is_crossed(names, beside):
+        return COLOURS[i % len(COLOURS)], "" if k else shown
+    text = run if run and len(names) == 1 else ", ".join(filter(None, (shown, run)))
+    return COLOURS[(i + k * len(names)) % len(COLOURS)], text
+
+
+def is_crossed(names: list[str], beside: Beside) -> bool:
+    """Whether there are so many variables of several runs that the legend names them apart."""
+    return bool(beside.own) and len(names) > MOST_CROSSED
+
+
+def _legend(axes: Axes, names: list[str], beside: Beside | None = None, *, needed: bool = False) -> None:
     """Name the lines of a panel, where there are several and not too many for it."""
-    if beside or 1 < len(names) <= MOST_NAMED:
+    if beside is not None and is_crossed(names, beside):
+        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=words(beside.own))
+        for k, other in enumerate(beside.others):
+            style = "+" if other.record is None else DASHES[k % len(DASHES)]
+            axes.plot([], [], style, color=GREY, linewidth=1.1, label=words(other.label))
+    if needed or (beside is not None and beside.own) or 1 < len(names) <= MOST_NAMED:
         axes.legend(fontsize=8, frameon=False)
 
 

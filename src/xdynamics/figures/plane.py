@@ -20,7 +20,7 @@ from xdynamics.faults import InputError
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
-from xdynamics.figures.line_panels import DASHES, MOST_NAMED, straight
+from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED, straight
 from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.model import Model
@@ -41,7 +41,6 @@ LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
 SLENDER = 2.0  # ratio of the sides, from which on few numbers fit below
-GREY = "#555555"  # of what stands for all bodies
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 
