@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from xdynamics.evidence.companion import companion
     from xdynamics.evidence.comparing.comparison import compare
     from xdynamics.evidence.diagnosing.diagnosis import diagnose
+    from xdynamics.evidence.enclosing.enclosure import enclose
     from xdynamics.evidence.modes import modes
     from xdynamics.evidence.refining.refinement import refine
     from xdynamics.evidence.sampling import sample
@@ -78,6 +79,7 @@ _ROOMS = {
     "evidence.companion": ("companion",),
     "evidence.comparing.comparison": ("compare",),
     "evidence.diagnosing.diagnosis": ("diagnose",),
+    "evidence.enclosing.enclosure": ("enclose",),
     "evidence.modes": ("modes",),
     "evidence.refining.refinement": ("refine",),
     "evidence.sampling": ("sample",),
@@ -143,6 +145,7 @@ __all__ = [
     "diagnose",
     "discard",
     "document",
+    "enclose",
     "error_budget",
     "extend",
     "fit",

@@ -115,10 +115,10 @@ ATOL_RULE, ATOL_FOLLOWS = (
 )
 # the effect of given absolute tolerances along a run, or why it was not examined; absent if none is given
 ATOL_EFFECT = "run_atol_effect"
-# names of velocities that were not given, and are 0
-AT_REST = "initial_velocities_not_given"
+AT_REST = "initial_velocities_not_given"  # names of velocities that were not given, and are 0
 # of what was made from runs to judge them by: a word for what it is, and the content digests of the runs, coarse to fine
 EVIDENCE, RUNS = "evidence", "runs"
+ENCLOSURE, PROVEN = "enclosure", "proven"  # the evidence that is proven bounds, and its attribute that says so
 SWEEP = "sweep"  # the evidence that is many runs
 # the evidence that is all rows of many runs, one run after the other: its dimensions, how many rows each run has, and the
 # attribute by which CF knows it
@@ -237,6 +237,11 @@ def rate(name: str) -> str:
 def rest(name: str) -> str:
     """Name what is left of a number beside the nearest float."""
     return f"rest_{name}"
+
+
+def bounds_of(name: str) -> tuple[str, str]:
+    """Name the proven lower and upper bound of a quantity."""
+    return f"lower_{name}", f"upper_{name}"
 
 
 def error(name: str) -> str:

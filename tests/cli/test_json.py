@@ -12,6 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
+from cases.smooth_models import oscillator
 from xdynamics.cli import main
 from xdynamics.documenting.guide import guide
 from xdynamics.documenting.json_data import json_text
@@ -45,6 +46,7 @@ VERBS = {
     "verify": ("run.nc", "verification"),
     "reproduce": ("run.nc", "reproduction"),
     "sample": ("run.nc --times '0.1 s, 0.2 s' -o table.csv", "states"),
+    "enclose": ("spring.toml --until '0.1 s' --order 8 -o tube.nc", "enclosure"),
     "methods": ("", "methods"),
 }
 # verbs that write files or words, and yield no number
@@ -61,6 +63,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     os.chdir(folder)
     try:
         Path("ball.toml").write_text(BALL)
+        Path("spring.toml").write_text(oscillator().to_toml())
         rows = [f"{t},{10 - 9.7 / 2 * t**2},2" for t in np.linspace(0.0, 1.2, 13).tolist()]
         Path("bench.csv").write_text("\n".join(["time [s],y [m],u(y) [mm]", *rows]))
         for output, more in (("run.nc", ()), ("states.nc", ("--log", "states"))):

@@ -15,6 +15,7 @@ EXAMPLES = {
     "complete": "xdynamics complete orbit.nc -o whole.nc",
     "diagnose": "xdynamics diagnose orbit.nc -o diagnosis.nc",
     "discard": "xdynamics discard ball.nc",
+    "enclose": 'xdynamics enclose data/models/harmonic_oscillator.toml --until "10 s" -o tube.nc',
     "extend": 'xdynamics extend orbit.nc --until "60 s" -o longer.nc',
     "fit": "xdynamics fit data/models/bench_pendulum.toml bench.csv --parameter length --parameter damping -o fit.nc",
     "help": "xdynamics help events",

@@ -1,4 +1,4 @@
-"""Verbs that prove: verify, sign, reproduce."""
+"""Verbs that prove: enclose, verify, sign, reproduce."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import sys
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, say
+from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, progress, say
+from xdynamics.cli.marching import changed_model
 
 
 @main.command()
@@ -108,3 +109,48 @@ def reproduce(archive: str) -> None:
     say([f"not the same: {table.attrs['arithmetic']}; the first is {table.attrs['first_difference']}"])
     say(f"  {line}" for line in table.attrs["settings"].splitlines())
     sys.exit(BADLY)
+
+
+@main.command()
+@click.argument("model_file", metavar="MODEL.toml")
+@click.option("-o", "--output", metavar="E.nc", help="Where to write the bounds.")
+@click.option(
+    "--until", metavar="TIME", help="Up to which time to prove; by default the last --at, or the model's own."
+)
+@click.option(
+    "--at", "times", multiple=True, metavar="TIME", help="A time at which to prove bounds, or times like '0:10:101 s'."
+)
+@click.option("--rtol", type=float, help="What truncation may add in a step, as a part of the largest value (1e-16).")
+@click.option("--order", type=int, help="Order of the Taylor polynomials; by default from --rtol: 20.")
+@click.option("--max-steps", type=int, help="Steps after which the proof ends (100000).")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
+@json_option
+def enclose(
+    model_file: str,
+    output: str | None,
+    until: str | None,
+    times: tuple[str, ...],
+    rtol: float | None,
+    order: int | None,
+    max_steps: int | None,
+    values: tuple[str, ...],
+) -> None:
+    """Prove bounds of a smooth motion, for every start and parameter within its half_width.
+
+    Ends with exit code 1 where no bounds are proven to the end.
+    """
+    from xdynamics.archive import check_target, save
+    from xdynamics.archive.place import placed
+    from xdynamics.evidence.enclosing.enclosure import enclose as enclosed
+    from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, lines_of
+
+    model = changed_model(model_file, values)
+    if output:
+        check_target(placed(output))
+    at = list(times) if len(times) > 1 else times[0] if times else None
+    with progress("t = {at:.6g}, {count} steps") as report:
+        tube = enclosed(model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, progress=report)
+    written = str(save(tube, output)) if output else None
+    say([str(tube.attrs["title"]), *lines_of(tube), *([f"archive   {written}"] if written else [])])
+    hand_over(tube, archive=written)
+    sys.exit(DONE if tube.attrs["outcome"] == COMPLETED else BADLY)

@@ -16,6 +16,7 @@ ALSO = {
     "new": ("init", "create", "template", "start"),
     "fit": ("calibrate", "estimate", "identify"),
     "budget": ("uncertainty", "error", "errors", "uncertainties"),
+    "enclose": ("enclosure", "bounds", "tube", "interval", "intervals", "rigorous", "proof"),
     "certify": ("certificate", "prove"),
     "refine": ("converge", "convergence", "refinement", "order"),
     "compare": ("diff", "difference", "cmp"),

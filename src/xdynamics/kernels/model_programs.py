@@ -55,10 +55,10 @@ def forces(layout: Layout) -> Program:
     last = (EngineCall(len(constants(layout.model))),) if layout.model.assemblies else ()
     if (nests := _in_loops(layout)) is not None:
         return Program("forces", about, (*nests.lines, *last), local=nests.local, tables=nests.tables)
-    return replace(elements := _by_elements(layout), about=about, body=(*elements.body, *last))
+    return replace(elements := forces_by_elements(layout), about=about, body=(*elements.body, *last))
 
 
-def _by_elements(layout: Layout) -> Program:
+def forces_by_elements(layout: Layout) -> Program:
     """Write the forces of a model element by element."""
     lines = _moved(layout, motion(layout.model))
     for name in layout.evaluation:
@@ -120,7 +120,7 @@ def expanded(layout: Layout, degree: int) -> Expansion:
     motion_of = Motion(coordinates, states)
     with suppress(UnexpandedError):
         return expansion(forces(layout), motion_of, degree)
-    return expansion(_by_elements(layout), motion_of, degree)
+    return expansion(forces_by_elements(layout), motion_of, degree)
 
 
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:

@@ -1,0 +1,1 @@
+"""Bounds of motions that are proven, as datasets."""

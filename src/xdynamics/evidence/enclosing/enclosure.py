@@ -1,0 +1,187 @@
+"""Proven bounds of all motions of a model, from every start and with every constant that it may have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics.dynamics.shortened_steps import wanted_times
+from xdynamics.evidence.enclosing.enclosure_dataset import Tube, enclosure_dataset
+from xdynamics.faults import InputError
+from xdynamics.keywords import number
+from xdynamics.model import Model, check_model
+from xdynamics.tubes import Flow, interval_problem_of
+from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.interval_problem import time_box
+from xdynamics.units import time_in, unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.march.runner import Progress
+
+DEFAULT_RTOL, LEAST_RTOL, LARGEST_RTOL = 1e-16, 1e-20, 1e-3
+LEAST_ORDER, MOST_ORDER = 3, 60
+MOST_STEPS = 100_000
+Time = str | float
+
+
+def enclose(
+    model: Model,
+    *,
+    until: Time | None = None,
+    at: Sequence[Time] | Time | None = None,
+    rtol: float | None = None,
+    order: int | None = None,
+    max_steps: int | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Prove bounds of every motion of a model.
+
+    Parameters
+    ----------
+    model : Model
+        Smooth, of first or second order. Values at the start and parameters with a `half_width` are intervals, all others
+        the numbers that are written.
+    until : str or float
+        Time up to which to prove; by default the last of `at`, else that of the model's `[run]`.
+    at : times, optional
+        Times at which bounds are wanted, like ``["1 s", "2 s"]`` or ``"0:10:101 s"``; by default those after each step.
+    rtol : float
+        What a step may add by truncation, relative to the largest values so far; by default 1e-16, a rounding.
+    order : int
+        Of the Taylor polynomials, from 3 to 60; by default ceil(1 - ln(rtol)/2), as for `taylor`: 20.
+    max_steps : int
+        Steps after which the proof ends; 100,000 by default.
+    progress : callable, optional
+        Called with the fraction done, the time and the number of steps.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `step`, or `at` where times are given: `lower_y` and `upper_y` of every coordinate, velocity and state, and
+        `time`, or `at_time`. The attribute `proven` is 1; `summary` says what was proven, `proven_until` up to which time.
+        Where no further step can be proven, `outcome` is `not_proven`, `outcome_text` says why, and bounds at later times
+        are nan.
+
+    Raises
+    ------
+    InputError
+        If the model has what no bounds are proven of: impacts, forces in Python, tables; or a setting is wrong.
+
+    Notes
+    -----
+    Every operation is rounded outward, and every step proves that the motions exist and are unique: Taylor polynomials whose
+    remainder is taken over a box that no motion leaves (Corliss and Rihm 1996), their dependence on the start by their
+    derivatives over the whole set (Lohner 1987), the set as the image of the starts and a box in a frame that turns with
+    the flow (Mrozek and Zgliczynski 2000; Nedialkov, Jackson, Corliss 1999, doi:10.1016/S0096-3003(98)10083-8).
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> model = xd.Model.from_toml("data/models/harmonic_oscillator.toml")
+    >>> tube = enclose(model, at=["1 s"])
+    >>> bool(tube.lower_x[0] < tube.upper_x[0]), float(tube.upper_x[0] - tube.lower_x[0]) < 1e-13
+    (True, True)
+    """
+    check_model(model)
+    tolerance = _tolerance(rtol)
+    degree, most = _order(order, tolerance), _most(max_steps)
+    start, times = model.initial["t"].si, None if at is None else _times(at, model)
+    end = _end(until, times, model)
+    for time in times or ():
+        if not start <= time <= end:
+            suffix = unit_suffix(model.time_unit)
+            raise InputError(
+                f"at has {time!r}{suffix}, and the enclosure goes from {start!r}{suffix} to {end!r}{suffix}"
+            )
+    flow = Flow(interval_problem_of(model), degree, tolerance)
+    wanted = None if times is None else [_BoundTime(place, time, time_box(time)) for place, time in enumerate(times)]
+    tube = _tube(flow, end, start, wanted, most, progress)
+    return enclosure_dataset(model, tube, degree, tolerance)
+
+
+@dataclass(frozen=True)
+class _BoundTime:
+    place: int
+    time: float
+    box: Box
+
+
+def _tube(
+    flow: Flow, end: float, start: float, wanted: list[_BoundTime] | None, most: int, progress: Progress | None
+) -> Tube:
+    """March, and collect boxes after each step, or at wanted times."""
+    used, until = flow.problem.used, time_box(end)
+    rows, times, steps = [flow.box[:, :used]], [float(start)], 0
+    found = np.full((2, len(wanted or ()), used), np.nan)
+    for one in wanted or ():
+        if one.box[0] <= flow.time[0]:
+            found[:, one.place] = rows[0]
+    reached = float(start)
+    for proof in flow.until([until]):
+        steps += 1
+        reached = end if proof.end is until else float(proof.end[0])
+        if wanted is None:
+            rows.append(proof.after[:, :used])
+            times.append(reached)
+        for one in wanted or ():
+            if proof.begin[0] < one.box[0] and one.box[1] <= proof.end[1]:
+                found[:, one.place] = proof.at(one.box)[:, :used]
+        if progress is not None:
+            progress((reached - start) / (end - start), reached, steps)
+        if steps >= most and reached < end:
+            flow.reason = f"max_steps = {most} steps were taken"
+            break
+    if wanted is None:
+        return Tube(np.array(times), np.stack(rows, axis=1), steps, reached, flow.reason)
+    return Tube(np.array([one.time for one in wanted]), found, steps, reached, flow.reason, at_times=True)
+
+
+def _tolerance(rtol: Any) -> float:
+    tolerance = DEFAULT_RTOL if rtol is None else number(rtol, "rtol")
+    if not LEAST_RTOL <= tolerance <= LARGEST_RTOL:
+        raise InputError(f"rtol is {rtol!r}, needs a number from {LEAST_RTOL:g} to {LARGEST_RTOL:g}")
+    return tolerance
+
+
+def _order(order: Any, tolerance: float) -> int:
+    if order is None:
+        return int(np.ceil(1.0 - np.log(tolerance) / 2.0))
+    if isinstance(order, bool) or not number(order, "order").is_integer() or not LEAST_ORDER <= order <= MOST_ORDER:
+        raise InputError(f"order is {order!r}, needs a whole number from {LEAST_ORDER} to {MOST_ORDER}")
+    return int(order)
+
+
+def _most(steps: Any) -> int:
+    if steps is None:
+        return MOST_STEPS
+    if isinstance(steps, bool) or not number(steps, "max_steps").is_integer() or steps < 1:
+        raise InputError(f"max_steps is {steps!r}, needs a positive whole number")
+    return int(steps)
+
+
+def _times(at: Any, model: Model) -> list[float]:
+    """Read times; each keeps the decimal digits that it was written with."""
+    if isinstance(at, str) and ":" not in at:
+        at = at.split(",")
+    if isinstance(at, list | tuple) and at and all(isinstance(time, str) for time in at):
+        return [time_in(model.time_unit, time, "at") for time in at]
+    return [float(time) for time in wanted_times(at, model.time_unit)]
+
+
+def _end(until: Any, times: list[float] | None, model: Model) -> float:
+    """Return up to which time to prove."""
+    start = model.initial["t"].si
+    if until is None and not times:
+        until = model.run.get("until")
+    if until is None and not times:
+        raise InputError(f"model '{model.name}' has no until in its [run]; give until=… or at=…")
+    end = max(times or ()) if until is None else time_in(model.time_unit, until, "until")
+    if not start < end < np.inf and not (until is None and end == start):
+        suffix = unit_suffix(model.time_unit)
+        raise InputError(f"until is {end!r}{suffix}, needs a finite time after the start, {start!r}{suffix}")
+    return end

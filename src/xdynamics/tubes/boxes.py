@@ -1,0 +1,159 @@
+"""Boxes: arrays of intervals whose first index tells lower ends from upper ones, with every operation rounded outward.
+
+What IEEE 754 rounds to nearest lies next to the exact result or is it; one float further out is a bound of it, also where
+a product underflows (Moore, Kearfott, Cloud, Introduction to Interval Analysis, 2009, section 3.2). An infinite or
+undefined end stays one, and is refused where a proof would follow from it.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+Box = NDArray[np.float64]  # shape (2, ...)
+Floats = NDArray[np.float64]
+
+EPS = 2.0**-52
+_TOWARDS = [np.array([-inf, inf]).reshape(2, *(1,) * n) for n in range(8)]
+
+
+def outward(ends: Box) -> Box:
+    """Return the next floats outside."""
+    moved: Box = np.nextafter(ends, _TOWARDS[ends.ndim - 1])
+    return moved
+
+
+def point(values: Floats | float) -> Box:
+    """Return intervals that are numbers."""
+    return np.stack([values, values]).astype(float)
+
+
+def enclosed(exact: Fraction, half_width: Fraction = Fraction(0)) -> Box:
+    """Return the interval of an exact number, or from one half width below it to one above."""
+    ends = []
+    for number, towards in ((exact - half_width, -inf), (exact + half_width, inf)):
+        nearest = float(number)
+        beyond = Fraction(nearest) > number if towards < 0 else Fraction(nearest) < number
+        ends.append(float(np.nextafter(nearest, towards)) if beyond else nearest)
+    return np.array(ends)
+
+
+def add(a: Box, b: Box) -> Box:
+    """Add."""
+    return outward(a + b)
+
+
+def subtract(a: Box, b: Box) -> Box:
+    """Subtract."""
+    return outward(a - b[::-1])
+
+
+def negative(a: Box) -> Box:
+    """Return the interval of opposite sign, which is exact."""
+    return -a[::-1]
+
+
+def multiply(a: Box, b: Box) -> Box:
+    """Multiply: the ends are among the products of ends."""
+    products = a[:, None] * b[None, :]
+    products = products.reshape(4, *products.shape[2:])
+    return outward(np.stack([products.min(axis=0), products.max(axis=0)]))
+
+
+def square(a: Box) -> Box:
+    """Multiply by itself, which has no negative values."""
+    small = np.where((a[0] < 0.0) & (a[1] > 0.0), 0.0, np.abs(a).min(axis=0))
+    large = np.abs(a).max(axis=0)
+    ends = outward(np.stack([small * small, large * large]))
+    ends[0] = np.maximum(ends[0], 0.0)
+    return ends
+
+
+def divide(a: Box, b: Box) -> Box:
+    """Divide by what is not zero; see `has_zero`."""
+    quotients = a[:, None] / b[None, :]
+    quotients = quotients.reshape(4, *quotients.shape[2:])
+    return outward(np.stack([quotients.min(axis=0), quotients.max(axis=0)]))
+
+
+def scaled(a: Box, factor: float) -> Box:
+    """Multiply by a number."""
+    ends = a * factor
+    return outward(ends if factor >= 0.0 else ends[::-1])
+
+
+def over(a: Box, divisor: float) -> Box:
+    """Divide by a number that is not zero."""
+    ends = a / divisor
+    return outward(ends if divisor > 0.0 else ends[::-1])
+
+
+def has_zero(a: Box) -> bool:
+    """Whether zero, or no number that is known, is among the values."""
+    return not bool(((a[0] > 0.0) | (a[1] < 0.0)).all())
+
+
+def total(terms: Box, axis: int = 1) -> Box:
+    """Sum along an axis, one addition after the other.
+
+    Rounding errs by (m - 1) u of the sum of sizes, to first order (Higham, Accuracy and Stability of Numerical Algorithms,
+    2nd ed., section 4.2), and the bound here is twice that of m terms.
+    """
+    count = terms.shape[axis]
+    if count == 1:
+        return np.asarray(terms.take(0, axis=axis))
+    sums = np.add.accumulate(terms, axis=axis).take(-1, axis=axis)
+    slack = np.add.accumulate(np.abs(terms), axis=axis).take(-1, axis=axis) * (count * EPS)
+    return outward(np.stack([sums[0] - slack[0], sums[1] + slack[1]]))
+
+
+def product(a: Box, b: Box) -> Box:
+    """Multiply matrices, or a matrix with a vector."""
+    if b.ndim == 2:
+        return total(multiply(a, b[:, None, :]), axis=2)
+    return total(multiply(a[:, :, :, None], b[:, None]), axis=2)
+
+
+def middle(a: Box) -> Floats:
+    """Return a number in the middle, or nearly."""
+    return np.asarray(a[0] + 0.5 * (a[1] - a[0]))
+
+
+def width(a: Box) -> Floats:
+    """Return how far the ends are apart."""
+    return np.asarray(a[1] - a[0])
+
+
+def size(a: Box) -> Floats:
+    """Return the largest absolute value."""
+    return np.asarray(np.abs(a).max(axis=0))
+
+
+def hull(a: Box, b: Box) -> Box:
+    """Return the least box that holds two."""
+    return np.stack([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
+
+
+def common(a: Box, b: Box) -> Box:
+    """Return what two boxes that both hold the same have in common."""
+    return np.stack([np.maximum(a[0], b[0]), np.minimum(a[1], b[1])])
+
+
+def horner(coefficients: Box, x: Box) -> Box:
+    """Evaluate polynomials, whose coefficients stand along the second index, at an interval."""
+    x = x.reshape(2, *(1,) * (coefficients.ndim - 2))
+    found = coefficients[:, -1]
+    for k in range(coefficients.shape[1] - 2, -1, -1):
+        found = add(coefficients[:, k], multiply(found, x))
+    return found
+
+
+def power(x: Box, n: int) -> Box:
+    """Multiply a positive interval n times."""
+    found = point(1.0)
+    for _ in range(n):
+        found = outward(found * x)
+    return found

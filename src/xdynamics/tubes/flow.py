@@ -1,0 +1,224 @@
+"""A set of motions marched step by step, each with a proof that they exist and where they are.
+
+A step is proven by Taylor's theorem: if B holds, in its interior, all that the polynomials of degree p from the set, with
+the coefficients of order p + 1 in B as remainder, reach within the step, no motion leaves B in the step, so that it exists
+for all of it and has that remainder (Picard and Lindeloef's theorem in the form of Corliss and Rihm 1996; Nedialkov,
+Jackson, Corliss 1999, Applied Mathematics and Computation 105, 21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from xdynamics.elementary import FUNCTIONS
+from xdynamics.tubes import boxes
+from xdynamics.tubes.boxes import Box, Floats
+from xdynamics.tubes.interval_problem import IntervalProblem
+from xdynamics.tubes.series import UndefinedError, coefficients
+from xdynamics.tubes.sets import Carried
+
+WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
+TRIALS = 3  # of wider candidates, before a step is shortened
+SHORTER, LEAST = 0.5, 1e-9  # factor of a step that is not proven, and what of the first guess is given up
+SHARE = 0.01  # of the width of a set that a remainder may add in a step
+SAFETY = 0.9
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a step proves.
+
+    Attributes
+    ----------
+    begin, end : ndarray, shape (2,)
+        Intervals that hold the times.
+    polynomial : ndarray, shape (2, p + 2, n)
+        Coefficients of the motion from the point of the set, the last of which is the remainder.
+    slopes : ndarray, shape (2, p + 1, n, n)
+        Coefficients of its derivatives by the start, for any state of the set.
+    set : Carried
+        At the beginning.
+    within : ndarray, shape (2, n)
+        What holds all motions for the whole step.
+    after : ndarray, shape (2, n)
+        A box that holds them at its end.
+    """
+
+    begin: Box
+    end: Box
+    polynomial: Box
+    slopes: Box
+    set: Carried
+    within: Box
+    after: Box
+
+    @np.errstate(all="ignore")
+    def at(self, time: Box) -> Box:
+        """Return a box that holds all motions at a time within the step."""
+        since = boxes.subtract(time, self.begin)
+        since = np.maximum(since, 0.0)
+        image, jacobian = boxes.horner(self.polynomial, since), boxes.horner(self.slopes, since)
+        return boxes.common(self.set.seen(image, jacobian), self.within)
+
+
+class Flow:
+    """The motions of some equations from a set of starts.
+
+    Parameters
+    ----------
+    problem : IntervalProblem
+    order : int
+        Of the polynomials.
+    tolerance : float
+        Of the truncation of a step, relative to the largest values so far.
+
+    Attributes
+    ----------
+    reason : str
+        Why no further step was proven; empty before.
+    """
+
+    def __init__(self, problem: IntervalProblem, order: int, tolerance: float) -> None:
+        self.problem, self.order, self.tolerance = problem, order, tolerance
+        self.reason = ""
+        self._largest = boxes.size(problem.start)
+        self.set = Carried.of(problem.start, self._scales())
+        self.box = problem.start
+        self.time = problem.time
+
+    def _scales(self) -> Floats:
+        """Return powers of two near the largest values so far; of what is zero so far, 1."""
+        _, exponents = np.frexp(self._largest)
+        return np.where(self._largest > 0.0, np.ldexp(1.0, np.clip(exponents, -300, 300)), 1.0)
+
+    def until(self, ends: Sequence[Box]) -> Iterator[Proof]:
+        """Prove step after step, each landing on the next of some times if it gets so far, until one cannot be proven.
+
+        Parameters
+        ----------
+        ends : sequence of ndarray, shape (2,)
+            Ascending.
+        """
+        for end in ends:
+            while self.time[1] < end[1]:
+                try:
+                    proof = self._step(end)
+                except UndefinedError as error:
+                    self.reason = str(error)
+                    return
+                yield proof
+
+    @np.errstate(all="ignore")  # bounds that are beyond the range of floats are looked for
+    def _step(self, end: Box) -> Proof:
+        p, start = self.order, self.box
+        number = start.shape[1]
+        centre = self._expanded(boxes.point(self.set.point), p)
+        around = self._expanded(start, p, derivatives=True)
+        step = first = self._proposed(centre)
+        while True:
+            landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point(self.time[1] + step)
+            span = boxes.subtract(landing, self.time)
+            if not 0.0 < span[0] <= span[1] < inf or step < LEAST * first:
+                raise UndefinedError(self.reason or "steps become shorter than the spacing of times")
+            proven = self._within(around[..., 0], span)
+            if proven is not None:
+                within, remainder, reached = proven
+                longest = self._allowed(remainder, span[1], within)
+                if longest >= 1.0:
+                    break
+                step = float(span[1]) * max(longest, 0.2)
+            else:
+                step = float(min(step, span[1])) * SHORTER
+        self.reason = ""
+        polynomial = np.concatenate([centre[..., 0], remainder[:, None]], axis=1)
+        slopes = around[..., 1:]
+        image, jacobian = boxes.horner(polynomial, span), boxes.horner(slopes, span)
+        before = self.set
+        self._largest = np.maximum(self._largest, boxes.size(reached))
+        self.set = before.moved(image, jacobian, self._scales())
+        self.box = boxes.common(boxes.common(self.set.box(), reached), before.seen(image, jacobian))
+        self.box[:, self.problem.used : number] = self.problem.start[:, self.problem.used :]
+        if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
+            raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")
+        proof = Proof(self.time, landing, polynomial, slopes, before, within, self.box)
+        self.time = landing
+        return proof
+
+    def _expanded(self, start: Box, degree: int, *, derivatives: bool = False) -> Box:
+        """Return coefficients, with those of uncertain constants: their values, and nothing further."""
+        found = coefficients(self.problem.motions, self.time, start, degree, derivatives=derivatives)
+        return self._with_constants(found, start)
+
+    def _with_constants(self, found: Box, start: Box) -> Box:
+        used, number = self.problem.used, start.shape[1]
+        whole = np.zeros((2, found.shape[1], number, found.shape[3]))
+        whole[:, :, :used] = found
+        whole[:, 0, used:, 0] = start[:, used:]
+        if found.shape[3] > 1:
+            for i in range(used, number):
+                whole[:, 0, i, 1 + i] = 1.0
+        return whole
+
+    def _proposed(self, centre: Box) -> float:
+        """Return the step after which the last two terms are as small as the tolerance; whichever is shorter."""
+        sizes, used = boxes.size(centre[..., 0]), self.problem.used
+        scale = np.maximum(self._largest, boxes.width(self.box))[:used]
+        steps = [inf]
+        for k in (self.order - 1, self.order):
+            ratio = float((sizes[k, :used] / np.where(scale > 0.0, scale, inf)).max(initial=0.0))
+            if ratio > 0.0:
+                steps.append(_root(self.tolerance / ratio, k))
+        step = SAFETY * min(steps)
+        return step if step < inf else float(max(1.0, 2.0 * abs(self.time[1])))
+
+    def _within(self, around: Box, span: Box) -> tuple[Box, Box, Box] | None:
+        """Return a box that no motion leaves in a step, the coefficients of the remainder in it, and what is reached."""
+        whole = np.array([0.0, span[1]])
+        reached, end = boxes.horner(around, whole), boxes.horner(around, span)
+        time = np.array([self.time[0], np.nextafter(self.time[1] + span[1], inf)])
+        used = self.problem.used
+        beyond = boxes.multiply(around[:, -1], boxes.power(span, self.order)[:, None])
+        grown = boxes.size(beyond)
+        for trial in range(TRIALS):
+            slack = boxes.width(reached) * (WIDER * 4.0**trial) + grown * 2.0**trial
+            slack = slack + (boxes.size(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS)
+            slack[used:] = 0.0
+            candidate = np.stack([reached[0] - slack, reached[1] + slack])
+            try:
+                found = coefficients(self.problem.motions, time, candidate, self.order + 1)
+            except UndefinedError as error:
+                self.reason = str(error)
+                return None
+            remainder = self._with_constants(found, candidate)[:, -1, :, 0]
+            least = boxes.multiply(remainder, boxes.power(whole, self.order + 1)[:, None])
+            inside = boxes.add(reached, least)[:, :used]
+            if (inside[0] > candidate[0, :used]).all() and (inside[1] < candidate[1, :used]).all():
+                within = candidate.copy()
+                within[:, :used] = inside
+                return (
+                    within,
+                    remainder,
+                    boxes.add(end, boxes.multiply(remainder, boxes.power(span, self.order + 1)[:, None])),
+                )
+            grown = np.maximum(grown, 2.0 * boxes.size(least))
+        self.reason = "no box was found that the motions do not leave within a step, however short: the set is too wide"
+        return None
+
+    def _allowed(self, remainder: Box, span: float, within: Box) -> float:
+        """Return by how much a step has to be shorter for its remainder to be small beside tolerance and set."""
+        used = self.problem.used
+        added = boxes.width(remainder)[:used] * float(boxes.power(boxes.point(span), self.order + 1)[1])
+        largest = np.maximum(self._largest, boxes.size(within))[:used]
+        allowed = 10.0 * self.tolerance * largest + SHARE * boxes.width(self.box)[:used]
+        moving = added > 0.0
+        least = float((np.maximum(allowed, 5e-324)[moving] / added[moving]).min(initial=inf))
+        return 1.0 if least >= 1.0 else SAFETY * _root(least, self.order + 1)
+
+
+def _root(x: float, n: int) -> float:
+    """Return the n-th root of a positive number, the same on every machine."""
+    return float(FUNCTIONS["exp"](FUNCTIONS["log"](max(x, 5e-324)) / n))

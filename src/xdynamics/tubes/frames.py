@@ -1,0 +1,76 @@
+"""Frames that turn with the flow: orthogonal matrices, and proven products with their inverses (Lohner 1987)."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from xdynamics.tubes import boxes
+from xdynamics.tubes.boxes import Box, Floats
+
+FAR = 0.25  # from orthogonal, where a frame is not taken
+NEARLY_WITHIN = 1e-8  # a direction that is left of a column, as a part of it, below which it is none
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    return float(np.add.accumulate(a * b)[-1])
+
+
+def orthogonal(directions: Floats) -> Floats:
+    """Return a frame whose first axes are along the first columns: Gram and Schmidt's, done twice.
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, n)
+        One a column, those that matter most first. Where one is in the span of those before, an axis is taken that is not.
+    """
+    n = len(directions)
+    frame = np.zeros((n, n))
+    spare = iter(range(n))
+    for j in range(n):
+        column = _apart(directions[:, j], frame[:, :j])
+        while column is None:
+            axis = np.zeros(n)
+            axis[next(spare)] = 1.0
+            column = _apart(axis, frame[:, :j])
+        frame[:, j] = column
+    return frame
+
+
+def _apart(direction: Floats, axes: Floats) -> Floats | None:
+    """Return the unit vector of what is left of a direction beside some axes; None if that is next to nothing."""
+    size = float(np.abs(direction).max())
+    if not 0.0 < size < np.inf:
+        return None
+    left = direction / size
+    length = sqrt(_dot(left, left))
+    left = left / length
+    for _ in range(2):
+        for axis in axes.T:
+            left = left - _dot(left, axis) * axis
+    remaining = sqrt(_dot(left, left))
+    if remaining < NEARLY_WITHIN:
+        return None
+    return np.asarray(left / remaining)
+
+
+def solved(frame: Floats, right: Box) -> Box:
+    """Enclose frame**-1 times a vector or a matrix, of a frame that is orthogonal but for rounding.
+
+    With E = I - Q^T Q, whose norm is s, Q**-1 = (I - E)**-1 Q^T, and (I - E)**-1 w differs from w by at most
+    s/(1 - s) of the largest of w.
+    """
+    turned = boxes.point(frame.T)
+    lacking = boxes.size(boxes.subtract(boxes.point(np.eye(len(frame))), boxes.product(turned, boxes.point(frame))))
+    rows = boxes.total(boxes.point(lacking))[1]
+    s = float(rows.max())
+    near = boxes.product(turned, right)
+    beside = np.nextafter(2.0 * s * boxes.size(near).max(axis=0), np.inf)
+    return boxes.add(near, np.stack([np.broadcast_to(end, near.shape[1:]) for end in (-beside, beside)]))
+
+
+def is_orthogonal(frame: Floats) -> bool:
+    """Whether `solved` holds for a frame: whether s is below a half, with much to spare."""
+    lacking = boxes.subtract(boxes.point(np.eye(len(frame))), boxes.product(boxes.point(frame.T), boxes.point(frame)))
+    return bool(boxes.total(boxes.point(boxes.size(lacking)))[1].max() < FAR)

@@ -1,0 +1,292 @@
+"""Numbers with their derivatives by the start: intervals of both, and every operation of a program on them.
+
+A number is a box of shape (2, 1 + n): its value, and its derivatives by n numbers of the start. One of shape (2, 1) does not
+depend on them. What an operation cannot be sure of is `Undefined`, and so is all that is computed from it, unless a choice
+leaves it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from xdynamics.elementary import FUNCTIONS
+from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.intervals import Intervals
+from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
+from xdynamics.tubes import boxes
+from xdynamics.tubes.boxes import Box
+
+_INTERVALS = Intervals(FUNCTIONS)
+
+
+@dataclass(frozen=True)
+class Undefined:
+    """What may have no value, or more than one branch.
+
+    Attributes
+    ----------
+    reason : str
+        What was computed, and of which values.
+    """
+
+    reason: str
+
+
+Value = Any  # a float, which is exact; a truth; a number with derivatives; or Undefined
+
+
+def number(value: Value) -> Box:
+    """Return an exact float as a number that depends on nothing."""
+    return np.full((2, 1), float(value)) if isinstance(value, float | int) else value
+
+
+def of(operation: str, *operands: Value) -> Value:
+    """Return the result of an operation."""
+    if operation == "choose":
+        return _chosen(*operands)
+    for operand in operands:
+        if isinstance(operand, Undefined):
+            return operand
+    return OPERATIONS[operation](*operands)
+
+
+def _chosen(truth: Value, yes: Value, no: Value) -> Value:
+    return truth if isinstance(truth, Undefined) else yes if truth else no
+
+
+# ---------------------------------------------------------------------------------------------------------- arithmetic
+
+
+def _joined(a: Box, b: Box, values: Box) -> Box:
+    """Return a sum by its value where one of two numbers alone has derivatives."""
+    longer = a if a.shape[1] > b.shape[1] else b
+    return np.concatenate([values, longer[:, 1:]], axis=1)
+
+
+def add(a: Value, b: Value) -> Value:
+    """Add."""
+    a, b = number(a), number(b)
+    if a.shape == b.shape:
+        return boxes.add(a, b)
+    return _joined(a, b, boxes.add(a[:, :1], b[:, :1]))
+
+
+def negative(a: Value) -> Value:
+    """Change the sign."""
+    return -a if isinstance(a, float) else boxes.negative(a)
+
+
+def subtract(a: Value, b: Value) -> Value:
+    """Subtract."""
+    a, b = number(a), number(b)
+    if a.shape == b.shape:
+        return boxes.subtract(a, b)
+    return add(a, boxes.negative(b))
+
+
+def multiply(a: Value, b: Value) -> Value:
+    """Multiply."""
+    if a is b:
+        return square(number(a))
+    if isinstance(a, float):
+        return boxes.scaled(number(b), a)
+    if isinstance(b, float):
+        return boxes.scaled(a, b)
+    found = boxes.multiply(a, b if b.shape[1] == 1 or a.shape[1] == 1 else b[:, :1])
+    if a.shape[1] > 1 and b.shape[1] > 1:
+        found[:, 1:] = boxes.add(found[:, 1:], boxes.multiply(a[:, :1], b[:, 1:]))
+    return found
+
+
+def square(a: Box) -> Box:
+    """Multiply by itself."""
+    value = boxes.square(a[:, :1])
+    if a.shape[1] == 1:
+        return value
+    return np.concatenate([value, 2.0 * boxes.multiply(a[:, :1], a[:, 1:])], axis=1)
+
+
+def divide(a: Value, b: Value) -> Value:
+    """Divide."""
+    if isinstance(b, float) and b != 0.0:
+        return boxes.over(number(a), b)
+    a, b = number(a), number(b)
+    divisor = b[:, :1]
+    if boxes.has_zero(divisor):
+        return Undefined(f"a divisor may be zero: it lies {_between(divisor)}")
+    if b.shape[1] == 1:
+        return boxes.divide(a, divisor)
+    value = boxes.divide(a[:, :1], divisor)
+    taken = boxes.multiply(value, b[:, 1:])
+    rest = boxes.subtract(a[:, 1:], taken) if a.shape[1] > 1 else boxes.negative(taken)
+    return np.concatenate([value, boxes.divide(rest, divisor)], axis=1)
+
+
+# ------------------------------------------------------------------------------------------------- elementary functions
+
+
+def _valued(name: str, *given: Value) -> Value:
+    """Return the value of a function alone."""
+    intervals = [Interval(float(a[0, 0]), float(a[1, 0])) for a in map(number, given)]
+    found = _INTERVALS.of(name, *intervals)
+    if found.flaw != SMOOTH:
+        fault = "jumps" if found.flaw == BREAKS else "is not defined, or not finite,"
+        return Undefined(f"{name} {fault} for some of the values {_listed(given)}")
+    return np.array([[found.low], [found.high]])
+
+
+def _moved(value: Value, *parts: tuple[Value, Callable[[], Value]]) -> Value:
+    """Join a value with the derivatives of its arguments, each times the derivative by that argument."""
+    if isinstance(value, Undefined):
+        return value
+    slopes = None
+    for argument, by in parts:
+        if isinstance(argument, float) or argument.shape[1] == 1:
+            continue
+        factor = by()
+        if isinstance(factor, Undefined):
+            return factor
+        term = boxes.multiply(number(factor), argument[:, 1:])
+        slopes = term if slopes is None else boxes.add(slopes, term)
+    return value if slopes is None else np.concatenate([value, slopes], axis=1)
+
+
+def _alone(a: Value) -> Box:
+    return number(a)[:, :1]
+
+
+def _by_value(name: str, derivative: Callable[[Box, Box], Value]) -> Callable[..., Value]:
+    """Return a function of one number by its derivative, which is told its argument and its value."""
+
+    def function(a: Value) -> Value:
+        value = _valued(name, a)
+        return _moved(value, (a, lambda: derivative(_alone(a), value)))
+
+    return function
+
+
+def _one_and(sign: float, a: Box) -> Box:
+    return boxes.add(number(1.0), boxes.scaled(boxes.square(a), sign))
+
+
+def _arc(sign: float) -> Callable[[Box, Box], Value]:
+    def derivative(a: Box, _: Box) -> Value:
+        # (1 - a)*(1 + a) has the digits that 1 - a**2 loses near 1
+        product = boxes.multiply(boxes.subtract(number(1.0), a), boxes.add(number(1.0), a))
+        return of("divide", sign, _valued("sqrt", product))
+
+    return derivative
+
+
+def _power(a: Value, exponent: Value) -> Value:
+    value = _valued("power", a, exponent)
+    return _moved(value, (a, lambda: of("divide", multiply(number(exponent), value), _alone(a))))
+
+
+def _hypot(a: Value, b: Value) -> Value:
+    value = _valued("hypot", a, b)
+    return _moved(value, (a, lambda: of("divide", _alone(a), value)), (b, lambda: of("divide", _alone(b), value)))
+
+
+def _atan2(y: Value, x: Value) -> Value:
+    value = _valued("atan2", y, x)
+    squares = boxes.add(boxes.square(_alone(y)), boxes.square(_alone(x)))
+    return _moved(
+        value,
+        (y, lambda: of("divide", _alone(x), squares)),
+        (x, lambda: of("divide", boxes.negative(_alone(y)), squares)),
+    )
+
+
+# ----------------------------------------------------------------------------------- comparisons, corners and jumps
+
+
+def _compared(name: str) -> Callable[..., Value]:
+    def function(a: Value, b: Value) -> Value:
+        if isinstance(a, float) and isinstance(b, float):
+            a, b = number(a), number(b)
+        low, high, _ = _INTERVALS.of(name, *(Interval(*map(float, number(x)[:, 0])) for x in (a, b)))
+        if low == high:
+            return bool(low)
+        return Undefined(f"a comparison is not decided for values {_listed((a, b))}")
+
+    return function
+
+
+def _abs(a: Value) -> Value:
+    a = number(a)
+    if not boxes.has_zero(a[:, :1]):
+        return boxes.negative(a) if a[1, 0] < 0.0 else a
+    if a.shape[1] == 1:
+        return _valued("abs", a)
+    return Undefined(f"abs has a corner among the values {_listed((a,))}")
+
+
+def _extreme(name: str) -> Callable[..., Value]:
+    def function(a: Value, b: Value) -> Value:
+        a, b = number(a), number(b)
+        for first, second in ((a, b), (b, a)):
+            if (first[1, 0] < second[0, 0]) if name == "least" else (first[0, 0] > second[1, 0]):
+                return first
+        if a.shape[1] == b.shape[1] == 1:
+            return _valued(name, a, b)
+        return Undefined(f"{'min' if name == 'least' else 'max'} is not decided for values {_listed((a, b))}")
+
+    return function
+
+
+def _stepped(name: str) -> Callable[..., Value]:
+    return lambda a: _valued(name, a)
+
+
+def _mod(a: Value, b: Value) -> Value:
+    turns = of("floor", of("divide", _alone(a), _alone(b)))
+    return of("subtract", a, of("multiply", turns, b))
+
+
+def _positive(a: Value) -> Value:
+    a = number(a)
+    return a if a[0, 0] > 0.0 else Undefined(f"what must be positive lies {_between(a)}")
+
+
+def _between(a: Box) -> str:
+    return f"between {a[0, 0]:.4g} and {a[1, 0]:.4g}"
+
+
+def _listed(given: tuple[Value, ...]) -> str:
+    return " and ".join(_between(number(a)) for a in given)
+
+
+OPERATIONS: Mapping[str, Callable[..., Value]] = {
+    "add": add,
+    "subtract": subtract,
+    "multiply": multiply,
+    "divide": divide,
+    "negative": negative,
+    "sqrt": _by_value("sqrt", lambda _, s: of("divide", 0.5, s)),
+    "exp": _by_value("exp", lambda _, e: e),
+    "log": _by_value("log", lambda a, _: of("divide", 1.0, a)),
+    "sin": _by_value("sin", lambda a, _: _valued("cos", a)),
+    "cos": _by_value("cos", lambda a, _: of("negative", _valued("sin", a))),
+    "tan": _by_value("tan", lambda _, t: _one_and(1.0, t)),
+    "asin": _by_value("asin", _arc(1.0)),
+    "acos": _by_value("acos", _arc(-1.0)),
+    "atan": _by_value("atan", lambda a, _: of("divide", 1.0, _one_and(1.0, a))),
+    "sinh": _by_value("sinh", lambda a, _: _valued("cosh", a)),
+    "cosh": _by_value("cosh", lambda a, _: _valued("sinh", a)),
+    "tanh": _by_value("tanh", lambda _, t: _one_and(-1.0, t)),
+    "power": _power,
+    "hypot": _hypot,
+    "atan2": _atan2,
+    "abs": _abs,
+    "least": _extreme("least"),
+    "greatest": _extreme("greatest"),
+    "mod": _mod,
+    "positive": _positive,
+    **{name: _stepped(name) for name in ("sign", "floor", "ceil", "round")},
+    **{name: _compared(name) for name in ("less", "at_most", "more", "at_least", "equal", "unequal")},
+}

@@ -1,0 +1,149 @@
+"""What is proven of a model: its equations of motion, and the set of starts and constants that it may have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from xdynamics.faults import InputError
+from xdynamics.kernels.jets.motion import Motion, needed
+from xdynamics.kernels.layout import layout_of
+from xdynamics.kernels.model_programs import forces_by_elements
+from xdynamics.kernels.program import AT, Compute, Place
+from xdynamics.model import Model
+from xdynamics.model.motion import constants, first_regime
+from xdynamics.model.parts import Parameter
+from xdynamics.tubes.boxes import Box, enclosed, hull, point
+from xdynamics.tubes.gradients import Value
+from xdynamics.tubes.series import Motions
+from xdynamics.units import CONSTANTS, Quantity, constant
+from xdynamics.units.rounded import exact_value
+
+PI = enclosed(Fraction("3.14159265358979323846264338327950288419716939937510"))
+
+
+@dataclass(frozen=True)
+class IntervalProblem:
+    """The motions of a model.
+
+    Attributes
+    ----------
+    motions : Motions
+    names : tuple of str
+        Of the numbers of a set: coordinates, velocities, states, then constants that are uncertain.
+    time : ndarray, shape (2,)
+    start : ndarray, shape (2, numbers)
+    """
+
+    motions: Motions
+    names: tuple[str, ...]
+    time: Box
+    start: Box
+
+    @property
+    def used(self) -> int:
+        """How many numbers move."""
+        return self.motions.motion.used
+
+
+def interval_problem_of(model: Model) -> IntervalProblem:
+    """Return what is proven of a model.
+
+    Raises
+    ------
+    InputError
+        If it has what no bounds are proven of; with each fault and what to do about it.
+    """
+    if faults := list(_faults(model)):
+        raise InputError(f"model '{model.name}' cannot be enclosed: " + "; ".join(faults))
+    layout = layout_of(model)
+    motion = Motion(layout.coordinates.size, layout.states.size)
+    lines = needed(forces_by_elements(layout).body, motion)
+    used, uncertain = tuple(layout.used), list[str]()
+    start = [_enclosed(model.initial[name], model.starts.get(name)) for name in used]
+    places: dict[Place, Value] = {Place("at", AT.index("regime")): float(first_regime(model))}
+    for i, (name, value) in enumerate(_constants(model).items()):
+        if name in model.parameters and _half_width(model.parameters[name]) > 0:
+            places[Place("p", i)] = len(used) + len(uncertain)
+            uncertain.append(name)
+            start.append(value)
+        else:
+            places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
+    literals = {
+        id(number): enclosed(exact_value(number)).reshape(2, 1)
+        for line in lines
+        if isinstance(line, Compute)
+        for number in line.arguments
+        if isinstance(number, float) and exact_value(number) != Fraction(number)
+    }
+    motions = Motions(lines, motion, places, literals)
+    return IntervalProblem(motions, (*used, *uncertain), time_box(model.initial["t"].si), np.stack(start, axis=1))
+
+
+def time_box(time: float) -> Box:
+    """Return an interval that holds a time as it is written, and the float that it is recorded as."""
+    return hull(enclosed(exact_value(time)), point(float(time)))
+
+
+def _constants(model: Model) -> Mapping[str, Box]:
+    """Return the constants of a law, as they are written."""
+    found: dict[str, Box] = {}
+    for name, value in constants(model).items():
+        if name in model.parameters:
+            part = model.parameters[name]
+            found[name] = _enclosed(part.quantity, part)
+        elif name == "pi":
+            found[name] = PI
+        elif name in CONSTANTS or name in model.shaped.calendar:
+            found[name] = enclosed(constant(name).factor)
+        else:
+            found[name] = point(value)
+    return found
+
+
+def _half_width(part: Parameter | None) -> Fraction:
+    """Return how far a number may be from its value, in SI units; 0 where no bounds are given."""
+    if part is None or part.spread is None or not part.spread.bounded:
+        return Fraction(0)
+    return exact_value(part.spread.size.value) * part.spread.size.unit.factor
+
+
+def _enclosed(quantity: Quantity, part: Parameter | None) -> Box:
+    return enclosed(exact_value(quantity.value) * quantity.unit.factor, _half_width(part))
+
+
+def intervals(model: Model) -> list[str]:
+    """Name the values at the start and the parameters that are intervals."""
+    return [name for name, part in (model.parameters | model.starts).items() if _half_width(part) > 0]
+
+
+def unbounded(model: Model) -> list[str]:
+    """Name what has a standard uncertainty, which has no bounds, so that its value alone counts."""
+    return [name for name, part in model.uncertain.items() if part.spread is not None and not part.spread.bounded]
+
+
+def _faults(model: Model) -> Iterator[str]:
+    """Yield what no bounds are proven of, and what to do about it."""
+    if functions := model.python_forces:
+        named = ", ".join(function.name for function in functions)
+        yield f"nothing is known of the Python function {named} between two of its values; write it as an expression"
+    for kind, names in (("contact", model.shaped.contacts), ("friction", model.shaped.frictions)):
+        if names:
+            yield f"{kind} '{next(iter(names))}' ends the smooth motion; enclose a model without it, from one impact to the next"
+    for name, event in model.shaped.events.items():
+        if event.action != "record":
+            yield (
+                f"event '{name}' has action = '{event.action}', and bounds hold for one smooth motion; let it record, and"
+                " give until"
+            )
+            break
+    if model.drives:
+        name = next(iter(model.drives))
+        yield f"drive '{name}' is a table, whose pieces meet in corners; write it as an expression of its argument"
+    if "t" in model.starts and _half_width(model.starts["t"]):
+        yield "the time of the start has a half_width; give it to the state there"
+    if wide := [name for name in sorted(model.read_at_start) if _half_width(model.parameters.get(name))]:
+        yield f"values at the start are expressions of '{wide[0]}', which has a half_width; write them as numbers"

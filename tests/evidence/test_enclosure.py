@@ -1,0 +1,149 @@
+"""Proven bounds as datasets: their names, their words, their files; and what no bounds are proven of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.command_line import call
+from cases.smooth_models import of_rate, oscillator
+
+SHORT = {"until": "0.5 s", "order": 12, "rtol": 1e-10}
+
+
+def test_bounds_after_steps_and_at_times() -> None:
+    """Assert that bounds after every step, and at times within steps, hold the closed form in the units declared."""
+    model = oscillator(x="20 cm").replace(initial={"x": {"value": "20 cm", "half_width": "1 mm"}})
+    steps, wanted = xd.enclose(model, **SHORT), xd.enclose(model, at=["0.1 s", "0 s", "0.4 s"], order=12)
+    assert (steps.lower_x.dims, wanted.lower_x.dims, steps.lower_x.attrs["units"]) == (("step",), ("at",), "m")
+    assert float(steps.time[-1]) == 0.5
+    assert wanted.at_time.values.tolist() == [0.1, 0.0, 0.4]
+    for tube, times in ((steps, steps.time.values), (wanted, wanted.at_time.values)):
+        for x in (0.199, 0.2, 0.201):
+            exact = x * np.cos(2.0 * times), -2.0 * x * np.sin(2.0 * times)
+            for name, values in zip(("x", "v_x"), exact, strict=True):
+                assert (tube[f"lower_{name}"].values <= values + 1e-16).all()
+                assert (tube[f"upper_{name}"].values >= values - 1e-16).all()
+    assert (steps.upper_x - steps.lower_x).max() < 2.01e-3
+
+
+def test_units_are_rounded_outward() -> None:
+    """Assert that bounds in millimetres hold the closed form to 30 digits."""
+    model = oscillator().replace(initial={"x": "1 m"})
+    sections = {"coordinates": {"x": {"unit": "mm"}}, "parameters": {"m": "1 kg", "k": "4 N m-1"}}
+    model = xd.Model(
+        name="mm", mass={"x": "m"}, forces={"s": {"potential": "k*x**2/2"}}, initial={"x": "1 m"}, **sections
+    )
+    tube = xd.enclose(model, at="0.3 s")
+    with mp.workdps(30):
+        exact = 1000 * mp.cos(mp.mpf("0.6"))
+        assert float(tube.lower_x[0]) <= exact <= float(tube.upper_x[0])
+    assert (tube.lower_x.attrs["units"], float(tube.upper_x[0] - tube.lower_x[0]) < 1e-10) == ("mm", True)
+
+
+def test_what_is_proven_is_said() -> None:
+    """Assert that the record says whose motions exist until when, what is an interval, and what is a number although uncertain."""
+    parameters = {"m": {"value": "1 kg", "uncertainty": 0.1}, "k": {"value": "4 N m-1", "half_width": "0.1 N m-1"}}
+    model = oscillator().replace(parameters=parameters)
+    tube = xd.enclose(model, **SHORT)
+    assert tube.attrs["summary"].startswith(
+        "For every k within its half_width, and all else as written, the motion exists"
+    )
+    assert "from t = 0.0 s to 0.5 s" in tube.attrs["summary"]
+    assert "Standard uncertainties, of m, are no bounds" in tube.attrs["summary"]
+    assert (tube.attrs["proven"], tube.attrs["outcome"], tube.attrs["proven_until"]) == (1, "completed", 0.5)
+
+
+def test_where_no_further_step_is_proven() -> None:
+    """Assert that bounds end before a corner, with a reason, and that none is told at a later time."""
+    tube = xd.enclose(of_rate("1 + abs(x - 1)"), at=["0.25 s", "0.75 s"], order=8, rtol=1e-9)
+    assert tube.attrs["outcome"] == "not_proven"
+    assert 0.5 < tube.attrs["proven_until"] < float(mp.log(2))
+    assert "abs" in tube.attrs["outcome_text"] or "comparison" in tube.attrs["outcome_text"]
+    assert np.isnan(tube.upper_x.values).tolist() == [False, True]
+
+
+def test_archive_and_command_line(tmp_path: Path) -> None:
+    """Assert that the command writes what the function returns, says the bounds, and ends with 1 where they end early."""
+    model = tmp_path / "model.toml"
+    model.write_text(oscillator().to_toml(), encoding="utf-8")
+    done = call("enclose", str(model), "--at", "0.25 s", "--order", "12", "-o", str(tmp_path / "tube.nc"))
+    assert done.exit_code == 0
+    assert "  x         0.8775825618903" in done.output
+    again = xd.enclose(oscillator(), at="0.25 s", order=12)
+    with xd.open_run(tmp_path / "tube.nc") as tube:
+        assert tube.attrs["summary"] == again.attrs["summary"]
+        for name in again.variables:
+            assert tube[name].identical(again[name]), name
+    early = call("enclose", str(model), "--until", "9 s", "--max-steps", "1")
+    assert early.exit_code == 1
+    assert "no bounds are proven after t = " in early.output
+
+
+BAD: list[tuple[dict[str, object], str]] = [
+    ({"until": "0 s"}, "until is 0.0 s, needs a finite time after the start"),
+    ({"until": "-1 s"}, "until is -1.0 s"),
+    ({"until": "1 m"}, "until"),
+    ({"at": "2 s", "until": "1 s"}, "at has 2.0 s, and the enclosure goes from 0.0 s to 1.0 s"),
+    ({"at": "-2 s", "until": "1 s"}, "at has -2.0 s"),
+    ({"until": "1 s", "order": 1}, "order is 1, needs a whole number from 3 to 60"),
+    ({"until": "1 s", "order": 200}, "order is 200, needs"),
+    ({"until": "1 s", "order": 7.5}, "order is 7.5, needs"),
+    ({"until": "1 s", "rtol": 0.5}, "rtol is 0.5, needs a number from 1e-20 to 0.001"),
+    ({"until": "1 s", "max_steps": 0}, "max_steps is 0, needs a positive whole number"),
+    ({}, "has no until in its"),
+]
+
+
+@pytest.mark.parametrize(("asked", "words"), BAD)
+def test_wrong_settings(asked: dict[str, object], words: str) -> None:
+    """Assert that a wrong setting is named with its value and what is needed."""
+    with pytest.raises(xd.InputError, match=words):
+        xd.enclose(oscillator(), **asked)
+
+
+REFUSED = {
+    "bouncing_ball": "contact 'floor' ends the smooth motion; enclose a model without it",
+    "granular_box": "contact 'walls' ends the smooth motion",
+    "stick_slip_belt": "friction 'belt' ends the smooth motion",
+    "thrown_ball": "event 'landing' has action = 'stop', and bounds hold for one smooth motion; let it record",
+    "cart_spring": "drive 'restoring' is a table, whose pieces meet in corners; write it as an expression",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_no_bounds_are_proven_of(name: str) -> None:
+    """Assert that a model with impacts, resets or tables is refused in a line that says which, and what to do."""
+    with pytest.raises(xd.InputError, match=REFUSED[name]):
+        xd.enclose(xd.Model.from_toml(f"data/models/{name}.toml"), until="1 s")
+
+
+def force(x: float) -> float:
+    """Return a force in Python."""
+    return -4.0 * x
+
+
+def test_python_forces_are_refused() -> None:
+    """Assert that a force in Python is refused by its name."""
+    model = xd.Model(
+        name="in Python",
+        coordinates={"x": {"unit": "m"}},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={"spring": {"x": force}},
+        initial={"x": "1 m"},
+    )
+    with pytest.raises(xd.InputError, match="nothing is known of the Python function force between two of its values"):
+        xd.enclose(model, until="1 s")
+
+
+def test_sets_too_wide_for_a_domain() -> None:
+    """Assert that a start that reaches below the domain of a root is an outcome at the start, with its reason."""
+    model = of_rate("sqrt(1 + x)").replace(initial={"x": {"value": "0", "half_width": 2.0}})
+    tube = xd.enclose(model, until="1 s", order=6)
+    assert (tube.attrs["outcome"], tube.attrs["proven_until"]) == ("not_proven", 0.0)
+    assert "sqrt is not defined" in tube.attrs["outcome_text"]

@@ -1,0 +1,96 @@
+"""Intervals in arrays: every operation holds what exact arithmetic gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from xdynamics.tubes import boxes
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "subtract": lambda a, b: a - b,
+    "multiply": lambda a, b: a * b,
+    "divide": lambda a, b: a / b,
+}
+
+
+def random_box(random: np.random.Generator, *shape: int) -> boxes.Box:
+    """Return intervals of many sizes, some of them numbers."""
+    ends = random.normal(size=(2, *shape)) * 10.0 ** random.integers(-20, 20, shape)
+    ends[1] = np.where(random.random(shape) < 0.2, ends[0], ends[1])
+    return np.sort(ends, axis=0)
+
+
+def inside(box: boxes.Box, exact: Fraction) -> bool:
+    """Whether an interval holds a number."""
+    return Fraction(float(box[0])) <= exact <= Fraction(float(box[1]))
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+@pytest.mark.cases(40)
+def test_operations_hold_exact_results(case: int, name: str) -> None:
+    """Assert that the exact result of any two members, ends among them, is in the interval, and that ends are next to it."""
+    random = np.random.default_rng([32, case])
+    a, b = random_box(random, 8), random_box(random, 8)
+    if name == "divide":
+        b = np.where(boxes.multiply(b, b)[0] < 0.0, b + 2.0 * boxes.size(b), b)
+        b = b[:, (b[0] > 0.0) | (b[1] < 0.0)]
+        a = a[:, : b.shape[1]]
+    found = getattr(boxes, name)(a, b)
+    for i in range(found.shape[1]):
+        exact = [
+            OPERATIONS[name](Fraction(float(x)), Fraction(float(y)))
+            for x in (a[0, i], boxes.middle(a)[i], a[1, i])
+            for y in (b[0, i], boxes.middle(b)[i], b[1, i])
+        ]
+        assert all(inside(found[:, i], member) for member in exact)
+        ends = np.array([float(min(exact)), float(max(exact))])
+        assert (np.abs(found[:, i] - ends) <= 2.0 * np.spacing(np.abs(ends))).all()
+
+
+@pytest.mark.cases(20)
+def test_sums_and_products_hold_exact_results(case: int) -> None:
+    """Assert that sums along an axis, squares, products of matrices and polynomials hold those of members."""
+    random = np.random.default_rng([33, case])
+    a, b, x = random_box(random, 3, 4), random_box(random, 4, 2), random_box(random, 1)[:, 0]
+    low, high = (
+        [[Fraction(float(number)) for number in row] for row in ends] for ends in (a[0], np.minimum(a[1], a[0]))
+    )
+    total = boxes.total(a, axis=2)
+    assert all(inside(total[:, i], sum(low[i], Fraction(0))) for i in range(3))
+    matrix = boxes.product(a, b)
+    for i in range(3):
+        for k in range(2):
+            exact = sum((low[i][j] * Fraction(float(b[1, j, k])) for j in range(4)), Fraction(0))
+            assert inside(matrix[:, i, k], exact)
+    at = Fraction(float(boxes.middle(x)))
+    value = boxes.horner(a, x)
+    for k in range(4):
+        exact = sum((high[i][k] * at**i for i in range(3)), Fraction(0))
+        assert inside(value[:, k], exact)
+    square = boxes.square(a)
+    assert all(inside(square[:, 0, k], low[0][k] ** 2) for k in range(4))
+    assert (square[0] >= 0.0).all()
+
+
+def test_numbers_as_written() -> None:
+    """Assert that a decimal number that no float is lies between two neighbours, and one that is stays a point."""
+    tenth, half = boxes.enclosed(Fraction("0.1")), boxes.enclosed(Fraction("0.5"))
+    assert Fraction(float(tenth[0])) < Fraction("0.1") < Fraction(float(tenth[1]))
+    assert tenth[1] == np.nextafter(tenth[0], 1.0)
+    assert half.tolist() == [0.5, 0.5]
+    wide = boxes.enclosed(Fraction("0.1"), Fraction("0.02"))
+    assert Fraction(float(wide[0])) <= Fraction("0.08")
+    assert Fraction(float(wide[1])) >= Fraction("0.12")
+
+
+def test_products_that_underflow() -> None:
+    """Assert that a product below the least float is not taken for zero."""
+    tiny = boxes.multiply(boxes.point(1e-200), boxes.point(1e-200))
+    assert tiny[0] <= 0.0 < tiny[1]
+    assert boxes.has_zero(boxes.point(np.nan))

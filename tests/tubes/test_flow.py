@@ -1,0 +1,77 @@
+"""Tubes against closed forms: every motion inside, and hardly wider than they are spread."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+
+from cases.smooth_models import lorenz, of_rate, oscillator
+from xdynamics.tubes import Flow, interval_problem_of
+from xdynamics.tubes.interval_problem import time_box
+
+
+def tube(model: object, until: float, order: int = 20) -> tuple[np.ndarray, Flow]:
+    """Return the last box of a proof, which goes to the end."""
+    flow = Flow(interval_problem_of(model), order, 1e-16)
+    for _ in flow.until([time_box(until)]):
+        pass
+    assert flow.reason == ""
+    return flow.box, flow
+
+
+def test_oscillator_without_uncertainty() -> None:
+    """Assert that ten radians of an oscillator are proven to 1e-13, and hold its closed form to 40 digits."""
+    box, _ = tube(oscillator(), 5.0)
+    with mp.workdps(40):
+        exact = [mp.cos(10), -2 * mp.sin(10)]
+        assert all(low <= number <= high for low, high, number in zip(*box[:, :2], exact, strict=True))
+    assert (box[1] - box[0])[:2].max() < 1e-12
+
+
+def test_linear_tube_is_exact() -> None:
+    """Assert that of a linear system the tube of uncertain starts is as wide as the set of motions, to a thousandth."""
+    box, _ = tube(oscillator(x={"value": "1 m", "half_width": "0.125 m"}), 4.0)
+    exact = 0.25 * abs(np.cos(8.0)), 0.5 * abs(np.sin(8.0))
+    widths = (box[1] - box[0])[:2]
+    assert (widths >= exact).all()
+    assert (widths < 1.001 * np.array(exact)).all()
+
+
+def test_uncertain_stiffness() -> None:
+    """Assert that all motions of any stiffness and start within bounds are inside, and the tube at most 1.5 as wide."""
+    model = oscillator({"value": "4 N m-1", "half_width": "0.04 N m-1"}, {"value": "1 m", "half_width": "0.01 m"})
+    box, _ = tube(model, 3.0)
+    random = np.random.default_rng(32)
+    k, x = random.uniform(3.96, 4.04, 400), random.uniform(0.99, 1.01, 400)
+    k[:4], x[:4] = [3.96, 3.96, 4.04, 4.04], [0.99, 1.01, 0.99, 1.01]
+    members = np.stack([x * np.cos(np.sqrt(k) * 3.0), -x * np.sqrt(k) * np.sin(np.sqrt(k) * 3.0)])
+    assert (box[0, :2, None] < members).all()
+    assert (members < box[1, :2, None]).all()
+    assert ((box[1] - box[0])[:2] < 1.5 * np.ptp(members, axis=1)).all()
+
+
+def test_steps_shrink_before_what_grows_without_bound() -> None:
+    """Assert that of x' = (1 + x)**2, which is infinite at t = 1, no step is proven beyond it, and each holds t/(1 - t)."""
+    flow, last = Flow(interval_problem_of(of_rate("(1 + x)**2")), 8, 1e-9), 0.0
+    for proof, _ in zip(flow.until([time_box(2.0)]), range(12), strict=False):
+        last = float(proof.end[1])
+        assert proof.after[0, 0] <= last / (1.0 - last) * (1.0 + 4e-16)
+        assert proof.after[1, 0] >= last / (1.0 - last) * (1.0 - 4e-16)
+    assert 0.3 < last < 1.0
+
+
+def test_nothing_is_proven_across_a_corner() -> None:
+    """Assert that a proof ends before x = 0, where abs(x) has a corner, and says why."""
+    flow = Flow(interval_problem_of(of_rate("1 + abs(x - 1)")), 8, 1e-9)
+    for proof in flow.until([time_box(2.0)]):
+        assert proof.within[1, 0] < 1.0
+    assert 0.5 < flow.time[1] < float(mp.log(2))
+    assert "corner" in flow.reason or "not decided" in flow.reason
+
+
+def test_lorenz() -> None:
+    """Assert that Lorenz's motion from (1, 1, 1) is proven to eleven digits at t = 0.25, around what mpmath.odefun has."""
+    box, _ = tube(lorenz(), 0.25)
+    by_mpmath = mp.mpf("11.04284424002537664762"), mp.mpf("21.77541718373730767021"), mp.mpf("11.01677338802233576921")
+    assert all(low <= number <= high for low, high, number in zip(*box, by_mpmath, strict=True))
+    assert (box[1] - box[0]).max() < 1e-10
