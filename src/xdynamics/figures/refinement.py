@@ -49,8 +49,22 @@ def foot_of(study: xr.Dataset) -> str:
 def _numbers(study: xr.Dataset) -> list[str]:
     """Name the numbers on which the levels are informative; all, if there are none."""
     names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
-    # what the model names, in the order that was asked for; switches hidden in forces, like 'drag.abs', last
-    return sorted([name for name in names if telling(study, name)] or names, key=lambda name: "." in name)
+    # what the model names, in the order that was asked for, and known; switches hidden in forces, like 'drag.abs', last
+    shown = [name for name in names if telling(study, name)] or names
+    return sorted(shown, key=lambda name: ("." in name, not _is_known(study, name)))
+
+
+def _is_known(study: xr.Dataset, name: str) -> bool:
+    """Whether an uncertainty of a number is known at one place at least; where none is ever told, all are."""
+    doubt = study.get(f"uncertainty_{name}")
+    return doubt is None or bool(np.isfinite(doubt.values).any())
+
+
+def _called(study: xr.Dataset, name: str) -> str:
+    """Name a number as one says it: the time of an event, a state after it."""
+    if name.startswith("event_time_"):
+        return f"time of {name.removeprefix('event_time_')}"
+    return str(study[name].attrs["long_name"]) if name.startswith("after_") else name
 
 
 def telling(study: xr.Dataset, name: str) -> bool:
@@ -120,7 +134,9 @@ def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
     first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
     omitted = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
     axes.set_title(
-        words(f"{name}{first} = {_known(study, name)}{unit_suffix(units)}{omitted}"), loc="left", fontsize=10
+        words(f"{_called(study, name)}{first} = {_known(study, name)}{unit_suffix(units)}{omitted}"),
+        loc="left",
+        fontsize=10,
     )
     axes.legend(fontsize=8, frameon=False)
 
@@ -129,7 +145,10 @@ def _known(study: xr.Dataset, name: str) -> str:
     """Write the finest level's value at the first place with the digits that are known; alone if none is known to be."""
     value = float(study[name].values.reshape(study.sizes[LEVEL], -1)[-1, 0])
     doubt = float(study[f"uncertainty_{name}"].values.ravel()[0]) if f"uncertainty_{name}" in study else np.nan
-    return with_uncertainty(value, doubt) if 0.0 < doubt < np.inf else short_number(value)
+    if 0.0 < doubt < np.inf:
+        return with_uncertainty(value, doubt)
+    size = float(np.nanmax(np.asarray(study.get(schema.scale("difference", name), np.nan)), initial=0.0))
+    return short_number(value if abs(value) > ROUNDINGS * EPS * size else 0.0)
 
 
 PAGE = Page(("refinement",), panels_of, foot_of, most_panels=6)

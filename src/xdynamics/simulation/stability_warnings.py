@@ -51,8 +51,9 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
         )
     elif limit == 0.0 and step > (longest := _longest_stable_step(start, growth=1.0 / span)):
         warn(
-            f"no step of '{method.name}' is stable for '{model.name}' at its start, however short: errors grow from step to step, with {step:.6g}{unit} more than e times within"
-            f" this run of {span:.6g}{unit}, up to {longest:.3g}{unit} less; {_stable_methods(start, unit)}",
+            f"no step of '{method.name}' is stable for '{model.name}' at its start, however short: errors grow from step"
+            f" to step. Within this run of {span:.6g}{unit}, a step of {step:.6g}{unit} multiplies them by more than e"
+            f" (2.7), one of up to {longest:.3g}{unit} by less; {_stable_methods(start, unit)}",
             StabilityWarning,
         )
 

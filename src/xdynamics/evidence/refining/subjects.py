@@ -139,7 +139,7 @@ class Subjects:
 
     def after_event(self, detector: str, name: str) -> Subject:
         """Describe a state after an event."""
-        return f"after_{detector}_{name}", self.variables[name].units, f"{name} behind {detector}", (OCCURRENCE,)
+        return f"after_{detector}_{name}", self.variables[name].units, f"{name} after {detector}", (OCCURRENCE,)
 
     def blank(self) -> Iterator[Watched]:
         """Yield every number without its values."""
