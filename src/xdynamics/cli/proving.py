@@ -137,7 +137,10 @@ def enclose(
 ) -> None:
     """Prove bounds of a smooth motion, for every start and parameter within its half_width.
 
-    Ends with exit code 1 where no bounds are proven to the end.
+    Intervals rounded outward hold coordinates, velocities, states, energies and observables of all these motions after each
+    step, or at the times of --at, and the times at which all of them pass the zeros of events that record. What has no
+    half_width is the number as it is written. Refused, since no smooth motion goes through them: contacts, friction, events
+    that stop, switch or reset, tables, forces in Python. Ends with exit code 1, and says why, where no further step is proven.
     """
     from xdynamics.archive import check_target, save
     from xdynamics.archive.place import placed

@@ -193,6 +193,12 @@ def touching(layout: Layout) -> Program:
     return _returning("touching", about, layout, trees, inner, layout.used)
 
 
+def values_of(layout: Layout, trees: Iterable[Node]) -> Program:
+    """Write expressions of a state, and of what forces and accelerations are there."""
+    inner = {assignment.name: assignment.value for assignment in motion(layout.model)}
+    return _returning("values", "Values of expressions at a state.", layout, trees, inner, layout.used)
+
+
 def resets(layout: Layout) -> Program:
     """Write what events set the state to, in the order of `Layout.resets`."""
     trees = [layout.model.expanded(layout.model.events[name].reset[target]) for name, target in layout.resets]

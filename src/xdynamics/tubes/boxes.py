@@ -17,6 +17,7 @@ Box = NDArray[np.float64]  # shape (2, ...)
 Floats = NDArray[np.float64]
 
 EPS = 2.0**-52
+_SIDES = [np.array([-1.0, 1.0]).reshape(2, *(1,) * n) for n in range(8)]
 _TOWARDS = [np.array([-inf, inf]).reshape(2, *(1,) * n) for n in range(8)]
 
 
@@ -58,25 +59,29 @@ def negative(a: Box) -> Box:
 
 def multiply(a: Box, b: Box) -> Box:
     """Multiply: the ends are among the products of ends."""
-    products = a[:, None] * b[None, :]
-    products = products.reshape(4, *products.shape[2:])
-    return outward(np.stack([products.min(axis=0), products.max(axis=0)]))
+    return _outermost(a[:, None] * b[None])
+
+
+def _outermost(ends: Box) -> Box:
+    """Return the interval of four numbers, rounded outward."""
+    found = np.empty(ends.shape[1:])
+    np.minimum.reduce(ends, axis=(0, 1), out=found[0, ...])
+    np.maximum.reduce(ends, axis=(0, 1), out=found[1, ...])
+    return np.asarray(np.nextafter(found, _TOWARDS[found.ndim - 1], out=found))
 
 
 def square(a: Box) -> Box:
     """Multiply by itself, which has no negative values."""
-    small = np.where((a[0] < 0.0) & (a[1] > 0.0), 0.0, np.abs(a).min(axis=0))
-    large = np.abs(a).max(axis=0)
-    ends = outward(np.stack([small * small, large * large]))
-    ends[0] = np.maximum(ends[0], 0.0)
+    sizes = np.abs(a)
+    sizes.sort(axis=0)
+    ends = outward(sizes * sizes)
+    ends[0] = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(ends[0], 0.0))
     return ends
 
 
 def divide(a: Box, b: Box) -> Box:
     """Divide by what is not zero; see `has_zero`."""
-    quotients = a[:, None] / b[None, :]
-    quotients = quotients.reshape(4, *quotients.shape[2:])
-    return outward(np.stack([quotients.min(axis=0), quotients.max(axis=0)]))
+    return _outermost(a[:, None] / b[None])
 
 
 def scaled(a: Box, factor: float) -> Box:
@@ -103,11 +108,13 @@ def total(terms: Box, axis: int = 1) -> Box:
     2nd ed., section 4.2), and the bound here is twice that of m terms.
     """
     count = terms.shape[axis]
+    last = (slice(None),) * axis + (-1,)
     if count == 1:
-        return np.asarray(terms.take(0, axis=axis))
-    sums = np.add.accumulate(terms, axis=axis).take(-1, axis=axis)
-    slack = np.add.accumulate(np.abs(terms), axis=axis).take(-1, axis=axis) * (count * EPS)
-    return outward(np.stack([sums[0] - slack[0], sums[1] + slack[1]]))
+        return np.asarray(terms[last])
+    sums = np.add.accumulate(terms, axis=axis)[last]
+    slack = np.add.accumulate(np.abs(terms), axis=axis)[last]
+    slack *= count * EPS
+    return outward(sums + slack * _SIDES[sums.ndim - 1])
 
 
 def product(a: Box, b: Box) -> Box:

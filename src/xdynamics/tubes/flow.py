@@ -9,7 +9,7 @@ Jackson, Corliss 1999, Applied Mathematics and Computation 105, 21).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -19,13 +19,14 @@ from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.interval_problem import IntervalProblem
 from xdynamics.tubes.series import UndefinedError, coefficients
-from xdynamics.tubes.sets import Carried
+from xdynamics.tubes.sets import Carried, Seen
 
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
 TRIALS = 3  # of wider candidates, before a step is shortened
 SHORTER, LEAST = 0.5, 1e-9  # factor of a step that is not proven, and what of the first guess is given up
 SHARE = 0.01  # of the width of a set that a remainder may add in a step
 SAFETY = 0.9
+LEAST_SLACK = 1e-290  # of what is zero and stays zero
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class Proof:
         What holds all motions for the whole step.
     after : ndarray, shape (2, n)
         A box that holds them at its end.
+    used : int
+        How many numbers move.
     """
 
     begin: Box
@@ -55,14 +58,26 @@ class Proof:
     set: Carried
     within: Box
     after: Box
+    used: int
+
+    def mapped(self, time: Box) -> tuple[Box, Box]:
+        """Return the image of the point of the set at a time within the step, and its derivatives for all of the set."""
+        since = np.maximum(boxes.subtract(time, self.begin), 0.0)
+        image, jacobian = boxes.horner(self.polynomial, since), boxes.horner(self.slopes, since)
+        constant = slice(self.used, image.shape[1])  # uncertain constants stay what they are
+        image[:, constant] = self.set.point[constant]
+        jacobian[:, constant] = np.eye(image.shape[1])[constant]
+        return image, jacobian
+
+    @np.errstate(all="ignore")
+    def seen(self, time: Box) -> Seen:
+        """Return all motions at a time, or at any of an interval, within the step."""
+        return self.set.seen(*self.mapped(time))
 
     @np.errstate(all="ignore")
     def at(self, time: Box) -> Box:
-        """Return a box that holds all motions at a time within the step."""
-        since = boxes.subtract(time, self.begin)
-        since = np.maximum(since, 0.0)
-        image, jacobian = boxes.horner(self.polynomial, since), boxes.horner(self.slopes, since)
-        return boxes.common(self.set.seen(image, jacobian), self.within)
+        """Return a box that holds all motions at a time, or at any of an interval, within the step."""
+        return boxes.common(self.seen(time).box(), self.within)
 
 
 class Flow:
@@ -114,8 +129,9 @@ class Flow:
 
     @np.errstate(all="ignore")  # bounds that are beyond the range of floats are looked for
     def _step(self, end: Box) -> Proof:
-        p, start = self.order, self.box
-        number = start.shape[1]
+        p, used = self.order, self.problem.used
+        # the theorem of the mean asks for derivatives between the point and every state of the set
+        start = boxes.hull(self.box, boxes.point(self.set.point))
         centre = self._expanded(boxes.point(self.set.point), p)
         around = self._expanded(start, p, derivatives=True)
         step = first = self._proposed(centre)
@@ -135,18 +151,16 @@ class Flow:
                 step = float(min(step, span[1])) * SHORTER
         self.reason = ""
         polynomial = np.concatenate([centre[..., 0], remainder[:, None]], axis=1)
-        slopes = around[..., 1:]
-        image, jacobian = boxes.horner(polynomial, span), boxes.horner(slopes, span)
-        before = self.set
+        proof = Proof(self.time, landing, polynomial, around[..., 1:], self.set, within, self.box, used)
+        before, seen = self.set, proof.seen(landing)
         self._largest = np.maximum(self._largest, boxes.size(reached))
-        self.set = before.moved(image, jacobian, self._scales())
-        self.box = boxes.common(boxes.common(self.set.box(), reached), before.seen(image, jacobian))
-        self.box[:, self.problem.used : number] = self.problem.start[:, self.problem.used :]
+        self.set = before.moved(*proof.mapped(landing), self._scales())
+        self.box = boxes.common(boxes.common(self.set.box(), reached), seen.box())
+        self.box[:, used:] = start[:, used:]
         if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
             raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")
-        proof = Proof(self.time, landing, polynomial, slopes, before, within, self.box)
         self.time = landing
-        return proof
+        return replace(proof, after=self.box)
 
     def _expanded(self, start: Box, degree: int, *, derivatives: bool = False) -> Box:
         """Return coefficients, with those of uncertain constants: their values, and nothing further."""
@@ -185,7 +199,7 @@ class Flow:
         grown = boxes.size(beyond)
         for trial in range(TRIALS):
             slack = boxes.width(reached) * (WIDER * 4.0**trial) + grown * 2.0**trial
-            slack = slack + (boxes.size(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS)
+            slack = slack + (boxes.size(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS) + LEAST_SLACK
             slack[used:] = 0.0
             candidate = np.stack([reached[0] - slack, reached[1] + slack])
             try:

@@ -10,6 +10,7 @@ from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 
 FAR = 0.25  # from orthogonal, where a frame is not taken
+NEXT_TO_NOTHING = 1e-150  # entries of a frame that are taken for zero, so that none times a scale underflows
 NEARLY_WITHIN = 1e-8  # a direction that is left of a column, as a part of it, below which it is none
 
 
@@ -35,6 +36,7 @@ def orthogonal(directions: Floats) -> Floats:
             axis[next(spare)] = 1.0
             column = _apart(axis, frame[:, :j])
         frame[:, j] = column
+    frame[np.abs(frame) < NEXT_TO_NOTHING] = 0.0
     return frame
 
 

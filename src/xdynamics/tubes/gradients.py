@@ -49,7 +49,7 @@ def of(operation: str, *operands: Value) -> Value:
     if operation == "choose":
         return _chosen(*operands)
     for operand in operands:
-        if isinstance(operand, Undefined):
+        if type(operand) is Undefined:
             return operand
     return OPERATIONS[operation](*operands)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -12,7 +12,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.jets.motion import Motion, needed
 from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.model_programs import forces_by_elements
-from xdynamics.kernels.program import AT, Compute, Place
+from xdynamics.kernels.program import AT, Compute, Instruction, Place
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
@@ -72,15 +72,19 @@ def interval_problem_of(model: Model) -> IntervalProblem:
             start.append(value)
         else:
             places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
-    literals = {
+    motions = Motions(lines, motion, places, literals_of(lines))
+    return IntervalProblem(motions, (*used, *uncertain), time_box(model.initial["t"].si), np.stack(start, axis=1))
+
+
+def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
+    """Return intervals of the numbers in a program that no float is, by their identity."""
+    return {
         id(number): enclosed(exact_value(number)).reshape(2, 1)
         for line in lines
         if isinstance(line, Compute)
         for number in line.arguments
         if isinstance(number, float) and exact_value(number) != Fraction(number)
     }
-    motions = Motions(lines, motion, places, literals)
-    return IntervalProblem(motions, (*used, *uncertain), time_box(model.initial["t"].si), np.stack(start, axis=1))
 
 
 def time_box(time: float) -> Box:

@@ -59,17 +59,10 @@ class _Order:
 
     def compute(self, operation: str, *arguments: Value) -> Value:
         """Compute one operation, unless what it gives is known: of zeros that series have beyond their ends."""
-        match operation, arguments:
-            case ("add", (float(0.0), other)) | ("add" | "subtract", (other, float(0.0))):
-                return other
-            case ("multiply" | "divide", (other, float(1.0))) | ("multiply", (float(1.0), other)):
-                return other
-            case ("multiply", (float(0.0), other)) | ("multiply", (other, float(0.0))):
-                return other if isinstance(other, Undefined) else 0.0
-            case ("divide", (float(0.0), float(divisor))) if divisor != 0.0:
-                return 0.0
-            case ("subtract", (float(0.0), other)):
-                return gradients.of("negative", other)
+        if len(arguments) == 2 and (float in (type(arguments[0]), type(arguments[1]))):
+            known = _known(operation, *arguments)
+            if known is not None:
+                return known
         return gradients.of(operation, *arguments)
 
     def first(self, series: Series) -> Value:
@@ -124,7 +117,10 @@ class _Order:
             row = self.rows.get(id(series))
             if row is None:
                 row = self.rows[id(series)] = np.zeros(self._shape)
-            row[:, self.k, : 1 if isinstance(value, float) else value.shape[1]] = gradients.number(value)
+            if isinstance(value, float):
+                row[:, self.k, 0] = value
+            else:
+                row[:, self.k, : value.shape[1]] = value
 
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is computed."""
@@ -133,6 +129,29 @@ class _Order:
     def read(self, place: Place) -> Value:
         """Return a number that does not change."""
         return self.constants[place]
+
+
+def _known(operation: str, a: Value, b: Value) -> Value | None:
+    """Return what an operation with a zero or a one gives; None of others."""
+    of_a, of_b = type(a) is float, type(b) is float
+    match operation:
+        case "add" if of_a and a == 0.0:
+            return b
+        case "add" | "subtract" if of_b and b == 0.0:
+            return a
+        case "subtract" if of_a and a == 0.0:
+            return gradients.of("negative", b)
+        case "multiply" | "divide" if of_b and b == 1.0:
+            return a
+        case "multiply" if of_a and a == 1.0:
+            return b
+        case "multiply" if of_a and a == 0.0 and not isinstance(b, Undefined):
+            return 0.0
+        case "multiply" if of_b and b == 0.0 and not isinstance(a, Undefined):
+            return 0.0
+        case "divide" if of_a and of_b and a == 0.0 and b != 0.0:
+            return 0.0
+    return None
 
 
 def _sum_of_products(a: Box, b: Box) -> Box:
@@ -187,7 +206,7 @@ def coefficients(motions: Motions, time: Box, start: Box, degree: int, *, deriva
     """
     numbers, used = start.shape[1], motions.motion.used
     n = numbers if derivatives else 0
-    given = [_seed(start[:, i], i, n) for i in range(numbers)]
+    given = [seed(start[:, i], i, n) for i in range(numbers)]
     order = _Order({}, degree, n)
     order.constants = {
         place: given[value] if isinstance(value, int) else value for place, value in motions.constants.items()
@@ -213,7 +232,7 @@ def coefficients(motions: Motions, time: Box, start: Box, degree: int, *, deriva
     return found
 
 
-def _seed(value: Box, place: int, derivatives: int) -> Box:
+def seed(value: Box, place: int, derivatives: int) -> Box:
     """Return a number of the start: its derivative by itself is 1."""
     seed = np.zeros((2, 1 + derivatives))
     seed[:, 0] = value

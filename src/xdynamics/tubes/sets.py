@@ -12,6 +12,31 @@ from xdynamics.tubes.frames import is_orthogonal, orthogonal, solved
 
 
 @dataclass(frozen=True)
+class Seen:
+    """All ``image + by_start @ start + by_rest @ rest``: the states of a set at a time, seen from those at another."""
+
+    image: Box
+    by_start: Box
+    start: Box
+    by_rest: Box
+    rest: Box
+
+    def box(self) -> Box:
+        """Return a box that holds them."""
+        return boxes.add(self.image, self.beside(self.by_start, self.by_rest))
+
+    def beside(self, by_start: Box, by_rest: Box) -> Box:
+        """Return what two matrices make of start and rest."""
+        return boxes.add(boxes.product(by_start, self.start), boxes.product(by_rest, self.rest))
+
+    def along(self, slopes: Box) -> Box:
+        """Return what a function differs by from its value in the middle of the image, by its derivatives: a row."""
+        off = boxes.subtract(self.image, boxes.point(boxes.middle(self.image)))
+        both = self.beside(boxes.product(slopes, self.by_start), boxes.product(slopes, self.by_rest))
+        return boxes.add(boxes.product(slopes, off), both)
+
+
+@dataclass(frozen=True)
 class Carried:
     """All ``point + spread @ start + scales * (frame @ rest)``, start and rest being any of two boxes.
 
@@ -57,12 +82,11 @@ class Carried:
             boxes.add(boxes.point(self.point), boxes.product(boxes.point(self.spread), self.start)), beside
         )
 
-    def seen(self, image: Box, jacobian: Box) -> Box:
-        """Return a box that holds the image of the set under a map, by its value at the point and its derivatives."""
-        by_start = boxes.product(boxes.product(jacobian, boxes.point(self.spread)), self.start)
+    def seen(self, image: Box, jacobian: Box) -> Seen:
+        """Return the image of the set under a map, by its value at the point and its derivatives over the set."""
         frame = boxes.point(self.scales[:, None] * self.frame)
-        by_rest = boxes.product(boxes.product(jacobian, frame), self.rest)
-        return boxes.add(boxes.add(image, by_start), by_rest)
+        by_start = boxes.product(jacobian, boxes.point(self.spread))
+        return Seen(image, by_start, self.start, boxes.product(jacobian, frame), self.rest)
 
     def moved(self, image: Box, jacobian: Box, scales: Floats) -> Carried:
         """Return the image of the set under a map.
@@ -81,7 +105,8 @@ class Carried:
         lost = boxes.product(boxes.subtract(spread_image, boxes.point(spread)), self.start)
         lost = boxes.add(lost, boxes.subtract(image, boxes.point(point)))
         turned = boxes.product(jacobian, boxes.point(self.scales[:, None] * self.frame))
-        turned, lost = turned / scales[:, None], lost / scales  # by powers of two, exact
+        # by powers of two, which is exact, but for numbers below the least normal one
+        turned, lost = boxes.outward(turned / scales[:, None]), boxes.outward(lost / scales)
         directions = boxes.middle(turned)
         lengths = boxes.size(boxes.multiply(turned, boxes.point(boxes.width(self.rest)[None, :]))).max(axis=0)
         frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])

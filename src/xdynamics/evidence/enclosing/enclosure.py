@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.dynamics.shortened_steps import wanted_times
-from xdynamics.evidence.enclosing.enclosure_dataset import Tube, enclosure_dataset
+from xdynamics.evidence.enclosing.enclosure_dataset import enclosure_dataset
+from xdynamics.evidence.enclosing.tube import proven
 from xdynamics.faults import InputError
 from xdynamics.keywords import number
 from xdynamics.model import Model, check_model
 from xdynamics.tubes import Flow, interval_problem_of
-from xdynamics.tubes.boxes import Box
-from xdynamics.tubes.interval_problem import time_box
 from xdynamics.units import time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -62,10 +60,12 @@ def enclose(
     Returns
     -------
     xarray.Dataset
-        Along `step`, or `at` where times are given: `lower_y` and `upper_y` of every coordinate, velocity and state, and
-        `time`, or `at_time`. The attribute `proven` is 1; `summary` says what was proven, `proven_until` up to which time.
-        Where no further step can be proven, `outcome` is `not_proven`, `outcome_text` says why, and bounds at later times
-        are nan.
+        Along `step`, or `at` where times are given: `lower_y` and `upper_y` of every coordinate, velocity, state, energy and
+        observable, and `time`, or `at_time`. Along `event`, in order: `lower_event_time` and `upper_event_time` of every
+        zero that all motions pass, `event_detector`, `event_direction`, and `lower_event_y` and `upper_event_y`, which hold
+        each motion at its own zero. The attribute `proven` is 1; `summary` says what was proven, `proven_until` up to which
+        time. Where no further step can be proven, `outcome` is `not_proven`, `outcome_text` says why, and bounds at later
+        times are nan; `events_text` says where a zero could not be told from none, as of a function that touches zero.
 
     Raises
     ------
@@ -99,46 +99,8 @@ def enclose(
                 f"at has {time!r}{suffix}, and the enclosure goes from {start!r}{suffix} to {end!r}{suffix}"
             )
     flow = Flow(interval_problem_of(model), degree, tolerance)
-    wanted = None if times is None else [_BoundTime(place, time, time_box(time)) for place, time in enumerate(times)]
-    tube = _tube(flow, end, start, wanted, most, progress)
+    tube = proven(model, flow, end, times, most, progress)
     return enclosure_dataset(model, tube, degree, tolerance)
-
-
-@dataclass(frozen=True)
-class _BoundTime:
-    place: int
-    time: float
-    box: Box
-
-
-def _tube(
-    flow: Flow, end: float, start: float, wanted: list[_BoundTime] | None, most: int, progress: Progress | None
-) -> Tube:
-    """March, and collect boxes after each step, or at wanted times."""
-    used, until = flow.problem.used, time_box(end)
-    rows, times, steps = [flow.box[:, :used]], [float(start)], 0
-    found = np.full((2, len(wanted or ()), used), np.nan)
-    for one in wanted or ():
-        if one.box[0] <= flow.time[0]:
-            found[:, one.place] = rows[0]
-    reached = float(start)
-    for proof in flow.until([until]):
-        steps += 1
-        reached = end if proof.end is until else float(proof.end[0])
-        if wanted is None:
-            rows.append(proof.after[:, :used])
-            times.append(reached)
-        for one in wanted or ():
-            if proof.begin[0] < one.box[0] and one.box[1] <= proof.end[1]:
-                found[:, one.place] = proof.at(one.box)[:, :used]
-        if progress is not None:
-            progress((reached - start) / (end - start), reached, steps)
-        if steps >= most and reached < end:
-            flow.reason = f"max_steps = {most} steps were taken"
-            break
-    if wanted is None:
-        return Tube(np.array(times), np.stack(rows, axis=1), steps, reached, flow.reason)
-    return Tube(np.array([one.time for one in wanted]), found, steps, reached, flow.reason, at_times=True)
 
 
 def _tolerance(rtol: Any) -> float:

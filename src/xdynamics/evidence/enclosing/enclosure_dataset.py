@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
+from xdynamics.evidence.enclosing.tube import EventBounds, Tube
 from xdynamics.evidence.evidence_dataset import about, exhibit
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.schema import AT, AT_TIME, ENCLOSURE, PROVEN, STEPS, bounds_of
+from xdynamics.record.column import About
+from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVENT_DIRECTIONS, EVENTS, PROVEN, STEPS, bounds_of, flags
 from xdynamics.tubes.boxes import Box, enclosed, multiply
 from xdynamics.tubes.interval_problem import intervals, unbounded
-from xdynamics.units import unit_suffix
+from xdynamics.units import UNSCALED, Unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,38 +26,13 @@ MODEL = "model_toml"
 COMPLETED, NOT_PROVEN = "completed", "not_proven"
 
 
-@dataclass(frozen=True)
-class Tube:
-    """Bounds at some times.
-
-    Attributes
-    ----------
-    times : ndarray, shape (k,), s
-    bounds : ndarray, shape (2, k, numbers)
-        Of coordinates, velocities and states in SI units; nan at a time that no proof reached.
-    steps : int
-    reached : float
-        The time up to which the proof holds, s.
-    reason : str
-        Why it goes no further; empty if it goes to the end.
-    at_times : bool
-        Whether these times were asked for; else they are those after each step.
-    """
-
-    times: NDArray[np.float64]
-    bounds: Box
-    steps: int
-    reached: float
-    reason: str
-    at_times: bool = False
-
-
 def enclosure_dataset(model: Model, tube: Tube, order: int, tolerance: float) -> xr.Dataset:
     """Return the evidence."""
     along, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
     long_name = "time at which bounds were asked for" if tube.at_times else "time after a step"
     variables: dict[str, Any] = {along[1]: ((along[0],), tube.times, about(unit, long_name, "time"))}
     variables |= dict(_bounds(model, tube, along[0]))
+    variables |= dict(_events(model, tube))
     variables[MODEL] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
     outcome = NOT_PROVEN if tube.reason else COMPLETED
     suffix = unit_suffix(model.time_unit)
@@ -71,6 +46,7 @@ def enclosure_dataset(model: Model, tube: Tube, order: int, tolerance: float) ->
             if tube.reason
             else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps"
         ),
+        **({"events_text": " ".join(_said(event, suffix) for event in tube.events)} if tube.events else {}),
         "solver_method": "Taylor series in intervals, carried as Lohner's set",
         "solver_order": order,
         "solver_rtol": tolerance,
@@ -96,39 +72,96 @@ def proposition(model: Model, tube: Tube) -> str:
     return text
 
 
+def _units(model: Model) -> dict[str, Unit]:
+    """Return the unit of everything that is bounded, in its order."""
+    layout = layout_of(model)
+    found = {name: model.units[name] for name in layout.used}
+    units = About(layout, UNSCALED, None, samples=False).units
+    derived = {name: units.derived(block) for block in layout.computed.blocks for name in block.elements()}
+    return found | {name: derived[name] for name in layout.derived}
+
+
 def _bounds(model: Model, tube: Tube, along: str) -> Iterator[tuple[str, Any]]:
     """Yield lower and upper bounds of every quantity, in its own unit."""
+    for i, (name, unit) in enumerate(_units(model).items()):
+        yield from _pair(name, along, _in_units(tube.bounds[:, :, i], unit), unit.text, name)
+
+
+def _pair(name: str, along: str, bounds: Box, unit: str, what: str) -> Iterator[tuple[str, Any]]:
+    for key, side, values in zip(bounds_of(name), ("lower", "upper"), bounds, strict=True):
+        yield key, ((along,), values, about(unit, f"proven {side} bound of {what}", f"{side}_bound"))
+
+
+def _events(model: Model, tube: Tube) -> Iterator[tuple[str, Any]]:
+    """Yield what is proven of events, in the order of their times."""
+    if not tube.events:
+        return
+    met = [(event.name, found) for event in tube.events for found in event.counted]
+    met.sort(key=lambda pair: (pair[1].time[0], pair[1].time[1]))
+    names = [event.name for event in tube.events]
+    times = np.array([found.time for _, found in met]).reshape(-1, 2).T
+    yield from _pair("event_time", EVENTS, times, model.time_unit.text, "the time of the event")
+    detectors = np.array([names.index(name) for name, _ in met], np.int8)
+    yield "event_detector", ((EVENTS,), detectors, about("1", "event", "flag") | flags(dict(enumerate(names))))
+    rising = np.array([1 if found.rising else -1 for _, found in met], np.int8)
+    yield (
+        "event_direction",
+        ((EVENTS,), rising, about("1", "direction of the crossing", "flag") | flags(EVENT_DIRECTIONS)),
+    )
     for i, name in enumerate(layout_of(model).used):
         unit = model.units[name]
-        both = zip(bounds_of(name), ("lower", "upper"), _in_units(tube.bounds[:, :, i], unit.factor), strict=True)
-        for key, side, values in both:
-            yield key, ((along,), values, about(unit.text, f"proven {side} bound of {name}", f"{side}_bound"))
+        states = np.array([found.state[:, i] for _, found in met]).reshape(-1, 2).T
+        yield from _pair(f"event_{name}", EVENTS, _in_units(states, unit), unit.text, f"{name} at the event")
 
 
-def _in_units(bounds: Box, factor: Fraction) -> Box:
+def _said(event: EventBounds, suffix: str) -> str:
+    """Say what is known of the zeros of an event."""
+    crossings = event.crossings
+    text = f"Every motion passes '{event.name}' {len(event.counted)} times in its direction"
+    if crossings.unknown_from < np.inf:
+        text += f" before t = {crossings.unknown_from!r}{suffix}, after which a zero could not be told from none"
+    if crossings.begun_at_zero:
+        text += "; it may be zero at the start, which is not counted"
+    return text + "."
+
+
+def _in_units(bounds: Box, unit: Unit) -> Box:
     """Return bounds in SI units in another unit, rounded outward."""
-    return bounds if factor == 1 else multiply(bounds, enclosed(1 / factor)[:, None])
+    return bounds if unit.factor == 1 else multiply(bounds, enclosed(1 / Fraction(unit.factor))[:, None])
 
 
 def lines_of(enclosure: xr.Dataset) -> list[str]:
-    """Say what is proven, and the last bounds."""
+    """Say what is proven, the last bounds, and those of events."""
     lines = [str(enclosure.attrs["summary"]), str(enclosure.attrs["outcome_text"])]
     along, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
-    prefix, _ = bounds_of("")
-    names = [str(name).removeprefix(prefix) for name in enclosure.data_vars if str(name).startswith(prefix)]
+    unit = unit_suffix(str(enclosure[time].attrs["units"]))
+    names = _bounded(enclosure, along)
     firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[along], -1)[:, 0] for name in names]
-    known = np.flatnonzero(np.isfinite(firsts).all(axis=0))
-    if not known.size:
-        return lines
-    last = enclosure.isel({along: int(known[-1])})
-    lines.append(f"at t = {float(last[time])!r}{unit_suffix(str(enclosure[time].attrs['units']))}")
-    for name in names:
-        low, high = (last[bound] for bound in bounds_of(name))
-        lines.append(f"  {name:<8}  {_between(low.values, high.values)}{unit_suffix(str(low.attrs['units']))}")
-    return lines
+    if (known := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
+        last = enclosure.isel({along: int(known[-1])})
+        lines.append(f"at t = {float(last[time])!r}{unit}")
+        lines += [f"  {name:<8}  {_between(last, name)}" for name in names]
+    for k in range(enclosure.sizes.get(EVENTS, 0)):
+        event = enclosure.isel({EVENTS: k})
+        words = str(event["event_detector"].attrs["flag_meanings"]).split()
+        lines.append(f"event {words[int(event['event_detector'])]}: t from {_between(event, 'event_time')}")
+    return [*lines, *filter(None, [str(enclosure.attrs.get("events_text", ""))])]
 
 
-def _between(low: Any, high: Any) -> str:
-    """Write two bounds, or of many how far they are apart at most."""
-    width = float((high - low).max())
-    return f"{float(low)!r} to {float(high)!r}, {width:.2g}" if low.ndim == 0 else f"{low.size} of width {width:.2g}"
+def _bounded(enclosure: xr.Dataset, along: str) -> list[str]:
+    """Name what has bounds along a dimension."""
+    prefix, _ = bounds_of("")
+    return [
+        str(name).removeprefix(prefix)
+        for name, variable in enclosure.data_vars.items()
+        if str(name).startswith(prefix) and along in variable.dims
+    ]
+
+
+def _between(row: xr.Dataset, name: str) -> str:
+    """Write two bounds and how far they are apart, or of many this alone."""
+    low, high = (row[bound] for bound in bounds_of(name))
+    width, unit = float((high - low).max()), unit_suffix(str(low.attrs["units"]))
+    if low.ndim:
+        return f"{low.size} of width {width:.2g}{unit}"
+    return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g}"

@@ -1,0 +1,147 @@
+"""A tube: bounds of states and observables at some times, and of the times of events, collected step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels.layout import Layout, layout_of
+from xdynamics.model import Model
+from xdynamics.model.detectors import OCCASION, Detector, function_rate
+from xdynamics.tubes import Flow, Proof
+from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.crossings import Crossing, Crossings
+from xdynamics.tubes.functions import Functions
+from xdynamics.tubes.interval_problem import time_box
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import Progress
+
+
+@dataclass(frozen=True)
+class EventBounds:
+    """What is known of the zeros of an event.
+
+    Attributes
+    ----------
+    name : str
+    direction : str
+        Which of them count.
+    crossings : Crossings
+    """
+
+    name: str
+    direction: str
+    crossings: Crossings
+
+    @property
+    def counted(self) -> list[Crossing]:
+        """The zeros in the event's direction."""
+        return [
+            found
+            for found in self.crossings.found
+            if self.direction == "either" or found.rising == (self.direction == "rising")
+        ]
+
+
+@dataclass(frozen=True)
+class Tube:
+    """What is proven of a motion.
+
+    Attributes
+    ----------
+    times : ndarray, shape (k,), s
+    bounds : ndarray, shape (2, k, numbers)
+        Of coordinates, velocities and states, then of energies and observables, in SI units; nan at a time that no proof
+        reached.
+    events : list of EventBounds
+    steps : int
+    reached : float
+        The time up to which the proof holds, s.
+    reason : str
+        Why it goes no further; empty if it goes to the end.
+    at_times : bool
+        Whether these times were asked for; else they are those after each step.
+    """
+
+    times: NDArray[np.float64]
+    bounds: Box
+    events: list[EventBounds]
+    steps: int
+    reached: float
+    reason: str
+    at_times: bool
+
+
+def proven(
+    model: Model, flow: Flow, end: float, times: list[float] | None, most: int, progress: Progress | None
+) -> Tube:
+    """March, and collect what is proven.
+
+    Parameters
+    ----------
+    model : Model
+    flow : Flow
+    end : float, s
+    times : list of float, s, optional
+        When bounds are wanted; by default after every step.
+    most : int
+        Steps after which it ends.
+    progress : callable, optional
+    """
+    layout, start = layout_of(model), float(model.initial["t"].si)
+    observed = Functions(flow.problem, layout, list(layout.derived.values()))
+    events = [_event(flow, layout, detector) for detector in layout.watched if detector.role == OCCASION]
+    collected = _Collected(flow, observed, start, times)
+    until, steps, reached = time_box(end), 0, start
+    for proof in flow.until([until]):
+        steps += 1
+        reached = end if proof.end is until else float(proof.end[0])
+        collected.add(proof, reached)
+        for event in events:
+            event.crossings.follow(proof)
+        if progress is not None:
+            progress((reached - start) / (end - start), reached, steps)
+        if steps >= most and reached < end:
+            flow.reason = f"max_steps = {most} steps were taken"
+            break
+    for event in events:
+        event.crossings.end()
+    bounds = np.stack(collected.rows, axis=1)
+    return Tube(np.array(collected.times), bounds, events, steps, reached, flow.reason, times is not None)
+
+
+def _event(flow: Flow, layout: Layout, detector: Detector) -> EventBounds:
+    trees = [detector.looked_at, function_rate(layout.model, detector)]
+    return EventBounds(detector.name, detector.direction, Crossings(Functions(flow.problem, layout, trees)))
+
+
+class _Collected:
+    """Bounds after every step, or at wanted times."""
+
+    def __init__(self, flow: Flow, observed: Functions, start: float, times: list[float] | None) -> None:
+        self._observed, self._used = observed, flow.problem.used
+        self._wanted = None if times is None else [(place, time_box(time)) for place, time in enumerate(times)]
+        unknown = np.full((2, self._used + observed.count), np.nan)
+        at_start = np.concatenate([flow.box[:, : self._used], observed.at_start(flow.time, flow.box)], axis=1)
+        self.times = [start] if times is None else list(times)
+        self.rows = [at_start] if times is None else [unknown] * len(times)
+        for place, time in self._wanted or ():
+            if time[0] <= flow.time[0]:
+                self.rows[place] = at_start
+
+    def add(self, proof: Proof, reached: float) -> None:
+        """Take what a step proves."""
+        if self._wanted is None:
+            self.times.append(reached)
+            self.rows.append(self._row(proof, proof.end, proof.after))
+            return
+        for place, time in self._wanted:
+            if proof.begin[0] < time[0] and time[1] <= proof.end[1]:
+                self.rows[place] = self._row(proof, time, proof.at(time))
+
+    def _row(self, proof: Proof, time: Box, states: Box) -> Box:
+        return np.concatenate([states[:, : self._used], self._observed.within(proof, time)], axis=1)

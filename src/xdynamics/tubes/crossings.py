@@ -1,0 +1,141 @@
+"""When a function of the motions passes through zero: intervals that hold the times for all of them.
+
+Where the function has no zero, or rises or falls for all motions throughout, is told from its bounds and those of its rate
+on pieces of a step, which are halved until it is; between pieces where all motions are below and all above, each passes
+zero once, at a time that the interval Newton method narrows (Moore, Kearfott, Cloud 2009, section 8.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from xdynamics.tubes import boxes
+from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.flow import Proof
+from xdynamics.tubes.functions import Functions
+
+DEEPEST, NARROWINGS, ENOUGH = 7, 30, 0.8  # halvings of a step; turns of Newton's method, while it takes so much off
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A zero that every motion passes.
+
+    Attributes
+    ----------
+    time : ndarray, shape (2,)
+    rising : bool
+    state : ndarray, shape (2, n)
+        What holds every motion at its own zero.
+    """
+
+    time: Box
+    rising: bool
+    state: Box
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A part of a step in which there may be zeros: the sign of the rate, 0 where it is not known."""
+
+    proof: Proof
+    time: Box
+    rate: int
+
+
+@dataclass
+class Crossings:
+    """The zeros of one function, step after step.
+
+    Attributes
+    ----------
+    functions : Functions
+        The function, and its rate along the motion.
+    found : list of Crossing
+    begun_at_zero : bool
+        Whether the function may be zero at the start.
+    unknown_from : float
+        The time from which zeros are not known; infinite where all are.
+    """
+
+    functions: Functions
+    found: list[Crossing] = field(default_factory=list)
+    begun_at_zero: bool = False
+    unknown_from: float = np.inf
+    _sign: int = 0
+    _open: list[_Piece] = field(default_factory=list)
+
+    def follow(self, proof: Proof) -> None:
+        """Look for zeros in a further step."""
+        if self.unknown_from < np.inf:
+            return
+        for piece, sign in self._pieces(proof, np.array([proof.begin[0], proof.end[1]]), DEEPEST):
+            if sign:
+                self._close(sign)
+                self._sign, self._open = sign, []
+            else:
+                self._open.append(piece)
+
+    def end(self) -> None:
+        """Take note that no further step follows."""
+        if self._open and self.unknown_from == np.inf:
+            self.unknown_from = float(self._open[0].time[0])
+
+    def _pieces(self, proof: Proof, time: Box, depth: int) -> Iterator[tuple[_Piece, int]]:
+        """Yield parts of a step in turn: with the sign of the function, or 0 where it may be zero."""
+        value, rate = self.functions.within(proof, time).T
+        middle = boxes.point(float(boxes.middle(time)))
+        moved = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
+        value = boxes.common(value, boxes.add(self.functions.within(proof, middle)[:, 0], moved))
+        if (sign := _sign(value)) or (_sign(rate) and depth < DEEPEST) or depth == 0:
+            yield _Piece(proof, time, _sign(rate)), sign
+            return
+        for half in ((time[0], middle[0]), (middle[0], time[1])):
+            yield from self._pieces(proof, np.array(half), depth - 1)
+
+    def _close(self, sign: int) -> None:
+        """Decide what was between the last known sign and a new one."""
+        if not self._open or self.unknown_from < np.inf:
+            return
+        rates = {piece.rate for piece in self._open}
+        if len(rates) > 1 or 0 in rates or (self._sign == 0 and sign not in rates):
+            self.unknown_from = float(self._open[0].time[0])
+        elif self._sign == 0:
+            self.begun_at_zero = True
+        elif self._sign != sign:
+            self.found.append(self._crossing(sign > 0))
+
+    def _crossing(self, rising: bool) -> Crossing:  # noqa: FBT001 - what the crossing is
+        """Narrow the time of a zero in each piece, and join what is left of them."""
+        narrowed = [(piece, time) for piece in self._open if (time := self._narrowed(piece)) is not None]
+        times = [time for _, time in narrowed]
+        states = [piece.proof.at(time) for piece, time in narrowed]
+        time, state = times[0], states[0]
+        for other, at_other in zip(times[1:], states[1:], strict=True):
+            time, state = boxes.hull(time, other), boxes.hull(state, at_other)
+        return Crossing(time, rising, state)
+
+    def _narrowed(self, piece: _Piece) -> Box | None:
+        """Return the times at which the function may be zero in a piece; None if there are none."""
+        time = piece.time
+        for _ in range(NARROWINGS):
+            middle = boxes.point(float(boxes.middle(time)))
+            value = self.functions.within(piece.proof, middle)[:, 0]
+            rate = self.functions.within(piece.proof, time)[:, 1]
+            if boxes.has_zero(rate) or not np.isfinite([value, rate]).all():
+                return time
+            found = boxes.common(time, boxes.subtract(middle, boxes.divide(value, rate)))
+            if found[0] > found[1]:
+                return None
+            if boxes.width(found) > ENOUGH * boxes.width(time):
+                return found
+            time = found
+        return time
+
+
+def _sign(bounds: Box) -> int:
+    """Return 1 or -1 where all of an interval is above or below zero, else 0."""
+    return int(bounds[0] > 0.0) - int(bounds[1] < 0.0)

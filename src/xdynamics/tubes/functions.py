@@ -1,0 +1,99 @@
+"""Functions of a state over sets of states: observables, energies, events and their rates along the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from xdynamics.expressions import Node
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import values_of
+from xdynamics.kernels.program import AT, Compute, Load, Operand, Place, StoreTo
+from xdynamics.tubes import boxes, gradients
+from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.flow import Proof
+from xdynamics.tubes.gradients import Undefined, Value
+from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
+from xdynamics.tubes.series import seed
+
+NOW = Place("at", AT.index("t"))
+UNKNOWN = np.array([-np.inf, np.inf])
+
+
+class Functions:
+    """Some functions of a state.
+
+    Parameters
+    ----------
+    problem : IntervalProblem
+    layout : Layout
+    trees : sequence of Node
+    """
+
+    def __init__(self, problem: IntervalProblem, layout: Layout, trees: Sequence[Node]) -> None:
+        self._lines = values_of(layout, trees).body
+        self._constants, self._literals = problem.motions.constants, literals_of(self._lines)
+        self.count = len(trees)
+
+    @np.errstate(all="ignore")
+    def over(self, time: Box, states: Box, *, derivatives: bool = False) -> list[Value]:
+        """Return the values over a box, perhaps with their derivatives by the numbers of a set."""
+        count = states.shape[1]
+        given = [seed(states[:, i], i, count if derivatives else 0) for i in range(count)]
+        found, env = [Undefined("not computed")] * self.count, dict[str, Value]()
+        for line in self._lines:
+            if isinstance(line, Load):
+                env[line.target] = self._read(line.place, time, given)
+            elif isinstance(line, Compute):
+                env[line.target] = gradients.of(line.operation, *(self._operand(env, name) for name in line.arguments))
+            elif isinstance(line, StoreTo):
+                found[line.place.offset] = self._operand(env, line.value)
+        return found
+
+    @np.errstate(all="ignore")
+    def within(self, proof: Proof, time: Box) -> Box:
+        """Return bounds of the values for all motions at a time within a step, or at any of an interval; shape (2, count).
+
+        Both the values over the box and those in the middle, with what their derivatives add, hold them.
+        """
+        seen, states = proof.seen(time), proof.at(time)
+        middle = boxes.point(boxes.middle(seen.image))
+        between = boxes.hull(states, middle)  # of the middle and any state
+        triples = zip(
+            self.over(time, states),
+            self.over(time, middle),
+            self.over(time, between, derivatives=True),
+            strict=True,
+        )
+        found = []
+        for value, near, slope in triples:
+            bounds = _bounds(value)
+            if not isinstance(slope, Undefined | float | bool) and slope.shape[1] > 1:
+                bounds = boxes.common(bounds, boxes.add(_bounds(near), seen.along(slope[:, None, 1:])[:, 0]))
+            found.append(bounds)
+        return np.stack(found, axis=1) if found else np.zeros((2, 0))
+
+    def at_start(self, time: Box, states: Box) -> Box:
+        """Return bounds of the values over a box."""
+        found = [_bounds(value) for value in self.over(time, states)]
+        return np.stack(found, axis=1) if found else np.zeros((2, 0))
+
+    def _read(self, place: Place, time: Box, given: list[Box]) -> Value:
+        if place.array == "y":
+            return given[place.offset]
+        if place == NOW:
+            return time.reshape(2, 1)
+        value = self._constants[place]
+        return given[value] if isinstance(value, int) else value
+
+    def _operand(self, env: dict[str, Value], operand: Operand) -> Value:
+        return env[operand] if isinstance(operand, str) else self._literals.get(id(operand), operand)
+
+
+def _bounds(value: Value) -> Box:
+    """Return the bounds of a value; infinite ones of what is undefined."""
+    if isinstance(value, Undefined):
+        return UNKNOWN
+    bounds = gradients.number(value)[:, 0]
+    return UNKNOWN if np.isnan(bounds).any() else bounds

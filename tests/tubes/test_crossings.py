@@ -1,0 +1,79 @@
+"""Times at which functions pass zero, and values of functions, against closed forms."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import xdynamics as xd
+from cases.smooth_models import oscillator
+from xdynamics import Model
+
+
+def watched(model: Model, **functions: str) -> Model:
+    """Return a model with events that record, in either direction."""
+    events = "".join(f'[events.{name}]\nfunction = "{text}"\naction = "record"\n' for name, text in functions.items())
+    return Model.from_text(f"{model.to_toml()}\n{events}")
+
+
+def test_times_of_a_certain_motion() -> None:
+    """Assert that the zeros of a cosine are proven to 1e-13 s, with the states there, in order and with their directions."""
+    tube = xd.enclose(watched(oscillator(), middle="x", top="v_x"), until="1.7 s")
+    with mp.workdps(30):
+        quarters = [mp.pi * k / 4 for k in range(1, 3)]
+        for k, exact in enumerate(quarters):
+            assert float(tube.lower_event_time[k]) <= exact <= float(tube.upper_event_time[k])
+            state = mp.cos(2 * exact), -2 * mp.sin(2 * exact)
+            for name, number in zip(("x", "v_x"), state, strict=True):
+                assert float(tube[f"lower_event_{name}"][k]) <= number <= float(tube[f"upper_event_{name}"][k])
+    assert float((tube.upper_event_time - tube.lower_event_time).max()) < 1e-12
+    assert tube.event_detector.values.tolist() == [0, 1]
+    assert tube.event_direction.values.tolist() == [-1, 1]
+    assert "'top' 1 times in its direction; it may be zero at the start" in tube.attrs["events_text"]
+
+
+def test_times_of_an_uncertain_motion() -> None:
+    """Assert that the times at which masses on springs of any stiffness pass the middle are bounded, hardly wider than needed."""
+    model = watched(oscillator({"value": "4 N m-1", "half_width": "0.01 N m-1"}), middle="x")
+    tube = xd.enclose(model, until="1 s")
+    low, high = float(tube.lower_event_time[0]), float(tube.upper_event_time[0])
+    first, last = (np.pi / 2 / np.sqrt(k) for k in (4.01, 3.99))
+    assert low <= first < last <= high
+    assert high - low < 1.05 * (last - first)
+
+
+@pytest.mark.parametrize("touch", ["x + 1*metre", "(x + 1*metre)*(x + 1*metre)/metre"])
+def test_a_touch_is_not_told(touch: str) -> None:
+    """Assert that a function that turns where it is zero has no proven zero, that this is said, and the bounds go on."""
+    tube = xd.enclose(watched(oscillator(), lowest=touch), until="1.7 s")
+    assert tube.sizes["event"] == 0
+    text = tube.attrs["events_text"]
+    assert "0 times in its direction before t = 1.5" in text
+    assert "after which a zero could not be told from none" in text
+    assert (tube.attrs["outcome"], tube.attrs["proven_until"]) == ("completed", 1.7)
+
+
+def test_directions_and_what_is_not_reached() -> None:
+    """Assert that zeros in the other direction do not count, and that a function without zeros has none."""
+    model = watched(oscillator(), middle="x", far="x - 1.01*metre")
+    model = model.replace(events={"middle": {"function": "x", "direction": "rising", "action": "record"}})
+    tube = xd.enclose(model, until="2.6 s")
+    assert tube.event_detector.values.tolist() == [0]
+    assert float(tube.lower_event_time[0]) <= 0.75 * np.pi <= float(tube.upper_event_time[0])
+
+
+def test_energies_and_observables() -> None:
+    """Assert that the energy is bounded to rounding, and an observable that reads the acceleration holds its closed form."""
+    model = oscillator(x={"value": "1 m", "half_width": "0.01 m"})
+    model = Model.from_text(f'{model.to_toml()}\n[observables]\nload = "m*a_x + 3*newton"\n')
+    tube = xd.enclose(model, at=["0.3 s", "0.9 s"])
+    for x in (0.99, 1.0, 1.01):
+        load = 3.0 - 4.0 * x * np.cos(2.0 * tube.at_time.values)
+        assert (tube.lower_load.values <= load).all()
+        assert (load <= tube.upper_load.values).all()
+        assert ((tube.lower_total_energy <= 2.0 * x * x) & (2.0 * x * x <= tube.upper_total_energy)).all()
+    assert (tube.upper_load - tube.lower_load).max() < 0.081
+    # two bounds of 1/2 k x**2 + 1/2 m v**2, each by its derivatives: as wide as the energies of the starts, to second order
+    assert (tube.upper_total_energy - tube.lower_total_energy).max() < 0.0805
+    assert tube.lower_load.attrs["units"] == "N"
