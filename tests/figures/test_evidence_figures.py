@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases import smooth_models as smooth
 from cases.problems import MODELS, oscillator
 from xdynamics.figures.refinement import telling
 from xdynamics.figures.vanishing import vanishing
@@ -193,3 +194,24 @@ def test_noise_that_is_alone_is_drawn_as_the_zero_that_it_is(throws: xr.Dataset)
     assert vanishing(alone) == ["end_y"]
     (axes,) = [axes for title, axes in panels(xd.plot(alone)).items() if title.startswith("end_y")]
     assert not axes.collections[0].get_array().any()
+
+
+def test_a_run_is_drawn_inside_its_tube(tmp_path: Path) -> None:
+    """Assert bands of coordinates and energies, a run inside about their middle, and that nothing else is drawn there."""
+    model = smooth.oscillator(x={"value": "1 m", "half_width": "1 mm"})
+    tube = xd.enclose(model, until="1 s", order=10, rtol=1e-8)
+    run = xd.simulate(model, method="rk4", step="5 ms", until="1 s")
+    figure = xd.plot(tube, tmp_path / "tube.png", beside=run)
+    drawn = panels(figure)
+    assert [title.split(",")[0] for title in drawn] == [
+        "x",
+        "v_x",
+        "kinetic_energy",
+        "potential_energy",
+        "total_energy",
+    ]
+    low, high, inside = (line.get_ydata() for line in next(iter(drawn.values())).lines)
+    assert ((low < inside) & (inside < high)).all()
+    assert (tmp_path / "tube.png").stat().st_size > 10_000
+    with pytest.raises(xd.InputError, match="what is drawn inside proven bounds is a run"):
+        xd.plot(tube, beside=tube)

@@ -12,6 +12,7 @@ from xdynamics.figures import (
     budget,
     comparison,
     diagnosis,
+    enclosure,
     fit,
     ledger,
     logs,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 PAGES = {
     kind: module.PAGE
-    for module in (budget, comparison, diagnosis, fit, ledger, logs, precision, refinement, sweep)
+    for module in (budget, comparison, diagnosis, enclosure, fit, ledger, logs, precision, refinement, sweep)
     for kind in module.PAGE.kinds
 }
 
@@ -62,7 +63,7 @@ def plot(
     Parameters
     ----------
     record : xarray.Dataset, sequence of these, or mapping of str to these
-        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `modes`, `error_budget` or `fit` returns; several
+        A run record, or several, drawn over one another and named by what differs or as the mapping says; or what `refine`, `compare`, `diagnose`, `validate`, `sweep`, `modes`, `error_budget`, `fit` or `enclose` returns; several
         refinements or diagnoses by name, to be drawn together. Lazy stages are computed, all of them at once; of a run in chunks
         the columns that are drawn are read, each chunk once: of a long one the least and the greatest value of each
         stretch are kept, and what is at events.
@@ -72,7 +73,7 @@ def plot(
         Of a run: panels (plane, trajectory, velocity, state, profile, contact, drive, phase, section, energy, steps, errors, events) or
         variables that are drawn alone; forces, accelerations and observables are drawn where they are named.
     beside : Dataset, path or sequence of these, optional
-        Of a run: other runs and measured data, drawn over the same variables.
+        Of a run: other runs and measured data, drawn over the same variables. Of proven bounds: runs, drawn inside them.
     panels : {"few", "all"}
         Of a run: the four at most that one looks at first, or all, with those of steps, errors, and how events were located.
     transient : int or str, optional
@@ -113,12 +114,13 @@ def plot(
             title = title.removesuffix(f", by {given.attrs.get('solver_method')}")
     else:
         page, title = overlay.PAGE, f"{', '.join(given)}, side by side"
-    if page is not run.PAGE and (only is not None or others or panels != run.FEW):
-        raise InputError("only, panels and beside are for figures of a run")
+    if page is not run.PAGE and (only is not None or panels != run.FEW or (others and page is not enclosure.PAGE)):
+        raise InputError("only, panels and beside are for figures of a run, beside for those of proven bounds too")
     if panels not in run.AMOUNTS:
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
     _check(size, dpi)
     options = {"only": wanted, "beside": others, "amount": panels, "names": names} if page is run.PAGE else {}
+    options |= {"beside": others} if page is enclosure.PAGE else {}
     if transient is not None:
         options |= _left_out(page, transient)
     drawn, foot = page.panels_of(given, **options), page.foot_of(given)

@@ -135,7 +135,7 @@ def lines_of(enclosure: xr.Dataset) -> list[str]:
     lines = [str(enclosure.attrs["summary"]), str(enclosure.attrs["outcome_text"])]
     along, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
-    names = _bounded(enclosure, along)
+    names = bounded(enclosure, along)
     firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[along], -1)[:, 0] for name in names]
     if (known := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
         last = enclosure.isel({along: int(known[-1])})
@@ -148,7 +148,7 @@ def lines_of(enclosure: xr.Dataset) -> list[str]:
     return [*lines, *filter(None, [str(enclosure.attrs.get("events_text", ""))])]
 
 
-def _bounded(enclosure: xr.Dataset, along: str) -> list[str]:
+def bounded(enclosure: xr.Dataset, along: str) -> list[str]:
     """Name what has bounds along a dimension."""
     prefix, _ = bounds_of("")
     return [

@@ -1,0 +1,82 @@
+"""Figures of proven bounds: the tube of every quantity, and runs inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from xdynamics.archive import open_run
+from xdynamics.evidence.enclosing.enclosure_dataset import bounded
+from xdynamics.evidence.sampling import sample
+from xdynamics.faults import InputError
+from xdynamics.figures.marks import COLOURS, in_unit, timed, typeset, words
+from xdynamics.figures.sheet import Page, Panel
+from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVIDENCE, STEPS, bounds_of
+from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NARROW = 1e-2  # of what a quantity goes through: a tube that is narrower is drawn about its middle
+
+
+def panels_of(tube: xr.Dataset, beside: Sequence[Any] = ()) -> list[Panel]:
+    """Return the panel of each quantity with bounds.
+
+    Raises
+    ------
+    InputError
+        If what is to be drawn inside the tube is no run, or no time has bounds.
+    """
+    runs = [each if isinstance(each, xr.Dataset) else open_run(each) for each in beside]
+    for run in runs:
+        if run.attrs.get(EVIDENCE) or "time" not in run:
+            raise InputError("what is drawn inside proven bounds is a run; leave out what is none")
+    along, time = (AT, AT_TIME) if AT_TIME in tube.variables else (STEPS, "time")
+    reached = tube.isel({along: np.flatnonzero(tube[time].values <= float(tube.attrs["proven_until"]))})
+    if not reached.sizes[along]:
+        raise InputError(f"there is nothing to draw: {tube.attrs['outcome_text']}")
+    ordered = reached.sortby(time)
+    names = [name for name in bounded(tube, along) if ordered[bounds_of(name)[0]].ndim == 1]
+    inside = [_sampled(run, ordered[time].values) for run in runs]
+    return [partial(_tube, ordered, name, time, inside) for name in names]
+
+
+def foot_of(tube: xr.Dataset) -> str:
+    """Say what is proven."""
+    return f"{tube.attrs['summary']} Bounds hold at the dots of a run, and wherever lines have corners."
+
+
+def _sampled(run: xr.Dataset, times: np.ndarray[Any, Any]) -> xr.Dataset:
+    """Return the states of a run at those times of a tube that it has."""
+    ends = run["time"].values[[0, -1]]
+    return sample(run, times[(times >= ends[0]) & (times <= ends[1])])
+
+
+def _tube(tube: xr.Dataset, name: str, time: str, inside: list[xr.Dataset], axes: Axes) -> None:
+    """Draw one tube; of a narrow one how far its bounds and the runs are from its middle."""
+    times, (low, high) = tube[time].values, (tube[bound].values for bound in bounds_of(name))
+    width, unit = float((high - low).max()), str(tube[bounds_of(name)[0]].attrs["units"])
+    middle = low + 0.5 * (high - low)
+    narrow = width < NARROW * float(np.ptp(middle))
+    about = middle if narrow else np.zeros_like(middle)
+    axes.fill_between(times, low - about, high - about, color=COLOURS[0], alpha=0.3, linewidth=0.0)
+    for bound in (low, high):
+        axes.plot(times, bound - about, color=COLOURS[0], linewidth=0.8)
+    for k, run in enumerate(inside):
+        if name in run:
+            at = run[AT_TIME].values
+            shown = run[name].values - np.interp(at, times, about)
+            label = words(f"run by {run.attrs['solver_method']}")
+            axes.plot(at, shown, ".-", color=COLOURS[1 + k], linewidth=1.0, markersize=3, label=label)
+            axes.legend(fontsize=8, loc="upper left", framealpha=0.6)
+    axes.set(xlabel=timed(tube[time]), ylabel=words(in_unit(f"{name} less the middle" if narrow else name, unit)))
+    last = f"{high[-1] - low[-1]:.2g}{unit_suffix(typeset(unit))} wide at the end"
+    axes.set_title(words(f"{name}, {last}"), loc="left", fontsize=10, pad=14)
+
+
+PAGE = Page((ENCLOSURE,), panels_of, foot_of, 6)
