@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import xdynamics as xd
 from cases.array_programs import bound, compiled, gravity, in_python
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Motion, UnexpandedError, expansion
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import expanded
 from xdynamics.kernels.program import (
     Compute,
     EngineCall,
@@ -26,7 +29,10 @@ from xdynamics.kernels.program import (
     Program,
     Reduction,
     StoreTo,
+    nested,
 )
+from xdynamics.march.configuration import settings_for
+from xdynamics.model.motion import constants
 
 Floats = NDArray[np.float64]
 DEGREE = 21
@@ -255,6 +261,79 @@ def test_loops_have_the_series_of_what_they_write(*, by_body: bool) -> None:
     given = {"y": np.repeat(y[:, None], 4, 1), "p": np.repeat(p[:, None], 4, 1), "at": np.zeros((8, 4))}
     compiled(lanes.program, runs=4)(w=w, **given)
     assert w[: (degree + 1) * 6 * n, 2].tobytes() == results[0].tobytes()
+
+
+def bodies(n: int) -> tuple[Layout, NDArray[np.float64]]:
+    """The layout of bodies that all attract each other along a relation, and their parameters."""
+    model = xd.Model.from_text(f"""
+name = "cluster"
+[dimensions]
+body = {n}
+axis = 3
+[coordinates]
+r = {{ unit = "m", dims = ["body", "axis"] }}
+[parameters]
+G = "1.5 m3 kg-1 s-2"
+m = {{ dims = ["body"], value = {[1.0 + 0.3 * i for i in range(n)]}, unit = "kg" }}
+[mass]
+r = "m"
+[relations.pair]
+of = "body"
+[forces.gravity]
+over = "pair"
+potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
+[initial]
+r = "(index(body) + 1)*(index(axis) + 1)*metre"
+""")
+    settings = settings_for(model, method="taylor", step="1 s", until="1 s")
+    return settings.layout(model), np.array([*constants(model).values()])
+
+
+def series_of_bodies(y: Floats, masses: Floats, degree: int) -> Floats:
+    """The coefficients of the places of bodies, by Miller's recurrence for the power -3/2 of all squared distances."""
+    n = masses.size
+    q, v = (np.zeros((degree + 1, n, 3)) for _ in range(2))
+    q[0], v[0] = y.reshape(2, n, 3)
+    d, square, power = (np.zeros((degree + 1, n, n, *more)) for more in ((3,), (), ()))
+    for k in range(degree):
+        d[k] = q[k][None, :] - q[k][:, None]
+        square[k] = sum((d[j] * d[k - j]).sum(-1) for j in range(k + 1)) + (np.eye(n) if k == 0 else 0.0)
+        terms = [(-1.5 * j - (k - j)) * square[j] * power[k - j] for j in range(1, k + 1)]
+        power[k] = sum(terms) / (k * square[0]) if k else square[0] ** -1.5
+        pull = sum(power[j][..., None] * d[k - j] for j in range(k + 1))
+        v[k + 1] = 1.5 * (masses[None, :, None] * pull).sum(1) / (k + 1)
+        q[k + 1] = v[k] / (k + 1)
+    return q
+
+
+def test_links_are_made_once() -> None:
+    """Assert that every two bodies meet once, by lines as many for any number, with the series of each with all others."""
+    n, degree = 6, 9
+    (layout, p), (larger, _) = bodies(n), bodies(n + 5)
+    found, more = (expanded(of, degree) for of in (layout, larger))
+    assert len(list(nested(found.program.body))) == len(list(nested(more.program.body)))
+    assert any(isinstance(line, Reduction) and line.operation == "newest" for line in nested(found.program.body))
+    y, w = np.random.default_rng(3).normal(size=layout.record.size), np.zeros(found.memory)
+    in_python(found.program)(y=y, w=w, p=p, at=np.zeros(8))
+    again = np.zeros(found.memory)
+    compiled(found.program)(y=y, w=again, p=p, at=np.zeros(8))
+    assert again.tobytes() == w.tobytes()
+    exact = series_of_bodies(y[: 6 * n], np.array([1.0 + 0.3 * i for i in range(n)]), degree)
+    series = w[: (degree + 1) * 6 * n].reshape(degree + 1, 6 * n)[:, : 3 * n]
+    sizes = np.abs(exact).max(axis=(1, 2))
+    assert (np.abs(series - exact.reshape(degree + 1, -1)).max(axis=1) < 1e-13 * sizes).all()
+
+
+def test_sums_are_made_together() -> None:
+    """Assert that what is read alone is stored, and that the sums of three squares, and of products, are one loop's."""
+    layout, _ = bodies(6)
+    lines = list(nested(expanded(layout, 9).program.body))
+    sums = [line for line in lines if isinstance(line, Reduction) and line.index == "_term"]
+    assert max(len(line.totals) for line in sums) >= 9
+    read = {line.place.offset for line in lines if isinstance(line, Load) and line.place.array == "w"}
+    written = {line.place for line in lines if isinstance(line, StoreTo) and line.place.array == "w"}
+    inside = [place for place in written if len({index for index, _ in place.strides} - {"_order", "i"}) == 2]
+    assert all(any(place.offset - 1 <= offset <= place.offset + 1 for offset in read) for place in inside)
 
 
 def test_what_has_no_series_is_refused() -> None:

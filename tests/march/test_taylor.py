@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -85,6 +86,35 @@ def test_long_runs_lose_digits_as_a_random_walk() -> None:
     plain = xd.simulate(oscillator(), **GIVEN, step=0.25, order=20, until=5000.0, summation="plain", log=["x"])
     assert plain.attrs["solver_summation"] == "plain"
     assert run.attrs["solver_summation"] == "compensated"
+
+
+@pytest.mark.dear
+def test_rounding_of_a_million_steps_grows_as_the_square_root_of_their_number() -> None:
+    """Assert Brouwer's law for eight frequencies, and that after 10**6 steps 14 digits are left."""
+    names = [f"x{i}" for i in range(8)]
+    stiffnesses = {f"k{i}": f"{1.0 + 0.137 * i:.3f} N m-1" for i in range(8)}
+    springs = xd.Model(
+        name="springs",
+        coordinates=dict.fromkeys(names, "m"),
+        parameters={"m": "1 kg", **stiffnesses},
+        mass=dict.fromkeys(names, "m"),
+        forces={"springs": {name: f"-k{i}*{name}" for i, name in enumerate(names)}},
+        initial={**dict.fromkeys(names, "1 m"), **{f"v_{name}": "0 m/s" for name in names}},
+    )
+    asked: dict[str, Any] = {"order": 20, "step": 0.25, "until": 250_000.0, "keep_every": 500, "estimator": "none"}
+    run = xd.simulate(springs, method="taylor", force_samples="none", **asked)
+    assert run.attrs["run_accepted_steps"] == 1_000_000
+    errors = []
+    with mpmath.workdps(30):
+        for name, stiffness in zip(names, stiffnesses.values(), strict=True):
+            w = mpmath.sqrt(mpmath.mpf(float(stiffness.split()[0])))  # as the march has it
+            rows = zip(run.time.values.tolist(), run[name].values.tolist(), strict=True)
+            errors.append([float(mpmath.cos(w * t) - x) for t, x in rows])
+    steps, error = run.time.values / 0.25, np.sqrt(np.mean(np.square(errors), axis=0))
+    late = steps > 1000
+    exponent = np.polyfit(np.log(steps[late]), np.log(error[late]), 1)[0]
+    assert 0.4 < exponent < 0.6  # 0.52; 1 where roundings have a bias
+    assert error[-1] < 0.2 * np.sqrt(1e6) * 2.0**-53  # 0.11: sums are compensated
 
 
 def test_a_step_that_is_too_long_is_a_rejected_trial() -> None:

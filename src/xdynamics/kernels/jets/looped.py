@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 
@@ -26,13 +26,25 @@ from xdynamics.kernels.program import (
 )
 
 
-class InLoops(Coefficients):
-    """Coefficients in memory, and a loop over orders."""
+class MovingArrayError(Exception):
+    """An array that begins with what does not change, and has what does."""
 
-    def __init__(self, forces: Program, motion: Motion, degree: int, first: int) -> None:
+
+class InLoops(Coefficients):
+    """Coefficients in memory, and a loop over orders.
+
+    Parameters
+    ----------
+    moving : frozenset of str
+        Arrays that are known to have what changes, whatever they begin with.
+    """
+
+    def __init__(self, forces: Program, motion: Motion, degree: int, first: int, moving: frozenset[str]) -> None:
         super().__init__(forces, motion, degree, first)
+        self._moving = moving
         self._serial = count(1)
         self._envs: dict[int, Env] = {}
+        self._stores: dict[int, tuple[Series, list[Line]]] = {}
         self._slopes = self._reserve(motion.coordinates + motion.states)
         self._arrays: dict[str, tuple[int, Series]] = {}
         self.time = Series(place=Place(MEMORY, self._reserve(degree + 1)))
@@ -59,14 +71,20 @@ class InLoops(Coefficients):
                 size *= loop.count
             return Place(MEMORY, self._reserve(size), tuple(reversed(strides)))
 
-        return Looped(lines, self.degree + 1, room, self._serial, started=started, inside=bool(around))
+        inside, stores = bool(around), self._stores
+        return Looped(lines, self.degree + 1, room, self._serial, started=started, inside=inside, stores=stores)
+
+    def finish(self, lines: Sequence[Line]) -> None:
+        """Take lines as the program, without what stores coefficients that nothing reads."""
+        unread = {id(line) for series, stores in self._stores.values() if not series.read for line in stores}
+        self.lines = list(_without(lines, unread))
 
     def body(self, order: Looped, body: Iterable[Line], env: Env, around: tuple[Loop | Reduction, ...]) -> None:
         """Write the coefficients of the values of some lines."""
         for line in body:
             match line:
                 case Load() if line.place.array in self.local:
-                    env.setdefault(line.target, self._element(line.place))
+                    order.now(env.setdefault(line.target, self._element(line.place)))  # before it is written again
                 case Load():
                     self.load(order, env, line)
                 case Ordinal():
@@ -84,28 +102,39 @@ class InLoops(Coefficients):
                     self._reduce(order, line, env, around)
 
     def _pass(
-        self, order: Looped, line: Loop | Reduction, env: Env, around: tuple[Loop | Reduction, ...]
+        self,
+        order: Looped,
+        line: Loop | Reduction,
+        env: Env,
+        around: tuple[Loop | Reduction, ...],
+        totals: Mapping[str, str] | None = None,
     ) -> tuple[Looped, Env]:
-        """Write one pass of a loop."""
+        """Write one pass of a loop, in which totals so far have names."""
         inside = self._envs.setdefault(id(line), {})
         own = dict(env) | inside
         inner = self.order(self.assignments(), (*around, line), started=order.started)
         inner.remember(order)
+        for total, name in (totals or {}).items():
+            inner.pass_on(own.setdefault(total, Series()), name)
         self.body(inner, line.body, own, (*around, line))
+        inner.sum_up()
         self._envs[id(line)] = {name: series for name, series in own.items() if env.get(name) is not series}
         return inner, own
 
     def _reduce(self, order: Looped, line: Reduction, env: Env, around: tuple[Loop | Reduction, ...]) -> None:
-        """Write sums of coefficients, which are the coefficients of sums."""
-        if line.operation != "add":
+        """Write sums of coefficients, which are the coefficients of sums, also where a pass makes each from that before."""
+        if line.operation not in ("add", "newest"):
             raise UnexpandedError(line.operation)
-        inner, own = self._pass(order, line, env, around)
+        names = [f"_r{next(self._serial)}_" for _ in line.totals]
+        so_far = dict(zip(line.totals, names, strict=True)) if line.operation == "newest" else {}
+        inner, own = self._pass(
+            order, line, {name: series for name, series in env.items() if name not in so_far}, around, so_far
+        )
         terms = [self.value(own, term) for term in line.terms]
         starts = [self.value(env, start) for start in line.starts]
         still = all(series.constant for series in (*terms, *starts))
         if order.started and still:
             return
-        names = [f"_r{next(self._serial)}_" for _ in line.totals]
         where = None if line.where is None else str(inner.first(own[line.where]))
         given = tuple(inner.now(term) for term in terms)
         begin = tuple(order.now(start) for start in starts)
@@ -125,7 +154,7 @@ class InLoops(Coefficients):
     def _element(self, place: Place) -> Series:
         """Return the series of an element of an array of the program."""
         apart = self.degree + 1
-        begin, kind = self._arrays[place.array]
+        begin, kind = self._array(place.array, Series())  # in a loop, passes read what those before have written
         strides = tuple((index, stride * apart) for index, stride in place.strides)
         return Series(kind.constant, kind.truth, place=Place(MEMORY, begin + place.offset * apart, strides))
 
@@ -138,14 +167,19 @@ class InLoops(Coefficients):
                     order.now(series),
                 )
             return
-        if place.array not in self._arrays:
-            begin = self._reserve(self.local[place.array] * (self.degree + 1))
-            self._arrays[place.array] = begin, Series(series.constant, series.truth)
-        kind = self._arrays[place.array][1]
+        _, kind = self._array(place.array, series)
         if kind.constant and not series.constant:
-            raise UnexpandedError(place.array)
+            raise MovingArrayError(place.array)
         if not (order.started and kind.constant):
             order.keep(self._element(place), order.now(series))
+
+    def _array(self, name: str, series: Series) -> tuple[int, Series]:
+        """Return where the series of an array of the program begin, and what those that it was first seen with are like."""
+        if name not in self._arrays:
+            still = series.constant and name not in self._moving
+            begin = self._reserve(self.local[name] * (self.degree + 1))
+            self._arrays[name] = begin, Series(still, series.truth)
+        return self._arrays[name]
 
     def raise_state(self, order: Looped) -> None:
         """Write what coordinates, velocities and states have one order on."""
@@ -168,7 +202,16 @@ class InLoops(Coefficients):
 
 def looped_lines(forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int) -> Coefficients:
     """Write order 0, and the loop over the others."""
-    write, env = InLoops(forces, motion, degree, first), Env()
+    moving: frozenset[str] = frozenset()
+    while True:
+        try:
+            return _looped(InLoops(forces, motion, degree, first, moving), body, motion, degree, first)
+        except MovingArrayError as error:
+            moving |= {str(error)}
+
+
+def _looped(write: InLoops, body: Sequence[Line], motion: Motion, degree: int, first: int) -> Coefficients:
+    env = Env()
     lines = write.assignments()
     copied = Load("_copied", element("y")), StoreTo(element(MEMORY, first), "_copied")
     lines.lines.append(Loop("i", motion.used, copied))
@@ -183,6 +226,16 @@ def looped_lines(forces: Program, body: Sequence[Line], motion: Motion, degree: 
     inner = write.assignments()
     order = write.order(inner, (), started=True)
     write.body(order, body, env, ())
+    order.sum_up()
     write.raise_state(order)
-    write.lines = [*lines.lines, Loop(ORDER, degree - 1, tuple(inner.lines))]
+    write.finish([*lines.lines, Loop(ORDER, degree - 1, tuple(inner.lines))])
     return write
+
+
+def _without(lines: Iterable[Line], left_out: set[int]) -> Iterator[Line]:
+    """Yield lines but some of them, known by their identities, also in loops."""
+    for line in lines:
+        if isinstance(line, Loop | Reduction):
+            yield replace(line, body=tuple(_without(line.body, left_out)))
+        elif id(line) not in left_out:
+            yield line

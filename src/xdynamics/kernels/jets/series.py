@@ -7,16 +7,17 @@ in memory, by a loop over orders, for the others. The operations are those of an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Protocol
 
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.program import Load, Operand, Ordinal, Place, Reduction
+from xdynamics.kernels.program import Gather, Line, Load, Operand, Ordinal, Place, Reduction
 
 MEMORY, ORDER, TERM = "w", "_order", "_term"  # array of the coefficients; indices of loops over orders and over terms
 ZERO: Operand = 0.0
+AT_ONCE = 10  # sums by one loop: as many as a processor has registers for, with what they are of
 
 
 @dataclass(eq=False)
@@ -35,6 +36,8 @@ class Series:
         Where the first coefficient is, of series in memory.
     apart : int
         How far a coefficient is from the one before.
+    read : bool
+        Whether a coefficient is read from memory.
     """
 
     constant: bool = False
@@ -42,6 +45,7 @@ class Series:
     terms: dict[int, Operand] = field(default_factory=dict)
     place: Place | None = None
     apart: int = 1
+    read: bool = False
     parts: dict[str, Series] = field(default_factory=dict)
 
 
@@ -198,6 +202,8 @@ class Looped:
         Whether this is the loop; else order 0.
     inside : bool
         Whether loops over elements are around, so that what does not change is in memory, too.
+    stores : dict
+        Series that have a place for what is computed here, and the lines that store their coefficients; shared by all.
     """
 
     def __init__(
@@ -209,12 +215,14 @@ class Looped:
         *,
         started: bool,
         inside: bool,
+        stores: dict[int, tuple[Series, list[Line]]],
     ) -> None:
-        self.lines, self.started = lines, started
+        self.lines, self.started, self._stores = lines, started, stores
         self._orders, self._room, self._serial, self._inside = orders, room, serial, inside
         self._now: dict[int, Operand] = {}
         self._first: dict[int, Operand] = {}
         self._number: Operand | None = None
+        self._sums: list[tuple[Series, Series, str]] = []
 
     @property
     def number(self) -> Operand:
@@ -238,7 +246,7 @@ class Looped:
         if series.place is None:
             return series.terms[0]
         if id(series) not in self._first:
-            loaded = self._load(series.place)
+            loaded = self._read(series, series.place)
             self._first[id(series)] = self.compute("unequal", loaded, 0.0) if series.truth else loaded
         return self._first[id(series)]
 
@@ -248,16 +256,16 @@ class Looped:
             return 0.0
         assert series.place is not None  # noqa: S101 - series that change are in memory
         place = series.place
-        return self._load(Place(place.array, place.offset + series.apart, place.strides))
+        return self._read(series, Place(place.array, place.offset + series.apart, place.strides))
 
     def now(self, series: Series) -> Operand:
         """Return the coefficient of this order."""
         if self.started and series.constant:
             return 0.0
-        if series.place is None:
+        if id(series) not in self._now and series.place is None:
             return series.terms[0]
         if id(series) not in self._now:
-            self._now[id(series)] = self._load(self._at(series, int(self.started)))
+            self._now[id(series)] = self._read(series, self._at(series, int(self.started)))
         return self._now[id(series)]
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
@@ -276,20 +284,36 @@ class Looped:
         return total
 
     def _inner(self, a: Series, b: Series) -> Operand:
-        """Sum a[j]*b[k - j] over j from 1 to k - 1."""
-        n = next(self._serial)
-        assert a.place is not None  # noqa: S101 - series that change are in memory
-        assert b.place is not None  # noqa: S101
-        ahead = Place(a.place.array, a.place.offset + a.apart, (*a.place.strides, (TERM, a.apart)))
-        back = Place(b.place.array, b.place.offset, (*b.place.strides, (ORDER, b.apart), (TERM, -b.apart)))
-        inner = Assignments(lambda _lines, name: name, f"_c{n}_")
-        term = inner.compute("multiply", inner.load(ahead), inner.load(back))
-        total = f"_s{n}_"
-        # with index i of the loop the order is k = i + 1, so that terms j = 1 + its index stay below i
-        self.lines.lines.append(
-            Reduction(TERM, self._orders - 1, tuple(inner.lines), (term,), (total,), "add", 0.0, below=ORDER)
-        )
+        """Sum a[j]*b[k - j] over j from 1 to k - 1, by `sum_up`."""
+        total = f"_s{next(self._serial)}_"
+        self._sums.append((a, b, total))
         return total
+
+    def sum_up(self) -> None:
+        """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
+        lines = self.lines.lines
+        found: list[Line] = [line for line in lines if isinstance(line, Gather)]
+        found += [self._summed(self._sums[i : i + AT_ONCE]) for i in range(0, len(self._sums), AT_ONCE)]
+        lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
+        self._sums.clear()
+
+    def _summed(self, sums: Sequence[tuple[Series, Series, str]]) -> Reduction:
+        """Write some sums by one loop over their terms."""
+        inner = Assignments(lambda _lines, name: name, f"_c{next(self._serial)}_")
+        loaded: dict[Place, Operand] = {}
+        pairs: list[tuple[Operand, Operand]] = []
+        for a, b, _ in sums:
+            assert a.place is not None  # noqa: S101 - series that change are in memory
+            assert b.place is not None  # noqa: S101
+            a.read = b.read = True
+            ahead = Place(a.place.array, a.place.offset + a.apart, (*a.place.strides, (TERM, a.apart)))
+            back = Place(b.place.array, b.place.offset, (*b.place.strides, (ORDER, b.apart), (TERM, -b.apart)))
+            loaded |= {place: inner.load(place) for place in (ahead, back) if place not in loaded}
+            pairs.append((loaded[ahead], loaded[back]))
+        terms = tuple(inner.compute("multiply", *pair) for pair in pairs)
+        totals = tuple(total for *_, total in sums)
+        # with index i of the loop the order is k = i + 1, so that terms j = 1 + its index stay below i
+        return Reduction(TERM, self._orders - 1, tuple(inner.lines), terms, totals, "add", 0.0, below=ORDER)
 
     def part(self, owner: Series, name: str) -> Series:
         """Return a series that is computed along with another, at a place of its own."""
@@ -304,10 +328,13 @@ class Looped:
             return
         if series.place is None:
             series.place = self._room(1 if series.constant else self._orders)
+            self._stores[id(series)] = series, []
         self._now[id(series)] = value
         if series.truth:
             value = self.compute("choose", value, 1.0, 0.0)
         self.lines.store(self._at(series, int(self.started)), value)
+        if id(series) in self._stores:
+            self._stores[id(series)][1].append(self.lines.lines[-1])
 
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is written here."""
@@ -317,10 +344,18 @@ class Looped:
         """Read a number that does not change."""
         return self._load(place)
 
+    def _read(self, series: Series, place: Place) -> Operand:
+        series.read = True
+        return self._load(place)
+
     def remember(self, around: Looped) -> None:
         """Know what the lines around these know."""
         self._now |= around._now
         self._first |= around._first
+
+    def pass_on(self, series: Series, value: Operand) -> None:
+        """Let a value be the coefficient of this order, of a series whose coefficients are never read again."""
+        self._now[id(series)] = value
 
     def _at(self, series: Series, ahead: int) -> Place:
         """Return the place of a coefficient: of order 0, or of the loop's."""
