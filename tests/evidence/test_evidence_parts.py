@@ -395,7 +395,7 @@ def test_a_refinement_in_words() -> None:
         "event_time_low [1] = 8.00 ± 0.25 s, order 1, asymptotic",
         "event_time_low [2] = 9.00 ± 0.25 s, order 1, asymptotic",
         "event_time_low [3] = 10.00 ± 0.25 s, order 1, asymptotic",
-        "event_time_low: 1 further occurrences are in the record",
+        "event_time_low: 1 further occurrence is in the record",
         "n = 3.625, changed by 0.125",
         "stopped   done",
     ]

@@ -17,7 +17,7 @@ from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.figures.event_marks import IN_LEGEND
 from xdynamics.figures.placing import EVENT, dense, settle
-from xdynamics.figures.sheet import write
+from xdynamics.figures.sheet import sheet, write
 
 SHORT = {"rocket_c6": {}, "moving_table": {"until": "1 s"}, "ball_in_box": {}, "block_on_incline": {}}
 
@@ -185,3 +185,25 @@ def test_many_kinds_are_counted() -> None:
     run: xr.Dataset = xd.simulate(model, method="rk4", step="0.1 s", until="10 s")
     texts = [text.get_text() for text in xd.plot(run, only="x").axes[0].texts]
     assert texts == [*(f"mark{k}" for k in range(1, 7)), "and 3 more kinds"]
+
+
+def test_long_titles_are_broken_into_lines() -> None:
+    """Assert that of four panels those with long titles have two lines or more, within their half of the sheet."""
+    long = "angular_momentum_of_the_nucleus, second run minus first; scale 1.5e-08 astronomical_unit2 Julian_year-1"
+    titles = ["short", long, long, f"{long}; and {long}"]
+
+    def panel(title: str) -> Any:
+        def draw(axes: Any) -> None:
+            axes.plot([0, 1], [0, 1])
+            axes.set_title(title, loc="left", fontsize=10)
+
+        return draw
+
+    figure = sheet([panel(title) for title in titles], "sheet", "foot")
+    shown = [axes._left_title for axes in figure.axes]
+    assert [text.get_text().replace("\n", " ") for text in shown] == titles
+    assert shown[0].get_text() == "short"
+    width = figure.bbox.width
+    ends = [text.get_window_extent().x1 for text in shown]
+    assert all("\n" in text.get_text() for text in shown[1:])
+    assert all(end <= part * width for end, part in zip(ends, (0.5, 1.0, 0.5, 1.0), strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ MARK = np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]) * CELL  # pixels, 
 MOST_ABOVE = 4  # entries of a legend in the line of the title
 AROUND = 4.8  # sizes of a letter, that the line before an entry and the room around it take
 MOST_ROUNDS = 3  # of placing legends
+FEWEST_LETTERS = 12  # of a line of a title
 FAR = 1e4  # pixels, from where on nothing is seen
 
 
@@ -43,9 +45,28 @@ def settle(figure: Figure) -> None:
         if not any(moved):
             break
         _lay_out(figure)  # the axes are smaller now, and legends inside of them lie elsewhere
+    for _ in range(MOST_ROUNDS):
+        folded = [_is_folded(axes) for axes in figure.axes if axes.get_visible()]  # each of them
+        if not any(folded):
+            break
+        _lay_out(figure)
     for axes in shown:
         if names := _names(axes):
             _place_names(axes, names)
+
+
+def _is_folded(axes: Axes) -> bool:
+    """Break a title that would go beyond its part of the sheet into lines; return whether it did."""
+    place = axes.get_subplotspec()
+    if (text := _title(axes)) is None or place is None:
+        return False
+    title, left = text.get_text().replace("\n", " "), text.get_window_extent().x0
+    room = axes.figure.bbox.width * place.colspan.stop / place.get_gridspec().ncols - CELL - left
+    letters = len(title)
+    while WIDER * text.get_window_extent().width > room and letters > FEWEST_LETTERS:
+        letters = max(FEWEST_LETTERS, letters * 9 // 10)
+        text.set_text("\n".join(wrap(title, letters, break_long_words=False)))
+    return letters < len(title)
 
 
 def named_elsewhere(axes: Axes) -> set[str]:
@@ -221,11 +242,16 @@ def _in_columns(axes: Axes, legend: Any, columns: int) -> Any:
 
 def _end_of_title(axes: Axes) -> float:
     """Return where, in pixels, the title of some axes ends, with a space behind it."""
+    title = _title(axes)
+    return float(axes.bbox.x0 if title is None else max(title.get_window_extent().x1, axes.bbox.x0)) + 2.0 * CELL
+
+
+def _title(axes: Axes) -> Any:
+    """Return the text of the title of some axes; None if they have none."""
     from matplotlib.text import Text
 
     title = axes.get_title(loc="left")
-    ends = [text.get_window_extent().x1 for text in axes.findobj(Text) if title and text.get_text() == title]
-    return float(max([*ends, axes.bbox.x0])) + 2.0 * CELL
+    return next((text for text in axes.findobj(Text) if title and text.get_text() == title), None)
 
 
 def _place_names(axes: Axes, names: list[Any]) -> None:

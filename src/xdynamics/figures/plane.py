@@ -228,7 +228,7 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         wide, high = _sides(view)
         axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
     is_one = all(body.across == first.across and body.up == first.up for body in view)
-    across, up = (short(first.across), short(first.up)) if is_one else ("across", "up")
+    across, up = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
     named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
     what = "the plane" if first.is_space else "phase plane"
@@ -390,6 +390,6 @@ def _lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
     return curves[0][0], [values for _, values in curves]
 
 
-def short(text: str) -> str:
-    """Cut an expression to what an axis shows."""
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+def short(text: str, otherwise: str) -> str:
+    """Return an expression if an axis has room for it, else what the axis is."""
+    return text if text and len(text) <= LONGEST else otherwise

@@ -127,7 +127,7 @@ class Bodies:
         first = view[0]
         axes.set(xlim=across, ylim=up, aspect="equal" if first.is_space else "auto")
         is_one = len(view) == 1 or not first.is_space
-        labels = (short(first.across) or "across", short(first.up) or "up") if is_one else ("across", "up")
+        labels = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
         axes.set_xlabel(words(f"{labels[0]} ({typeset(first.units)})"))
         axes.set_ylabel(words(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
         shown, colours = view[:MOST_BODIES], colours_of(view)

@@ -276,7 +276,8 @@ def _of_number(study: xr.Dataset, name: str) -> Iterator[str]:
         shown = f", order {order:.3g}" if np.isfinite(order) else ""
         yield (f"{name}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
     if places == [OCCURRENCE] and count > MOST_SHOWN:
-        yield f"{name}: {count - MOST_SHOWN} further occurrences are in the record"
+        more = "1 further occurrence is" if count == MOST_SHOWN + 1 else f"{count - MOST_SHOWN} further occurrences are"
+        yield f"{name}: {more} in the record"
 
 
 SUMMARIES = {"refinement": lines_of}
