@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import mpmath as mp
 import numpy as np
+import pytest
 
 from cases.smooth_models import lorenz, of_rate, oscillator
-from xdynamics.tubes import Flow, interval_problem_of
+from xdynamics.tubes import Flow, boxes, interval_problem_of
 from xdynamics.tubes.interval_problem import time_box
 
 
@@ -75,3 +76,12 @@ def test_lorenz() -> None:
     by_mpmath = mp.mpf("11.04284424002537664762"), mp.mpf("21.77541718373730767021"), mp.mpf("11.01677338802233576921")
     assert all(low <= number <= high for low, high, number in zip(*box, by_mpmath, strict=True))
     assert (box[1] - box[0]).max() < 1e-10
+
+
+@pytest.mark.parametrize(("k", "x"), [("4 N m-1", "0 m"), ("0 N m-1", "1 m"), ("4e-30 N m-1", "1e30 m")])
+def test_what_rests(k: str, x: str) -> None:
+    """Assert that a motion that rests, or hardly moves, takes few steps, and stays where it is to rounding."""
+    box, flow = tube(oscillator(k=k, x=x), 1.0)
+    start = float(flow.problem.start[0, 0])
+    assert box[0, 0] <= start * (1.0 - 2e-30) <= box[1, 0]  # a fifth of what the last of them has moved
+    assert boxes.width(box)[0] <= 1e-14 * start + 1e-200

@@ -25,8 +25,8 @@ WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of
 TRIALS = 3  # of wider candidates, before a step is shortened
 SHORTER, LEAST = 0.5, 1e-9  # factor of a step that is not proven, and what of the first guess is given up
 SHARE = 0.01  # of the width of a set that a remainder may add in a step
-SAFETY = 0.9
-LEAST_SLACK = 1e-290  # of what is zero and stays zero
+SAFETY, WIDE = 0.9, 0.1  # a set that is told of as wide, beside its largest values
+LEAST_SLACK, NOTHING = 1e-290, 1e-250  # of what is zero and stays zero; sizes below which rounding does not matter
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,17 @@ class Flow:
                 try:
                     proof = self._step(end)
                 except UndefinedError as error:
-                    self.reason = str(error)
+                    self.reason = f"{error}{self._width_said()}"
                     return
                 yield proof
+
+    def _width_said(self) -> str:
+        """Say how wide the set is, where it is wide."""
+        parts = boxes.width(self.box) / np.maximum(self._largest, LEAST_SLACK)
+        i = int(np.argmax(parts))
+        if parts[i] < WIDE:
+            return ""
+        return f"; the set is wide, with {self.problem.names[i]} from {self.box[0, i]:.4g} to {self.box[1, i]:.4g} (SI units)"
 
     @np.errstate(all="ignore")  # bounds that are beyond the range of floats are looked for
     def _step(self, end: Box) -> Proof:
@@ -183,7 +191,7 @@ class Flow:
         scale = np.maximum(self._largest, boxes.width(self.box))[:used]
         steps = [inf]
         for k in (self.order - 1, self.order):
-            ratio = float((sizes[k, :used] / np.where(scale > 0.0, scale, inf)).max(initial=0.0))
+            ratio = float((sizes[k, :used] / np.where(scale > NOTHING, scale, inf)).max(initial=0.0))
             if ratio > 0.0:
                 steps.append(_root(self.tolerance / ratio, k))
         step = SAFETY * min(steps)
@@ -229,7 +237,7 @@ class Flow:
         largest = np.maximum(self._largest, boxes.size(within))[:used]
         allowed = 10.0 * self.tolerance * largest + SHARE * boxes.width(self.box)[:used]
         moving = added > 0.0
-        least = float((np.maximum(allowed, 5e-324)[moving] / added[moving]).min(initial=inf))
+        least = float((np.maximum(allowed, NOTHING)[moving] / added[moving]).min(initial=inf))
         return 1.0 if least >= 1.0 else SAFETY * _root(least, self.order + 1)
 
 
