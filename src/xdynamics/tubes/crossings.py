@@ -67,12 +67,20 @@ class Crossings:
     unknown_from: float = np.inf
     _sign: int = 0
     _open: list[_Piece] = field(default_factory=list)
+    _last: Proof | None = None
 
     def follow(self, proof: Proof) -> None:
         """Look for zeros in a further step."""
         if self.unknown_from < np.inf:
             return
-        for piece, sign in self._pieces(proof, np.array([proof.begin[0], proof.end[1]]), DEEPEST):
+        if self._last is None:
+            self._sign = _sign(self.functions.within(proof, proof.begin)[:, 0])
+        self._last = proof
+        time = np.array([proof.begin[0], proof.end[1]])
+        # most steps are told from all that motions come by, without looking at their pieces
+        everywhere = _sign(self.functions.at_start(time, proof.within)[:, 0])
+        whole = [(_Piece(proof, time, 0), everywhere)]
+        for piece, sign in whole if everywhere else self._pieces(proof, time, DEEPEST):
             if sign:
                 self._close(sign)
                 self._sign, self._open = sign, []
@@ -81,6 +89,9 @@ class Crossings:
 
     def end(self) -> None:
         """Take note that no further step follows."""
+        if self._last is not None and (sign := _sign(self.functions.within(self._last, self._last.end)[:, 0])):
+            self._close(sign)
+            self._open = []
         if self._open and self.unknown_from == np.inf:
             self.unknown_from = float(self._open[0].time[0])
 

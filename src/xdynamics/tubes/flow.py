@@ -24,7 +24,7 @@ from xdynamics.tubes.sets import Carried, Seen
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
 TRIALS = 3  # of wider candidates, before a step is shortened
 SHORTER, LEAST = 0.5, 1e-9  # factor of a step that is not proven, and what of the first guess is given up
-SHARE = 0.01  # of the width of a set that a remainder may add in a step
+SHARE = 1e-4  # of the width of a set that a remainder may add in a step
 SAFETY, WIDE = 0.9, 0.1  # a set that is told of as wide, beside its largest values
 LEAST_SLACK, NOTHING = 1e-290, 1e-250  # of what is zero and stays zero; sizes below which rounding does not matter
 

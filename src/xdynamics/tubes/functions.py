@@ -60,14 +60,11 @@ class Functions:
         seen, states = proof.seen(time), proof.at(time)
         middle = boxes.point(boxes.middle(seen.image))
         between = boxes.hull(states, middle)  # of the middle and any state
-        triples = zip(
-            self.over(time, states),
-            self.over(time, middle),
-            self.over(time, between, derivatives=True),
-            strict=True,
-        )
+        sloped, centre = self.over(time, between, derivatives=True), self.over(time, middle)
+        # where there is a corner, there is no derivative, and still a value
+        plain = self.over(time, states) if any(isinstance(value, Undefined) for value in sloped) else sloped
         found = []
-        for value, near, slope in triples:
+        for value, near, slope in zip(plain, centre, sloped, strict=True):
             bounds = _bounds(value)
             if not isinstance(slope, Undefined | float | bool) and slope.shape[1] > 1:
                 bounds = boxes.common(bounds, boxes.add(_bounds(near), seen.along(slope[:, None, 1:])[:, 0]))
