@@ -108,8 +108,12 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
         budget = budget_by_hand(verdict=verdict)
         budget["level_verdict"].attrs["flag_meanings"] = " ".join(VERDICTS)
         gate = _gates(budget, ledger, drawn=False)[2]
-        word = VERDICTS[verdict].replace("_", " ")
-        assert gate == ("convergence", "failed" if verdict == NOT_CONVERGING else "passed", f"the levels are {word}")
+        word = VERDICTS[verdict].replace("pre_", "pre-").replace("_", " ")
+        assert gate == (
+            "convergence",
+            "failed" if verdict == NOT_CONVERGING else "passed",
+            f"verdict on the levels: {word}",
+        )
     for linear, verdict, said in (
         (ADEQUATE, "passed", "the linear budget is adequate"),
         (NOT_ADEQUATE, "failed", "the linear budget is not adequate"),

@@ -28,7 +28,7 @@ from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model, check_model
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import in_prose, words_of
 from xdynamics.schema import EVIDENCE, flags
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT
@@ -176,7 +176,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
-        ("convergence", int(verdicts) != NOT_CONVERGING, f"the levels are {convergence.replace('_', ' ')}"),
+        ("convergence", int(verdicts) != NOT_CONVERGING, f"verdict on the levels: {in_prose(convergence)}"),
         (
             "interpolation",
             bounds["interpolation"] <= max(difference, bounds["truncation"]),

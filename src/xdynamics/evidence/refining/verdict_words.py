@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from xdynamics.evidence.refining.convergence import VERDICTS
+from xdynamics.record.flag_words import in_prose
 
 IN_WORDS = (
     "differences of levels fall at the method's order, so that the limit and its uncertainty follow from that order",
@@ -23,4 +24,4 @@ def in_words(verdict: str) -> str:
     >>> in_words("roundoff")
     'roundoff: levels differ by no more than rounding: finer ones would tell nothing more'
     """
-    return f"{verdict.replace('_', ' ')}: {MEANINGS[verdict]}"
+    return f"{in_prose(verdict)}: {MEANINGS[verdict]}"
