@@ -74,6 +74,7 @@ def test_archive_and_command_line(tmp_path: Path) -> None:
     done = call("enclose", str(model), "--at", "0.25 s", "--order", "12", "-o", str(tmp_path / "tube.nc"))
     assert done.exit_code == 0
     assert "  x         0.8775825618903" in done.output
+    assert "  x         0.8775825618903" in call("show", tmp_path / "tube.nc").output
     again = xd.enclose(oscillator(), at="0.25 s", order=12)
     with xd.open_run(tmp_path / "tube.nc") as tube:
         assert tube.attrs["summary"] == again.attrs["summary"]

@@ -78,6 +78,17 @@ def test_sums_and_products_hold_exact_results(case: int) -> None:
     assert (square[0] >= 0.0).all()
 
 
+@pytest.mark.cases(20)
+def test_long_sums_that_cancel(case: int) -> None:
+    """Assert that a sum of sixty numbers that nearly cancel, whose rounding errs by many spacings of it, is held."""
+    random = np.random.default_rng([34, case])
+    terms = random.normal(size=(3, 60))
+    terms[:, 1::2] = -terms[:, ::2] * (1.0 + 1e-12 * random.normal(size=(3, 30)))
+    for i, row in enumerate(terms):
+        assert inside(boxes.total(boxes.point(row)), sum(map(Fraction, row.tolist()), Fraction(0))), i
+    assert boxes.width(boxes.total(boxes.point(terms[0]))) < 1e-11
+
+
 def test_numbers_as_written() -> None:
     """Assert that a decimal number that no float is lies between two neighbours, and one that is stays a point."""
     tenth, half = boxes.enclosed(Fraction("0.1")), boxes.enclosed(Fraction("0.5"))

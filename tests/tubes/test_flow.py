@@ -9,6 +9,7 @@ import pytest
 from cases.smooth_models import lorenz, of_rate, oscillator
 from xdynamics.tubes import Flow, boxes, interval_problem_of
 from xdynamics.tubes.interval_problem import time_box
+from xdynamics.tubes.series import coefficients
 
 
 def tube(model: object, until: float, order: int = 20) -> tuple[np.ndarray, Flow]:
@@ -85,3 +86,28 @@ def test_what_rests(k: str, x: str) -> None:
     start = float(flow.problem.start[0, 0])
     assert box[0, 0] <= start * (1.0 - 2e-30) <= box[1, 0]  # a fifth of what the last of them has moved
     assert boxes.width(box)[0] <= 1e-14 * start + 1e-200
+
+
+def test_forces_that_change_with_time() -> None:
+    """Assert that x' = cos(20 t) stays within bounds at the end of every step, though steps are long beside a period."""
+    flow = Flow(interval_problem_of(of_rate("cos(20*t/second)")), 6, 1e-4)
+    with mp.workdps(30):
+        for proof in flow.until([time_box(0.3)]):
+            exact = mp.sin(20 * mp.mpf(float(proof.end[1]))) / 20
+            assert proof.after[0, 0] <= exact <= proof.after[1, 0]
+    assert flow.reason == ""
+
+
+def test_no_motion_leaves_the_box_of_its_step() -> None:
+    """Assert of every step, of a set so wide that steps are shortened, what its proof rests on: what is reached lies within."""
+    problem = interval_problem_of(lorenz(x={"value": "1", "half_width": 0.75}))
+    order, box = 6, problem.start
+    for proof, _ in zip(Flow(problem, order, 1e-3).until([time_box(1.0)]), range(12), strict=False):
+        span, time = np.array([0.0, proof.end[1] - proof.begin[0]]), np.array([proof.begin[0], proof.end[1]])
+        start, box = boxes.hull(box, boxes.point(proof.set.point)), proof.after
+        around = coefficients(problem.motions, proof.begin, start, order)[..., 0]
+        last = coefficients(problem.motions, time, proof.within, order + 1)[:, -1, :, 0]
+        reached = boxes.add(boxes.horner(around, span), boxes.multiply(last, boxes.power(span, order + 1)[:, None]))
+        slack = 1e-9 * boxes.size(proof.within)
+        assert (reached[0] >= proof.within[0] - slack).all()
+        assert (reached[1] <= proof.within[1] + slack).all()

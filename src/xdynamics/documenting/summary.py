@@ -147,9 +147,10 @@ def _summarising() -> Iterator[Any]:
     yield from (comparison_summary, ledger_rows, limiting)
     from xdynamics.evidence import companion
     from xdynamics.evidence.diagnosing import diagnosis
+    from xdynamics.evidence.enclosing import enclosure_dataset
     from xdynamics.evidence.refining import refinement
 
-    yield from (companion, diagnosis, refinement)
+    yield from (companion, diagnosis, enclosure_dataset, refinement)
     from xdynamics.budgeting import certificate
 
     yield certificate

@@ -132,20 +132,20 @@ def _in_units(bounds: Box, unit: Unit) -> Box:
 
 def lines_of(enclosure: xr.Dataset) -> list[str]:
     """Say what is proven, the last bounds, and those of events."""
-    lines = [str(enclosure.attrs["summary"]), str(enclosure.attrs["outcome_text"])]
+    lines = [f"proven    {enclosure.attrs['summary']}", f"ended     {enclosure.attrs['outcome_text']}"]
     along, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
     names = bounded(enclosure, along)
     firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[along], -1)[:, 0] for name in names]
     if (known := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
         last = enclosure.isel({along: int(known[-1])})
-        lines.append(f"at t = {float(last[time])!r}{unit}")
+        lines.append(f"bounds    at t = {float(last[time])!r}{unit}")
         lines += [f"  {name:<8}  {_between(last, name)}" for name in names]
     for k in range(enclosure.sizes.get(EVENTS, 0)):
         event = enclosure.isel({EVENTS: k})
         words = str(event["event_detector"].attrs["flag_meanings"]).split()
-        lines.append(f"event {words[int(event['event_detector'])]}: t from {_between(event, 'event_time')}")
-    return [*lines, *filter(None, [str(enclosure.attrs.get("events_text", ""))])]
+        lines.append(f"event     {words[int(event['event_detector'])]}: t from {_between(event, 'event_time')}")
+    return [*lines, *(f"events    {text}" for text in (enclosure.attrs.get("events_text"),) if text)]
 
 
 def bounded(enclosure: xr.Dataset, along: str) -> list[str]:
@@ -165,3 +165,6 @@ def _between(row: xr.Dataset, name: str) -> str:
     if low.ndim:
         return f"{low.size} of width {width:.2g}{unit}"
     return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g}"
+
+
+SUMMARIES = {ENCLOSURE: lines_of}
