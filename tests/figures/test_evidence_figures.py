@@ -73,6 +73,25 @@ def test_modes_are_shapes() -> None:
     assert np.asarray(against)[0] == pytest.approx(-np.asarray(against)[1], rel=1e-12)
 
 
+def test_modes_of_one_quantity_name_it_once() -> None:
+    """Assert that elements stand below, and their quantity below the axis."""
+    chain = xd.Model(
+        name="chain",
+        dimensions={"bead": ["left", "middle", "right"]},
+        relations={"next": {"of": "bead", "neighbours": 1}},
+        coordinates={"tilt": {"unit": "degree", "dims": ["bead"]}},
+        mass={"tilt": "1*kilogram*metre**2"},
+        forces={
+            "twist": {"over": "next", "potential": "1*joule*(second(tilt, next) - first(tilt, next))**2"},
+            "anchor": {"potential": "1*joule*tilt**2"},
+        },
+        initial={"tilt": {"unit": "degree", "value": [0, 0, 0]}},
+    )
+    axes = xd.plot(xd.modes(chain)).axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["left", "middle", "right"]
+    assert axes.get_xlabel() == "tilt"
+
+
 @pytest.mark.dear
 def test_the_distance_of_two_runs_is_on_a_logarithmic_scale() -> None:
     """Assert a straight line of slope 1 for runs that part as exp(t)."""

@@ -28,8 +28,9 @@ nav a { display: block; padding: .1rem 0 } nav a.here { font-weight: 600; color:
 main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 1.6rem 4rem }
 a { color: var(--link); text-decoration: none } a:hover { text-decoration: underline }
 h1 { margin: .2rem 0 1rem; font-size: 1.7rem } h2 { margin: 2rem 0 .5rem; font-size: 1.15rem }
-pre { padding: .8rem 1rem; white-space: pre-wrap; overflow-x: auto; background: var(--faint); border: 1px solid var(--line); border-radius: 6px;
-  font: clamp(.6rem, calc((100vw - 21rem) / 76), .75rem)/1.5 ui-monospace, "DejaVu Sans Mono", monospace }
+pre { padding: .8rem 1rem; white-space: pre-wrap; overflow-x: auto; background: var(--faint); border-radius: 6px;
+  border: 1px solid var(--line);
+  font: clamp(.6rem, calc((100vw - 23rem) / 62), .85rem)/1.5 ui-monospace, "DejaVu Sans Mono", monospace }
 table { border-collapse: collapse; font-size: .85rem }
 td, th { padding: .2rem .6rem; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line) }
 code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
@@ -37,8 +38,9 @@ code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
 .models figure { margin: 0; border: 1px solid var(--line); border-radius: 6px; overflow: hidden }
 .models img { display: block; width: 100%; height: auto; background: #fff }
 .models figcaption { padding: .6rem .8rem; font-size: .85rem }
-@media (max-width: 50rem) { body { display: block } nav { position: static; width: auto; height: auto } main { padding: 1rem }
-  pre { font-size: .75rem } }
+@media (max-width: 50rem) {
+  body { flex-direction: column } main { padding: 1rem; width: 100% } pre { font-size: .75rem; white-space: pre }
+  nav { order: 2; position: static; width: 100%; height: auto } }
 """
 GUIDE, SECTIONS_OF, COMMANDS, FUNCTIONS = "The guide", "Sections of a model", "Command line", "Python"
 INDEX, VERBS, METHODS, GALLERY, API = "index", "verbs", "methods", "gallery", "api"

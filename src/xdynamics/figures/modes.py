@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,7 @@ import xarray as xr
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.sheet import Page, Panel
+from xdynamics.shapes import parted
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -54,8 +55,15 @@ def _shape(modes: xr.Dataset, number: int, axes: Axes) -> None:
     axes.vlines(places, 0.0, values, color=COLOURS[0], linewidth=1.0, alpha=0.5)
     axes.plot(places, values, "o-", color=COLOURS[0], markersize=4, linewidth=1.0)
     names = [words(name.removeprefix(SHAPE)) for name in shapes]
+    wholes, elements = zip(*(parted(name.removeprefix(SHAPE)) for name in shapes), strict=True)
     if values.size <= MOST_NAMED:
-        axes.set_xticks(places, names, rotation=30 if values.size >= TILTED else 0)
+        if len({*wholes}) == 1 and all(elements):  # of one quantity, which the axis names
+            names = [words(", ".join(labels)) for labels in elements]
+            axes.set_xlabel(words(wholes[0]))
+        tilted: dict[str, Any] = (
+            {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if values.size >= TILTED else {}
+        )
+        axes.set_xticks(places, names, **tilted)
     else:
         axes.set_xlabel(f"{names[0]} to {names[-1]}")
     units = dict.fromkeys(str(variable.attrs["units"]) for variable in shapes.values())
