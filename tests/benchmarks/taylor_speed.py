@@ -1,13 +1,14 @@
 """Taylor series beside heyoka, in one run: six problems at equal errors of the final state, and what compiling costs.
 
-python tests/benchmarks/taylor_speed.py [--quick]
+python tests/benchmarks/taylor_speed.py [--quick] [--only compiling | bodies | kepler_06 | arenstorf | …]
 
 Ours keeps every state and its uncertainty: `march` is its march from a posed run, its blocks made as it goes, `Dataset`
 the whole of `simulate`. heyoka keeps the last state alone, or each step's polynomial (`c_output`), or states at as many
 times as it made steps (`propagate_grid`). Both in double precision, one thread, the least of many repeats, over
 tolerances of 1e-4 to 3e-15, interpolated in the logarithms of the error; a reference is heyoka's in 80 bits at 1e-19.
 Compiling is of a problem that neither has seen: from its statement to the first step, for heyoka in compact mode and
-not; several chains of springs show how that grows with the number of masses.
+not; several chains of springs show how that grows with the number of masses. Bodies are planets about a star, 6 to 60,
+whose pairs all attract each other; ours keeps all states there too.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from math import nan
@@ -33,6 +34,29 @@ TOLERANCES = (*(10.0**-k for k in range(4, 15)), 3e-15)
 TARGETS = (1e-6, 1e-9, 1e-12)
 WORDS = Words(heyoka.sin, heyoka.cos, lambda r2: r2**-1.5)
 CHAINS = (3, 30, 300)
+MOST_STEPS = 100_000  # of heyoka, which makes steps without end of the double pendulum at 1e-6
+BODIES = {6: 2000.0, 20: 400.0, 60: 100.0}  # to which time
+PLANETS = """
+name = "planets"
+[dimensions]
+body = {n}
+axis = 3
+[coordinates]
+r = {{ unit = "m", dims = ["body", "axis"] }}
+[parameters]
+G = "1 m3 kg-1 s-2"
+m = {{ dims = ["body"], value = {masses}, unit = "kg" }}
+[mass]
+r = "m"
+[relations.pair]
+of = "body"
+[forces.gravity]
+over = "pair"
+potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, pair), axis)"
+[initial]
+r = {{ value = {r}, unit = "m" }}
+v_r = {{ value = {v}, unit = "m/s" }}
+"""
 OURS = ("xdynamics taylor", "xdynamics taylor, Dataset")
 THEIRS = ("heyoka, last state alone", "heyoka, polynomials kept", "heyoka, on a grid")
 
@@ -122,7 +146,7 @@ def theirs(name: str, tolerance: float) -> dict[str, Point]:
         begun()
         return march.propagate_until(problem.end, **more)
 
-    outcome = until()
+    outcome = until(max_steps=MOST_STEPS)
     if outcome[0] != heyoka.taylor_outcome.time_limit:
         return {}
     steps, error = int(outcome[3]), problem.error(march.state)
@@ -140,9 +164,9 @@ def theirs(name: str, tolerance: float) -> dict[str, Point]:
     return found
 
 
-def rows(points: Points) -> Iterator[str]:
+def rows(points: Points, names: Iterable[str]) -> Iterator[str]:
     """Yield nanoseconds a step at 1e-12, then microseconds at equal errors with their ratios to heyoka's ways."""
-    for name in NAMES:
+    for name in names:
         yield f"{PROBLEMS[name].title}, to t = {PROBLEMS[name].end:g}"
         best = {way: [at_error(points, name, way, target) for target in TARGETS] for way in (*OURS, *THEIRS)}
         kept = [min(pair) for pair in zip(best[THEIRS[1]], best[THEIRS[2]], strict=True)]
@@ -197,24 +221,63 @@ def compiling() -> Iterator[str]:
             )
 
 
+def bodies() -> Iterator[str]:
+    """Yield milliseconds of whole runs of planets about a star, ours with records of all states, and of the first of all."""
+    import xdynamics as xd
+
+    for n, end in BODIES.items():
+        radius, angle = 1.0 + 0.6 * np.arange(1, n), np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, n - 1)
+        r, v, masses = np.zeros((n, 3)), np.zeros((n, 3)), [1.0, *[1e-6] * (n - 1)]
+        r[1:, 0], r[1:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+        v[1:, 0], v[1:, 1] = -np.sin(angle) / np.sqrt(radius), np.cos(angle) / np.sqrt(radius)
+        model = xd.Model.from_text(PLANETS.format(n=n, masses=masses, r=r.tolist(), v=v.tolist()))
+        asked: dict[str, Any] = {"method": "taylor", "rtol": 3e-15, "atol": 3e-15, "log": "states"}
+        begin = time.perf_counter()
+        xd.simulate(model, until=1e-3 * end, **asked)
+        first = time.perf_counter() - begin
+        own = min(spent(lambda model=model, end=end, asked=asked: xd.simulate(model, until=end, **asked)))
+        system, start = heyoka.model.nbody(n, masses=masses), np.hstack([r, v]).ravel()
+        begin = time.perf_counter()
+        march = heyoka.taylor_adaptive(system, start.tolist(), tol=3e-15, compact_mode=True)
+        made = time.perf_counter() - begin
+
+        def peer(march: Any = march, start: Any = start, end: float = end) -> None:
+            march.time = 0.0
+            march.state[:] = start
+            march.propagate_until(end)
+
+        his = min(spent(peer))
+        yield (
+            f"  {n:2} bodies, t = {end:5g}   ours {1e3 * own:7.1f} ms, heyoka {1e3 * his:7.1f} ms, ratio {own / his:5.2f};"
+            f" first run {first:5.2f} s, heyoka made in {made:5.2f} s"
+        )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="every second tolerance")
-    tolerances = TOLERANCES[:: 2 if parser.parse_args().quick else 1]
-    for name in NAMES:
+    parser.add_argument("--only", choices=("compiling", "bodies", *NAMES), help="one of the tables, or one problem")
+    asked = parser.parse_args()
+    tolerances = TOLERANCES[:: 2 if asked.quick else 1]
+    names = tuple(name for name in NAMES if asked.only in (None, name))
+    for name in NAMES if asked.only in (None, "compiling") else names:
         refer(name)
-    print(
-        f"heyoka {heyoka.__version__}\n\nSeconds from a statement to the first step", *compiling(), sep="\n", flush=True
-    )
+    print(f"heyoka {heyoka.__version__}", flush=True)
+    if asked.only in (None, "compiling"):
+        print("\nSeconds from a statement to the first step", *compiling(), sep="\n", flush=True)
+    if asked.only in (None, "bodies"):
+        print("\nWhole runs at a tolerance of 3e-15", *bodies(), sep="\n", flush=True)
+    if not names:
+        return
     points: Points = {}
-    for name in NAMES:
+    for name in names:
         for tolerance in tolerances:
             ours = {way: point for way, point in our_runs(name, "taylor", tolerance).items() if way in OURS}
             for way, point in (ours | theirs(name, tolerance)).items():
                 points[name, way, tolerance] = point
     head = " ".join(f"{f'us at {target:.0e}':>12} {'/last':>3} {'/kept':>3}" for target in TARGETS)
-    print(f"\n{'':30} a step at 1e-12, steps {head}", *rows(points), sep="\n")
+    print(f"\n{'':30} a step at 1e-12, steps {head}", *rows(points, names), sep="\n")
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from xdynamics.march.log import Room
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.outcomes import OUTCOMES, STOPPED, WORDS
 from xdynamics.march.uncontrolled_errors import uncontrolled
+from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.element_names import listed
@@ -168,8 +169,9 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
 
 
 def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
-    """March a group; if logs are read, as many members at a time as the memory limit allows."""
-    begin, count, room = 0, FEW if reads else len(group.places), Room()
+    """March a group; if logs are read, or each member is posed alone, as many at a time as the memory limit allows."""
+    alone = group.settings.precision != FLOAT64
+    begin, count, room = 0, FEW if reads or alone else len(group.places), Room()
     while begin < len(group.places):
         part = slice(begin, begin + count)
         runs = group.marched(part, logs=reads, room=room)
