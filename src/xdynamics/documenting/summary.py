@@ -145,15 +145,13 @@ def _summarising() -> Iterator[Any]:
     from xdynamics.evidence.validating import ledger_rows, limiting
 
     yield from (comparison_summary, ledger_rows, limiting)
+    from xdynamics.budgeting import certificate
     from xdynamics.evidence import companion
     from xdynamics.evidence.diagnosing import diagnosis
     from xdynamics.evidence.enclosing import enclosure_dataset
     from xdynamics.evidence.refining import refinement
 
-    yield from (companion, diagnosis, enclosure_dataset, refinement)
-    from xdynamics.budgeting import certificate
-
-    yield certificate
+    yield from (companion, diagnosis, enclosure_dataset, refinement, certificate)
 
 
 def _partly(run: xr.Dataset) -> Iterator[str]:
