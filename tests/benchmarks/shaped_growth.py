@@ -5,13 +5,15 @@ python tests/benchmarks/shaped_growth.py
 Chains of springs and bodies that all attract each other. Building is reading, writing down and compiling a law that no
 cache holds, without the march; a step is the longer of two runs less the shorter, for each coordinate. Then a record of 300
 coordinates and 1,000 rows with all columns is saved, opened and verified. Times are of the processor, the least of some
-rounds but for building, which is done once a process: each row is one of its own.
+rounds but for building, which is done once a process: each row is one of its own. Last, the largest memory of a process
+that reads and marches a million sites for a few steps, over that before, beside what the record and its log hold.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -83,6 +85,17 @@ def in_a_process(kind: str, n: int) -> dict[str, float]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
+def memory() -> dict[str, float]:
+    """Return the megabytes that a million sites take in this process, of its record, and of the log in that."""
+    xd.simulate(xd.Model.from_text(CHAIN.format(n=1000)), method="velocity_verlet", step=1e-3, until=3e-3)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    model = xd.Model.from_text(CHAIN.format(n=1_000_000))
+    run = xd.simulate(model, method="velocity_verlet", step=1e-3, until=3e-3, log="states", estimator="none")
+    taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
+    log = sum(values.nbytes for values in run.variables.values() if "step" in values.dims)
+    return {"taken": taken, "record": run.nbytes / 2**20, "log": log / 2**20}
+
+
 def record() -> None:
     """Print what saving, opening and verifying takes."""
     model = xd.Model.from_text(CHAIN.format(n=300))
@@ -101,7 +114,7 @@ def record() -> None:
 def main() -> None:
     """Print the tables."""
     if sys.argv[1:2] == ["--as-row"]:
-        print(json.dumps(measured(sys.argv[2], int(sys.argv[3]))))
+        print(json.dumps(memory() if sys.argv[2] == "memory" else measured(sys.argv[2], int(sys.argv[3]))))
         return
     record()
     with tempfile.TemporaryDirectory() as folder:
@@ -112,6 +125,10 @@ def main() -> None:
                 one = in_a_process(kind, n)
                 row = f"{n:8}{one['built']:10.3f} s{one['again']:12.4f} s{1e9 * one['step']:23.2f} ns"
                 print(row, flush=True)
+        one = in_a_process("memory", 0)
+        print(
+            f"10^6 sites: {one['taken']:.0f} MB, of which the record {one['record']:.0f} and in it the log {one['log']:.0f}"
+        )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
 
 import numpy as np
@@ -177,6 +179,30 @@ def test_a_log_of_states_holds_little_else() -> None:
     log = 2 * 8 * n * run.sizes["step"]
     assert peak < log + 140e6  # of which 44 MB are zeros that nothing touches
     assert run.end_memory.size < 10 * n
+
+
+PEAK = """
+import resource
+import xdynamics as xd
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+xd.simulate(xd.Model.from_text({small!r}), log="states")
+before = peak()
+run = xd.simulate(xd.Model.from_text({large!r}), log="states")
+print(peak() - before, run.nbytes / 2**20)
+"""
+
+
+@pytest.mark.dear
+def test_a_million_elements_take_little_more_than_their_state() -> None:
+    """Assert that reading and marching 10^6 masses takes the record and 60 numbers for each, wherever it is largest."""
+    small, large = (CHAIN.format(n=n) for n in (1000, 1_000_000))
+    words = [sys.executable, "-c", PEAK.format(small=small, large=large)]
+    taken, record = map(float, subprocess.run(words, capture_output=True, text=True, check=True).stdout.split())
+    assert record > 120.0
+    assert taken < record + 480.0  # 170 MB more before states were put where the record has them
 
 
 @pytest.mark.dear

@@ -17,6 +17,7 @@ from xdynamics.elementary.sets import SETS
 Floats = NDArray[np.float64]
 
 FEW = 8  # numbers, up to which a function is applied to one after the other: the same bits, without arrays' overhead
+PIECE = 1 << 15  # numbers, to which a function is applied at a time: it makes dozens of arrays on its way
 DEPENDENT = 1e-14  # of a column: a smaller remainder beside the preceding columns counts as zero
 
 
@@ -149,5 +150,10 @@ def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
         columns = (array.ravel().tolist() for array in arrays)
         return np.array([function(*numbers) for numbers in zip(*columns, strict=True)], float).reshape(shape)
     with np.errstate(all="ignore"):
-        values: Floats = function(*arrays)
-    return values
+        if arrays[0].size <= PIECE:
+            return np.asarray(function(*arrays))
+        values, flat = np.empty(arrays[0].size), [array.reshape(-1) for array in arrays]
+        for first in range(0, values.size, PIECE):
+            piece = slice(first, first + PIECE)
+            values[piece] = function(*(array[piece] for array in flat))
+    return values.reshape(shape)

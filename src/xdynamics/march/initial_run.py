@@ -146,8 +146,10 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
-    follow = np.zeros(layout.used.size, bool) if tolerances is None else np.isnan(tolerances.of_all(layout.used))
-    return {"followers": follow.astype(np.int64), "kinds": layout.kinds.copy()}
+    follow = np.zeros(layout.used.size, np.int64)  # of a million zeros the system gives no memory
+    if tolerances is not None and (nan := np.isnan(tolerances.of_all(layout.used))).any():
+        follow[:] = nan
+    return {"followers": follow, "kinds": layout.kinds}
 
 
 def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:

@@ -241,7 +241,7 @@ def allocate(layout: Layout, rows: int, *, sampled: int, apart: bool = False, sa
     """
     events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
-    rows = rows + 2 if layout.row.size > _WIDEST else (rows + 4) | 1
+    rows = rows + 1 if layout.row.size > _WIDEST else (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     samples = samples if samples_kept else 0
     plain: Any = getattr(most_trials, "py_func", most_trials)

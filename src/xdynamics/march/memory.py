@@ -52,8 +52,8 @@ def numbers_at_end(run: Run) -> tuple[str, Floats]:
         array = getattr(run, name)
         fields = _fields(run, name)
         names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
-        parts += [array[field].astype(float) for field in fields] if fields else [array.astype(float)]
-    return " ".join(names), np.concatenate(parts)
+        parts += [array[field] for field in fields] if fields else [array]
+    return " ".join(names), np.concatenate(parts, dtype=float, casting="unsafe")
 
 
 def go_on(run: Run, names: str, numbers: Floats) -> None:

@@ -148,15 +148,16 @@ class March:
         patience : float, s
             After about this time a block is yielded as it is.
         """
-        thinning = self.thinning
+        thinning, logs = self.thinning, 2
         if rows is None and (thinning or self.settings.partial):
             most = THINNED_BLOCK if thinning else COPIED_BLOCK
             rows = min(most, max(1, RECYCLED_NUMBERS // self.layout.row.size))
+            logs = 1 if rows == 1 and not thinning else 2  # a row of a million numbers is copied before the next
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
         kept: list[Log] = []
         with self._watching_keyboard(), self._memory():
             while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
-                if rows is None or len(kept) < 2:
+                if rows is None or len(kept) < logs:
                     log = self._log(size)
                     kept = [*kept, log] if rows else []
                 else:
@@ -169,6 +170,8 @@ class March:
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 size = rows or (min(4 * size, most_recycled(self.layout)) if self.settings.adaptive else size)
+        if logs == 1:
+            allocate(self.layout, 1, sampled=0).lend(self.run)  # nothing of it is touched any more
 
     @contextmanager
     def _memory(self) -> Iterator[None]:

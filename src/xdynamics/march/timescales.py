@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 FEWEST, MOST = 3, 16  # rows that are examined besides the start
 SHARE = 200  # evaluations of a march for each such row, which takes seven
+MOST_TOGETHER = 1 << 20  # numbers of states that are examined in one call
 FEW = 12  # numbers of a state up to which all eigenvalues are computed
 MOST_NUMBERS = 240  # of a state up to which a fixed step is compared with what is stable: eigenvalues take 0.1 s
 SLOW = 1e-5  # of the fastest rate, below which differences resolve none
@@ -71,10 +72,11 @@ def time_scales(march: March) -> TimeScales | None:
         return None
     plan = run.plan.tolist()[0]
     chosen = _chosen(march)
-    states = states_of(witnesses, chosen)
-    rates = np.zeros((1, len(chosen)))
+    rates, together = np.zeros((1, len(chosen))), max(1, MOST_TOGETHER // n)
     with put_aside(march):
-        engine().fastest_rates(run, states, rates)
+        for first in range(0, len(chosen), together):
+            part = slice(first, first + together)
+            engine().fastest_rates(run, states_of(witnesses, chosen[part]), rates[:, part])
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
@@ -127,8 +129,8 @@ def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
 def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
     """Return time and state of some rows."""
     states = np.empty((len(witnesses) - 2, len(chosen)))
-    rows = witnesses[:, chosen]
-    states[0], states[1:] = rows[1], rows[3:]
+    for k, row in enumerate(chosen):
+        states[0, k], states[1:, k] = witnesses[1, row], witnesses[3:, row]
     return states
 
 

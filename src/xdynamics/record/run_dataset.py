@@ -15,6 +15,7 @@ from xdynamics.faults import InputError, numbered
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
 from xdynamics.record import provenance
+from xdynamics.record.column import Column
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 TIME = "time"
+WIDE = 1 << 16  # numbers of a row of a column from which it is half a megabyte
 KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
 
 
@@ -41,15 +43,9 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
         Rows that precede those of the march, taken before its first block is requested.
     """
     spec = columns(march)
-    pieces: dict[str, list[Array]] = {column.variable.name: [] for column in spec}
-    for name, values in before:
-        pieces[name].append(values)
-    for block in chain(blocks, _rest(march)):
-        for column in spec:
-            taken = column.take(block)
-            pieces[column.variable.name].append(taken.copy() if march.settings.log != FULL else taken)
+    gathered = _gathered(march, spec, blocks, before)
     tolerances = followed_tolerances(march)
-    filled = [(_described(column.variable, tolerances), _joined(pieces.pop(column.variable.name))) for column in spec]
+    filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
     return _assembled(filled, provenance.attributes(march))
 
@@ -168,5 +164,42 @@ def check_kind(run: Any) -> None:
         )
 
 
-def _joined(pieces: list[Array]) -> Array:
-    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+def _gathered(
+    march: March, spec: Sequence[Column], blocks: Iterable[LogBlock], before: Iterable[tuple[str, Array]]
+) -> dict[str, _Gathered]:
+    """March, and return the values of all columns."""
+    gathered = {column.variable.name: _Gathered() for column in spec}
+    for name, values in before:
+        gathered[name].add(values, is_lent=False)
+    for block in chain(blocks, _rest(march)):
+        for column in spec:
+            gathered[column.variable.name].add(column.take(block), is_lent=march.settings.log != FULL)
+    return gathered
+
+
+class _Gathered:
+    """The values of a column, piece by piece.
+
+    Rows of many numbers are put at once where the record has them: joined in the end they would be there twice.
+    """
+
+    def __init__(self) -> None:
+        self.pieces: list[Array] = []
+        self.wide: Array | None = None
+
+    def add(self, values: Array, *, is_lent: bool) -> None:
+        """Add the values of some rows, whose memory is filled again if it is lent."""
+        if not is_lent or values[:1].size < WIDE:
+            self.pieces.append(values.copy() if is_lent else values)
+            return
+        if self.wide is None:
+            self.wide = np.concatenate([*self.pieces, np.empty((0, *values.shape[1:]), values.dtype)])
+        rows = len(self.wide)
+        self.wide.resize((rows + len(values), *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
+        self.wide[rows:] = values
+
+    def whole(self) -> Array:
+        """Return all of them."""
+        if self.wide is not None:
+            return self.wide
+        return self.pieces[0] if len(self.pieces) == 1 else np.concatenate(self.pieces)
