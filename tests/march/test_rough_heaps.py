@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,3 +94,23 @@ def test_compiled_heaps_have_the_bits_of_plain_python() -> None:
         )
         digests.append(done.stdout.strip())
     assert digests[0] == digests[1]
+
+
+@pytest.mark.dear
+def test_a_heap_that_nearly_rests() -> None:
+    """Assert that forces of 38 links are shared within their cones by pivots, where turns over links ended in minutes."""
+    path = Path(__file__).parent.parent / "cases" / "rough_heap.csv"
+    names = [name.split()[0] for name in path.read_text().splitlines()[0].split(",")]
+    columns = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+    units = {"x": "m", "v_x": "m s-1", "y": "m", "v_y": "m s-1", "theta": "rad", "v_theta": "rad s-1"}
+    start = "".join(
+        f'{name} = {{ value = {values.tolist()}, unit = "{units[name]}" }}\n' for name, values in columns.items()
+    )
+    text = HEAP[: HEAP.index("[initial]")] + "[initial]\n" + start + HEAP[HEAP.index("[run]") :]
+    run = xd.simulate(xd.Model.from_text(text), until="0.5 ms", log="full", force_samples="none")
+    assert run.attrs["run_outcome"] == "completed"
+    last = run.closed_step.values == run.sizes["step"] - 1
+    pressing, rubbing = run.closed_force.values[last], run.closed_friction_force.values[last]
+    assert last.sum() > 30
+    assert pressing.min() >= 0.0
+    assert (np.abs(rubbing) - 0.4 * pressing).max() < 1e-10 * pressing.max()

@@ -102,7 +102,7 @@ def rest(run: Run, t: float) -> bool:
         run.touching[a, ACTS] = 1.0 if still and run.touching[a, LIFTS] == 0.0 else 0.0
         run.touching[a, SKIPS], run.touching[a, LASTS], run.touching[a, TAKEN] = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
-        if not solve_forces(run) and not (halt_slips(run) and solve_forces(run)):
+        if not find_forces(run):
             return False
         restored, skips = restore_contacts(run), skip_bounces(run)
         if not (restored or skips):
@@ -166,6 +166,25 @@ def solve_forces(run: Run) -> bool:
             run.touching[a, DRAGS] = run.vectors[X, rows * a + 1] * run.vectors[SCALE, rows * a + 1]
     note_accelerations(run)
     return True
+
+
+@shared
+def find_forces(run: Run) -> bool:
+    """Solve for forces; where there are none, of links that grip where a grip has just broken, or whose slip is halted."""
+    if solve_forces(run) or (hold_breaks(run) and solve_forces(run)):
+        return True
+    return halt_slips(run) and solve_forces(run)
+
+
+@shared
+def hold_breaks(run: Run) -> bool:
+    """Have links grip whose grip has just broken, up to their bound: with the others they may not slide; whether any did."""
+    any_holds = False
+    for a in range(run.tallies[TOGETHER] if run.tallies[ROWS] == 2 else 0):
+        if run.touching[a, ACTS] == 1.0 and run.touching[a, BROKEN] != 0.0:
+            run.touching[a, BROKEN], any_holds = 0.0, True
+    run.spans[STRAIN] = 0.0 if any_holds else run.spans[STRAIN]
+    return any_holds
 
 
 @shared

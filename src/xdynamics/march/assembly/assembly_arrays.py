@@ -16,6 +16,7 @@ from xdynamics.kernels.interval_program import VARIABLE, enclosing
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE
+from xdynamics.march.assembly.pivoting import MOST_UNKNOWNS
 from xdynamics.march.assembly.touching import NUMBERS
 from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
 from xdynamics.march.run import ASSEMBLY, Run
@@ -121,11 +122,15 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
         "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
         "swing": np.zeros(n),
-        "problem": np.zeros((MOST_LEMKE, 2 * MOST_LEMKE + 2)),
-        "basis": np.zeros(MOST_LEMKE, np.int64),
-        "solution": np.zeros(MOST_LEMKE),
+        **_problem(MOST_LEMKE if rows_each == 1 else max(MOST_LEMKE, min(4 * most, MOST_UNKNOWNS))),
     }
     return arrays, patterns
+
+
+def _problem(unknowns: int) -> dict[str, NDArray[Any]]:
+    """Return room for a complementarity problem."""
+    shape = (unknowns, 2 * unknowns + 2)
+    return {"problem": np.zeros(shape), "basis": np.zeros(unknowns, np.int64), "solution": np.zeros(unknowns)}
 
 
 def _check(law: Law, settings: Settings) -> None:

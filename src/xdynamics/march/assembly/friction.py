@@ -47,6 +47,7 @@ from xdynamics.march.assembly.normal_forces import (
     solve_equations,
     solve_unilateral,
 )
+from xdynamics.march.assembly.pivoting import solve_by_pivots
 from xdynamics.march.assembly.responses import clear, respond, response_along
 from xdynamics.march.assembly.sliding_friction import follow_path, solve_at_once
 from xdynamics.march.assembly.sweeps import sweep
@@ -54,6 +55,7 @@ from xdynamics.march.run import Run
 
 MOST_BOUNDS = 300  # turns of making bounds anew
 MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
+SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 HELD = 1e-10  # of the largest term: an acceleration that is no motion
 LIFTING = 1e-10  # of the largest force: a pull, or a drag beyond its bound, that is smaller may be rounding
@@ -116,7 +118,20 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
             bound_all(run, first, rows)
             if settle(run, first, rows):
                 attempt = 0
+            elif turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows):
+                break
     return outside(run, first, rows)
+
+
+@shared
+def pivots_settle(run: Run, first: int, rows: int) -> bool:
+    """Solve by pivots; whether the result is a solution, perhaps after its sets are solved for again."""
+    if not solve_by_pivots(run, first, rows):
+        return False
+    if outside(run, first, rows) <= RESTLESS:
+        return True
+    bound_all(run, first, rows)
+    return settle(run, first, rows)
 
 
 @shared
