@@ -128,6 +128,15 @@ CASES: Mapping[str, list[Node]] = {
         parse("cross(r, e, axis)*m"),
         force("min(u*k, site)*max(g, row)", "u"),
     ],
+    "taken": [
+        parse("take(u, site, size(site) - 1 - index(site)) + take(u, site, mod(5*index(site), 19))*k"),
+        parse("a*take(u, site, 3*index(row) + index(axis)) + take(g, site, index(row) + 2)"),
+        parse("sum(take(u, site, 3*index(row) + index(axis))*e, axis) + take(u, site, 4)"),
+        parse(
+            "take(sum(g*k, site), row, mod(index(site), 6)) + take(take(g, row, index(axis) + 1), site, floor(index(site)/2))"
+        ),
+        parse("take(take(r, body, mod(index(site) + 7, 19)), axis, mod(index(site), 3))"),
+    ],
     "elements": [parse("u[0]*u - r[3, 1]"), force("u[0]**2*a + u[-1]*u", "u"), parse("where(index(site) > 3, u, k)")],
     "nested": [
         parse("first(norm(r, axis), pair)*second(m, pair)"),

@@ -45,6 +45,10 @@ TEXTS = (
     "second(shift(m, body, 1, g), pair)",
     "max(m, 2*g*m[a])",
     "m**-1",
+    "take(m, body, size(body) - 1 - index(body))*r",
+    "take(take(r, body, index(axis) + 1), axis, mod(2*index(body), 3))",
+    "take(sum(r, axis), body, mod(3*index(axis) + index(body), 5))",
+    "take(r, axis, 2) + take(m, body, 0)",
 )
 
 

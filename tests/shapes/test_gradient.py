@@ -9,6 +9,7 @@ import sympy
 from xdynamics.expressions import Along, Name, Node, derivatives, parse, text_of
 from xdynamics.expressions.calculus import ONE, ZERO, derivative, negative
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import InputError
 from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, parted, prepared
 from xdynamics.shapes.gradient import derivative as rate_with_dimensions
 from xdynamics.shapes.gradient import gradient
@@ -75,6 +76,12 @@ def written_out(tree: Node) -> list[Node]:
     return [at(tree, place, SHAPES) for place in SHAPES.places(dims_of(tree, SHAPES))]
 
 
+TAKEN = (
+    "take(u, site, size(site) - 1 - index(site))*w",
+    "sum(take(u**2*a, site, mod(2*index(site), size(site))), site)",
+)
+
+
 def numbers(seed: int) -> dict[str, float]:
     """Return a number for every element of every name."""
     random = np.random.default_rng(seed)
@@ -97,7 +104,7 @@ def test_gradient(text: str) -> None:
             assert evaluate(at(one, place, SHAPES), values) == pytest.approx(value, rel=1e-13, abs=1e-13)
 
 
-@pytest.mark.parametrize("text", POTENTIALS)
+@pytest.mark.parametrize("text", [*POTENTIALS, *TAKEN])
 def test_rate(text: str) -> None:
     """Assert that a rate is that of each element written out."""
     tree, values = prepared(parse(text), SHAPES), numbers(2)
@@ -110,7 +117,7 @@ def test_rate(text: str) -> None:
         assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
-@pytest.mark.parametrize("text", POTENTIALS)
+@pytest.mark.parametrize("text", [*POTENTIALS, *TAKEN])
 def test_rate_of_uniform_quantities(text: str) -> None:
     """Assert that rates may have fewer dimensions than what they are rates of."""
     tree, values = prepared(parse(text), SHAPES), numbers(3)
@@ -200,3 +207,9 @@ def test_nothing_to_depend_on() -> None:
     """Assert that quantities without influence are left out."""
     assert gradient(parse("u*w + sign(m)*0"), {"u", "m", "r"}, SHAPES).keys() == {"u"}
     assert rate_with_dimensions(parse("sum(u, site) + size(body)"), {"w": Name("v_w")}, SHAPES) == ZERO
+
+
+def test_what_is_taken_has_no_gradient() -> None:
+    """Assert that a potential with `take` is refused, with the remedy."""
+    with pytest.raises(InputError, match=r"stands in a potential, .*; state the force itself"):
+        gradient(parse(TAKEN[1]), ("u",), SHAPES)

@@ -19,6 +19,7 @@ MEANINGS = {
     "second": "a value of the second element of each link",
     "shift": "the value n places before, as xarray's; beyond the end it is fill, in the unit of a: 0*metre",
     "roll": "the value n places before, in a ring",
+    "take": "the element of that number, made of index, size and numbers",
     "index": "number of an element, from 0",
     "size": "how many elements there are",
 }

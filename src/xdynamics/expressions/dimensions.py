@@ -113,7 +113,8 @@ def _along(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
     if node.function in ("dot", "cross"):
         left, right = (_dimension(argument, names) or NONE for argument in node.arguments)
         return left * right
-    return _agreed(node.arguments, names, f"'{node.function}'")
+    values = node.arguments[:1] if node.function == "take" else node.arguments
+    return _agreed(values, names, f"'{node.function}'")
 
 
 def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:

@@ -79,8 +79,9 @@ def _along(node: Along) -> str:
     if node.function == "norm":
         return rf"\left\|{latex(node.arguments[0])}\right\|_{{{dims}}}"
     written = [*map(latex, node.arguments), dims]
-    if node.function in ("shift", "roll"):
-        written = [latex(node.arguments[0]), dims, str(node.places), *map(latex, node.arguments[1:])]
+    if node.function in ("shift", "roll", "take"):
+        places = [str(node.places)] if node.function != "take" else []
+        written = [latex(node.arguments[0]), dims, *places, *map(latex, node.arguments[1:])]
     return rf"\mathrm{{{node.function}}}\left({', '.join(written)}\right)"
 
 

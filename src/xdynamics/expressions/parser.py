@@ -44,6 +44,7 @@ FORMS = {name: f"{name}(a, dimension)" for name in ("sum", "mean", "min", "max",
     "second": "second(a, relation)",
     "shift": "shift(a, dimension, n, fill)",
     "roll": "roll(a, dimension, n)",
+    "take": "take(a, dimension, number)",
     "index": "index(dimension)",
     "size": "size(dimension)",
 }
@@ -251,7 +252,7 @@ class _Reader:
         """Return a function along dimensions; the last arguments are their names, or whole numbers."""
         function, column = token.text, token.column
         arity, most, numbers = ALONG[function]
-        extra = 1 if function == "shift" else 0
+        extra = 1 if function in ("shift", "take") else 0
         got, needed = len(arguments), arity + numbers + extra
         if got < needed + 1 or (most is not None and got > needed + most):
             raise self._fault(column, f"'{function}' is written {FORMS[function]}, and here has {got} arguments")

@@ -11,9 +11,11 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from xdynamics.expressions.cube_rules import blank, cubes_in, of_cubes
 from xdynamics.expressions.fields import Field
 from xdynamics.expressions.reductions import product
 from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
+from xdynamics.expressions.traced_cubes import Cube
 from xdynamics.expressions.traced_grid import Grid
 from xdynamics.expressions.traced_planes import reshaped
 from xdynamics.expressions.tracing import Traced, called, rounded
@@ -34,6 +36,8 @@ class Substitution:
     ----------
     grid : Grid, optional
         The dimension of arrays that are traced as a whole: those that the function makes are rows of it.
+    by_axes : bool
+        Whether they have an expression of the indices of their axes instead, however many these are.
 
     Attributes
     ----------
@@ -41,8 +45,9 @@ class Substitution:
         What `numpy.interp` was asked for, by the names that stand for its values.
     """
 
-    def __init__(self, grid: Grid | None = None) -> None:
+    def __init__(self, grid: Grid | None = None, *, by_axes: bool = False) -> None:
         self.tables: dict[str, Points] = {}
+        self._by_axes = by_axes
         self._interp = table_reader(self.tables)
         self._grid = grid
         self._known: dict[int, tuple[Any, Any]] = {}  # with what they are of, which lives as long
@@ -107,12 +112,14 @@ class Substitution:
         """Return a new array: a row, where arrays are traced as a whole and it fits."""
         first, grid = arguments[0] if arguments else options.get("shape", options.get("object")), self._grid
         size = first[0] if isinstance(first, tuple) and len(first) == 1 else first
+        if grid and self._by_axes and (cube := _cube(maker, first, grid)) is not None:
+            return cube
         if maker in (np.array, np.asarray) and isinstance(first, Field):
             return first.copy()
         if maker in (np.array, np.asarray) and isinstance(first, list | tuple) and _is_stack(first):
             return of_numpy(np.stack, first)
         count = size if isinstance(size, int) else size[0] * size[1] if _is_plane(size) else 0
-        if grid and maker in (np.zeros, np.empty, np.ones) and 1 < count <= grid.size:
+        if grid and not self._by_axes and maker in (np.zeros, np.empty, np.ones) and 1 < count <= grid.size:
             return reshaped(Field(grid, Traced(Number(float(maker is np.ones))), count), size)
         return _MAKERS[id(maker)](*arguments, **options)
 
@@ -172,6 +179,10 @@ class _JoiningIndex:
 
     def __getitem__(self, parts: Any) -> Any:
         values = parts if isinstance(parts, tuple) else (parts,)
+        if cubes_in(values):
+            return of_cubes(
+                np.concatenate, [value if isinstance(value, Cube) else np.atleast_1d(value) for value in values]
+            )
         is_of_numbers = not any(is_traced(value) or isinstance(value, Field) for value in values) or any(
             isinstance(value, slice | str) for value in values
         )
@@ -229,6 +240,16 @@ _MAKERS: dict[int, Callable[..., Any]] = {
     id(np.full): lambda shape, value, *_, **__: array_of(np.full(shape, value, object)),
     **{id(function): _array for function in (np.array, np.asarray)},
 }
+
+
+def _cube(maker: Any, first: Any, grid: Grid) -> Any:
+    """Return a new array of any number of axes; None where it has nothing that is not known."""
+    if maker in (np.zeros, np.empty, np.ones) and np.prod(first) > 1:
+        return blank(grid, first, float(maker is np.ones))
+    if maker in (np.array, np.asarray) and isinstance(first, Cube):
+        return first.copy()
+    is_list = maker in (np.array, np.asarray) and isinstance(first, list | tuple)
+    return of_cubes(np.stack, first) if is_list and cubes_in(first) else None
 
 
 def _is_stack(values: Any) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics.expressions.cube_rules import cubes_in, of_cubes
 from xdynamics.expressions.numpy_rules import of_rows
 from xdynamics.expressions.traced_rows import lines_in
 from xdynamics.expressions.tracing import REMEDY, Traced, called, choice, each, name, rounded
@@ -97,6 +98,8 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
         into = out[0] if isinstance(out, tuple) else out
         into[...] = of_numpy(function, *arguments, **options)
         return into
+    if cubes_in((*arguments, *options.values())):
+        return of_cubes(function, *arguments, **options)
     if lines_in((*arguments, *options.values())):
         return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):

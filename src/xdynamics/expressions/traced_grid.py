@@ -36,11 +36,17 @@ class Grid:
     ----------
     constants : dict of str to ndarray
         Parameters along the dimension, perhaps along a second one of as many elements.
+    extents : dict of str to int
+        Sizes of further dimensions: of axes of arrays, and of lists of numbers.
+    lists : dict of str to ndarray
+        Parameters, each along a dimension of its own.
     """
 
     def __init__(self, name: str, size: int, leaf: Node) -> None:
         self.name, self.dim, self.other, self.size, self.leaf = name, f"{name}_index", f"{name}_other", size, leaf
         self.constants: dict[str, Floats] = {}
+        self.extents: dict[str, int] = {}
+        self.lists: dict[str, Floats] = {}
 
     def constant(self, values: Any, offset: int) -> Node:
         """Return numbers that begin at an element as a parameter, or as one number if they are equal.
@@ -63,6 +69,13 @@ class Grid:
         word = word or f"constant_{len(self.constants)}"
         self.constants[word] = full
         return Name(word)
+
+    def listed(self, numbers: Floats) -> tuple[str, str]:
+        """Return numbers as a parameter along a dimension of its own: its name, and that of the dimension."""
+        word = next((known for known, kept in self.lists.items() if np.array_equal(kept, numbers)), "")
+        word = word or f"numbers_{len(self.lists)}"
+        self.lists[word], self.extents[f"{word}_index"] = numbers, numbers.size
+        return word, f"{word}_index"
 
 
 def common(nodes: list[Node], constant: Callable[[list[float]], Node]) -> Node:

@@ -65,6 +65,7 @@ ALONG: dict[str, tuple[int, int | None, int]] = {
     "second": (1, 1, 0),
     "shift": (1, 1, 1),  # and what stands beyond the end
     "roll": (1, 1, 1),
+    "take": (1, 1, 0),  # and the number of the element
     "index": (0, 1, 0),
     "size": (0, 1, 0),
 }
@@ -158,7 +159,7 @@ class Along:
         One of `ALONG`; with `min` and `max` a dimension is told from a value where dimensions are known. Derivatives
         have ``onto`` as well: what links give to the elements at their first and at their second ends.
     arguments : tuple of Node
-        The values; of `shift` what stands beyond the end is the second.
+        The values; the second is of `shift` what stands beyond the end, of `take` the number of the element.
     dims : tuple of str
         Dimensions, or a relation.
     places : int

@@ -13,7 +13,7 @@ from itertools import groupby
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, exponent_of
 from xdynamics.kernels.assignments import CALLED, OPERATIONS, Assignments
 from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
-from xdynamics.kernels.nest_links import LinkSums
+from xdynamics.kernels.nest_numbers import TakenNumbers
 from xdynamics.kernels.program import Operand, Ordinal, Place
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.trees import element_numbers
@@ -21,7 +21,7 @@ from xdynamics.shapes.trees import element_numbers
 Result = tuple[str, tuple[str, ...], Node, Place]  # a name, its dimensions, what it is, where its first element goes
 
 
-class Nests(LinkSums):
+class Nests(TakenNumbers):
     """Writes loops over the elements of quantities.
 
     Parameters
@@ -118,6 +118,8 @@ class Nests(LinkSums):
                 return self.value(self._parts.operands[number][0], {**env, dim: end})
             case "shift" | "roll":
                 return self._moved(number, node, env)
+            case "take":
+                return self.value(self._parts.operands[number][0], {**env, node.dims[0]: self._taken(node, env)})
             case "cross":
                 return self._crossed(number, node, env)
             case "onto":

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number
+from xdynamics.expressions import Along, Call, Compare, Element, Name, Node
 from xdynamics.expressions.evaluation import evaluate_many
-from xdynamics.expressions.tree import every
 from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
+from xdynamics.shapes.numbers_of_elements import counted, is_of_numbers, taken_numbers
 from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_of
 
 Whole = NDArray[np.int64]
@@ -114,27 +113,11 @@ class Dependence:
 
     def _known(self, condition: Node, grid: Grid) -> NDArray[np.bool_] | None:
         """Return where a condition holds; None if it is not on numbers of elements alone."""
-        for node in every(condition):
-            if isinstance(node, Name | Element) or (isinstance(node, Along) and node.function not in ("index", "size")):
-                return None
+        if not is_of_numbers(condition):
+            return None
         values = {f"index {dim}": numbers.astype(float) for dim, numbers in grid.items()}
-        holds = np.asarray(evaluate_many(self._counted(condition), values), bool)
+        holds = np.asarray(evaluate_many(counted(condition, self._shapes), values), bool)
         return np.broadcast_to(holds, next(iter(grid.values())).shape) if grid else holds.reshape(1)
-
-    def _counted(self, node: Node) -> Node:
-        """Return an expression in which numbers of elements are names."""
-        match node:
-            case Along(function="index"):
-                return Name(f"index {node.dims[0]}")
-            case Along():
-                return Number(float(self._shapes.extent(node.dims[0]).size))
-            case Negative():
-                return replace(node, operand=self._counted(node.operand))
-            case Binary() | Compare():
-                return replace(node, left=self._counted(node.left), right=self._counted(node.right))
-            case Call():
-                return replace(node, arguments=tuple(map(self._counted, node.arguments)))
-        return node
 
     # ---------------------------------------------------------------------------------------------- along dimensions
 
@@ -150,6 +133,9 @@ class Dependence:
                 return self._operand(operands[0], grid | {dim: numbers[grid[relation.name]]})
             case "shift" | "roll":
                 return self._moved(operands, node, grid)
+            case "take":
+                numbers = np.broadcast_to(taken_numbers(node, grid, self._shapes), next(iter(grid.values())).shape)
+                return self._operand(operands[0], grid | {node.dims[0]: numbers})
             case "cross":
                 dim = node.dims[0]
                 turned = [grid | {dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]

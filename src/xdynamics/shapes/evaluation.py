@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, chain
 from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.expressions.tree import every
 from xdynamics.shapes.extents import Shapes
+from xdynamics.shapes.numbers_of_elements import taken_numbers
 from xdynamics.shapes.trees import OF_CROSS, element_numbers
 
 Array = NDArray[np.float64]
@@ -119,6 +121,8 @@ class _Walk:
                     return moved
                 origin = self._placed(np.arange(extent.size) - node.places, (dim,))
                 return np.where((origin >= 0) & (origin < extent.size), moved, self.value(node.arguments[1]))
+            case "take":
+                return self._taken(node, axis)
             case "cross":
                 a, b = (self._full(argument, node.dims) for argument in node.arguments)
                 next_, last = ([(k + step) % OF_CROSS for k in range(OF_CROSS)] for step in (1, 2))
@@ -126,6 +130,18 @@ class _Walk:
                     b, next_, axis
                 )
         return self._reduced(node)
+
+    def _taken(self, node: Along, axis: int) -> Any:
+        """Return the elements whose numbers are given, wherever they vary."""
+        extents = {dim: self.shapes.extent(dim).size for dim in self.axes}
+        read = {part.dims[0] for part in every(node.arguments[1]) if isinstance(part, Along)}
+        grid = {dim: self._placed(np.arange(extents[dim]), (dim,)) for dim in read}
+        numbers = taken_numbers(node, grid, self.shapes)
+        numbers = numbers.reshape(numbers.shape or (1,) * len(self.axes))
+        whole = np.expand_dims(np.moveaxis(self._full(node.arguments[0], node.dims), axis, -1), axis)
+        shape = np.broadcast_shapes(whole.shape[:-1], numbers.shape)
+        wide, places = np.broadcast_to(whole, (*shape, whole.shape[-1])), np.broadcast_to(numbers, shape)
+        return np.take_along_axis(wide, places[..., None], -1)[..., 0]
 
     def _full(self, node: Node, dims: tuple[str, ...]) -> Any:
         """Return a value that has all elements along some dimensions."""

@@ -10,9 +10,10 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, shown
 from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, rate_of
 from xdynamics.expressions.tree import children
+from xdynamics.faults import InputError
 from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
 from xdynamics.shapes.trees import at, element_numbers, end_of
@@ -197,6 +198,11 @@ def _given_along(node: Along, position: int, adjoint: Node, parts: Parts) -> Nod
             return _along_if(replace(node, arguments=(adjoint,), places=-node.places), parts.of(adjoint), shapes)
         case "shift":
             return _given_by_shift(node, position, adjoint, parts)
+        case "take":
+            raise InputError(
+                f"'{shown(node)}' (column {node.column}) stands in a potential, whose force is not found through take;"
+                " state the force itself"
+            )
     return adjoint  # of a sum
 
 
@@ -287,6 +293,8 @@ def _rate_along(node: Along, inner: Sequence[Node], shapes: Shapes) -> Node:
             return moved if dims[0] in own[0] else Call("where", (_beyond(node, shapes), inner[1], inner[0]))
         case "onto":
             return replace(node, arguments=tuple(inner))
+        case "take":
+            return replace(node, arguments=(inner[0], node.arguments[1])) if dims[0] in own[0] else inner[0]
     return _along_if(replace(node, arguments=tuple(inner)), own[0], shapes)
 
 

@@ -26,6 +26,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children, every
 from xdynamics.faults import InputError
 from xdynamics.shapes.extents import Shapes
+from xdynamics.shapes.numbers_of_elements import check_number_of_element, whole_numbers
 
 REDUCTIONS = ("sum", "mean", "min", "max", "norm", "dot")
 ENDS = ("first", "second")
@@ -175,13 +176,16 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
         return _of_end(node, dims, shapes)
     if node.function == "onto":
         return dims - set(node.dims) | {end_of(node, shapes)}
-    own_dims = dims if node.function != "shift" else set(inner[0])
+    own_dims = dims if node.function not in ("shift", "take") else set(inner[0])
     for dim in node.dims:
         if dim not in own_dims:
             own = ", ".join(shapes.ordered(own_dims)) or "none"
             raise InputError(
                 f"{_label(node)} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own}"
             )
+    if node.function == "take":
+        check_number_of_element(node)
+        return set(inner[0]) - {node.dims[0]} | set(inner[1])
     if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
         raise InputError(f"{_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3")
     return dims - set(node.dims) if node.function in REDUCTIONS else dims
@@ -287,6 +291,10 @@ def _at_along(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
             return at(node.arguments[0], {**place, dim: number}, shapes)
         case "shift" | "roll":
             return _moved(node, place, shapes)
+        case "take":
+            found = evaluate(at(node.arguments[1], place, shapes), {})
+            number = int(whole_numbers(node, found, shapes))
+            return at(node.arguments[0], {**place, node.dims[0]: number}, shapes)
         case "cross":
             return _crossed(node, place, shapes)
         case "onto":

@@ -9,15 +9,19 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions import Call, Compare, Element, Name, Node, Number, text_of
+from xdynamics.expressions.cube_rules import cubes_in, of_cubes
 from xdynamics.expressions.fields import Field, unknown
 from xdynamics.expressions.repeating import NEGLIGIBLE, WrittenArgumentError, check_numbers
 from xdynamics.expressions.substitution import Substitution, values_of
 from xdynamics.expressions.traced_arrays import array_of
+from xdynamics.expressions.traced_cubes import Cube, whole_of
 from xdynamics.expressions.traced_grid import Grid, IrregularError, moved
+from xdynamics.expressions.traced_indices import index, replaced
 from xdynamics.expressions.tracing import Traced, name, node_of
-from xdynamics.expressions.tree import Along, Binary
+from xdynamics.expressions.tree import Along, Binary, every
 from xdynamics.faults import InputError
 from xdynamics.shapes import Extent, Shapes, at
+from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.simulation.right_sides import (
     Floats,
     RightSide,
@@ -34,24 +38,36 @@ from xdynamics.simulation.right_sides import (
 from xdynamics.units import parse_time
 
 MOST_WRITTEN_OUT = 300  # numbers, each with an expression of its own, that are one array of the record
+_BY_PLACES, _BY_AXES, _BY_ELEMENTS = range(3)  # what arrays have an expression of, or each of their elements
 COMPARED = 24  # elements whose expressions are compared with numbers
 
 
 def array_sections(
     functions: list[RightSide], word: str, starts: list[str], own: list[str], t_span: Any, args: Any
 ) -> dict[str, Any] | None:
-    """Return the sections of a model with one state along a dimension; None if the function is written with numbers."""
+    """Return the sections of a model with one state along a dimension; None if the function is written with numbers.
+
+    Raises
+    ------
+    InputError
+        If it does what can be traced in no way.
+    """
     if len(set(own)) > 1:
         return None
     scale = f"unit_{word}"
     unit = Traced(Name(scale)) if own[0] != "1" else None
     leaf: Node = Name(word) if unit is None else Binary("/", Name(word), unit.node)
     numbers = numbers_of(starts, own)
-    for whole in (True, False):
+    ways = (
+        (_BY_PLACES, _BY_ELEMENTS, _BY_AXES)
+        if len(starts) <= MOST_WRITTEN_OUT
+        else (_BY_PLACES, _BY_AXES, _BY_ELEMENTS)
+    )
+    failed: InputError | None = None
+    for way in ways:
         grid = Grid(word, len(starts), leaf)
-        tables = Substitution(grid if whole else None)
-        y = unknown(grid) if whole else array_of([_element(grid, k, unit) for k in range(grid.size)])
-        write = partial(_written_down, functions, tables, y, grid)
+        tables = Substitution(None if way == _BY_ELEMENTS else grid, by_axes=way == _BY_AXES)
+        write = partial(_written_down, functions, tables, _unknown(way, grid, unit), grid)
         try:
             written, given, parameters = with_arguments(write, functions[0], args, [word])
             _check_numbers(written, grid, t_span, numbers, given, args, tables)
@@ -59,24 +75,58 @@ def array_sections(
             continue
         except WrittenArgumentError:
             raise
-        except InputError:
-            if whole:  # a view that is filled, say: an array of numbers does as numpy does
-                continue
-            raise
+        except InputError as error:  # a view that is filled, say: an array of numbers does as numpy does
+            failed = error if way == _BY_ELEMENTS else failed
+            continue
         if not written:
             return None
-        rate = node_of((1.0 if unit is None else unit) * written[0].values[0] / name("second"))
-        constants = {label: _parameter(grid, values) for label, values in grid.constants.items()}
-        dense = any(values.ndim > 1 for values in grid.constants.values())
-        return {
-            "dimensions": {grid.dim: grid.size} | ({grid.other: grid.size} if dense else {}),
-            "states": {word: {"unit": own[0], "dims": [grid.dim], "rate": text_of(rate)}},
-            "parameters": parameters | ({} if unit is None else {scale: f"1 {own[0]}"}) | constants,
-            "initial": {word: {"value": numbers.tolist(), "unit": own[0]}},
-            "events": events_of(written[1:]),
-            "drives": {label: drive(label, *points) for label, points in tables.tables.items()},
-        }
+        drives = {label: drive(label, *points) for label, points in tables.tables.items()}
+        own_parameters = parameters | ({} if unit is None else {scale: f"1 {own[0]}"}) | _constants(grid)
+        start = {word: {"value": numbers.tolist(), "unit": own[0]}}
+        return _stated(written, grid, unit, own[0]) | {"parameters": own_parameters, "initial": start, "drives": drives}
+    if failed is not None:
+        raise failed
     return None
+
+
+def _stated(written: list[WrittenFunction], grid: Grid, unit: Traced | None, text: str) -> dict[str, Any]:
+    """Return dimensions, the state with its rate, and events."""
+    rate = node_of((1.0 if unit is None else unit) * written[0].values[0] / name("second"))
+    return {
+        "dimensions": _dimensions(written, grid),
+        "states": {grid.name: {"unit": text, "dims": [grid.dim], "rate": text_of(rate)}},
+        "events": events_of(written[1:]),
+    }
+
+
+def _unknown(way: int, grid: Grid, unit: Traced | None) -> Any:
+    """Return what stands for the numbers that are not known."""
+    if way == _BY_ELEMENTS:
+        return array_of([_element(grid, k, unit) for k in range(grid.size)])
+    return unknown(grid) if way == _BY_PLACES else whole_of(grid)
+
+
+def _dimensions(written: list[WrittenFunction], grid: Grid) -> dict[str, int]:
+    """Return the dimensions that expressions have, with their sizes."""
+    read = {
+        dim
+        for part in written
+        for node in part.nodes
+        for inner in every(node)
+        if isinstance(inner, Along)
+        for dim in inner.dims
+    }
+    dense = any(values.ndim > 1 for values in grid.constants.values())
+    further = {dim: size for dim, size in grid.extents.items() if dim in read}
+    return {grid.dim: grid.size} | ({grid.other: grid.size} if dense else {}) | further
+
+
+def _constants(grid: Grid) -> dict[str, dict[str, Any]]:
+    """Return numbers that functions read as parameters."""
+    lists = {
+        word: {"dims": [f"{word}_index"], "value": values.tolist(), "unit": "1"} for word, values in grid.lists.items()
+    }
+    return {label: _parameter(grid, values) for label, values in grid.constants.items()} | lists
 
 
 def _element(grid: Grid, k: int, unit: Traced | None) -> Traced:
@@ -106,19 +156,31 @@ def _once(
     arguments = [tables.of(argument) for argument in arguments]
     t = name("t") / name("second")
     rates = with_names(fun, tables, t, y, arguments)
-    if not isinstance(rates, Field | np.ndarray):
+    if isinstance(rates, list | tuple) and cubes_in(rates):
+        rates = of_cubes(np.stack, rates)
+    if not isinstance(rates, Field | Cube | np.ndarray):
         return []
     if np.size(rates) != grid.size if isinstance(rates, np.ndarray) else rates.size != grid.size:
         raise InputError(f"{called(fun)} returns {rates.size} rates, and y0 has {grid.size} numbers")
-    rate = _of_row(rates, grid) if isinstance(rates, Field) else _of_elements(rates, grid)
+    rate = _rate_of(rates, grid)
     written = [WrittenFunction(fun, (f"the rate of '{grid.name}'",), (rate,))]
     for event in events:
         value = with_names(event, tables, t, y, arguments)
-        if isinstance(value, Field | np.ndarray) and value.size != 1:
+        if isinstance(value, Field | Cube | np.ndarray) and value.size != 1:
             raise InputError(f"event {called(event)} returns {value.size} numbers, needs one; write an event for each")
-        one = value[0] if isinstance(value, Field) else np.asarray(value, object).item()
+        one = value.ravel()[0] if isinstance(value, Field | Cube) else np.asarray(value, object).item()
         written.append(WrittenFunction(event, ("its value",), (one,)))
     return written
+
+
+def _rate_of(rates: Any, grid: Grid) -> Traced:
+    """Return the expression of an element of the rates."""
+    if isinstance(rates, Field):
+        return _of_row(rates, grid)
+    if isinstance(rates, Cube):
+        row = rates.ravel()
+        return Traced(replaced(row.value.node, {row.dims[0]: index(grid.dim)}), row.value.nodes)
+    return _of_elements(rates, grid)
 
 
 def _of_row(rates: Field, grid: Grid) -> Traced:
@@ -160,9 +222,11 @@ def _check_numbers(
     }
     known |= {"second": 1.0, "pi": np.pi, f"unit_{grid.name}": 1.0}
     dims = {label: (grid.dim,) if kept.ndim == 1 else (grid.other, grid.dim) for label, kept in grid.constants.items()}
-    extents = {dim: Extent(dim, grid.size) for dim in (grid.dim, grid.other)}
+    dims |= {word: (f"{word}_index",) for word in grid.lists}
+    sizes = {grid.dim: grid.size, grid.other: grid.size} | grid.extents
+    extents = {dim: Extent(dim, size) for dim, size in sizes.items()}
     shapes = Shapes(extents, {}, dims | {grid.name: (grid.dim,)})
-    for label, kept in grid.constants.items():
+    for label, kept in (grid.constants | grid.lists).items():
         known |= dict(zip(shapes.elements(label), kept.ravel().tolist(), strict=True))
     places = sorted({*np.linspace(0, grid.size - 1, COMPARED).astype(int).tolist(), *range(3), *range(-3, 0)})
     places = sorted({place % grid.size for place in places})
@@ -172,10 +236,19 @@ def _check_numbers(
         least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
         for i, part in enumerate(written):
             wanted: list[Mapping[str, int]] = [{grid.dim: place} for place in places] if i == 0 else [{}]
-            nodes = [at(part.nodes[0], place, shapes) for place in wanted]
+            nodes = [at(part.nodes[0], place, shapes) for place in wanted] if not grid.extents else []
+            if grid.extents:  # sums over many elements: as arrays
+                arrays = {"t": t, **known, **values_of(tables.tables, t), grid.name: y, **grid.lists}
+                nodes = _evaluated(part.nodes[0], grid.dim if i == 0 else "", arrays, shapes, places if i == 0 else [0])
             span = abs(end - begin) if i == 0 and end != begin else 1.0
             call = partial(_some, part.function, t, y, row, places if i == 0 else [0])
             check_numbers(called(part.function), part.words * len(nodes), nodes, call, values, least / span)
+
+
+def _evaluated(tree: Node, dim: str, values: Mapping[str, Any], shapes: Shapes, places: list[int]) -> list[Node]:
+    """Return some values of an expression along a dimension, as trees of numbers."""
+    found = evaluate_elements(tree, (dim,) if dim else (), values, shapes).ravel()[places]
+    return [node_of(value) if np.isfinite(value) else Call("log", (Number(0.0),)) for value in found.tolist()]
 
 
 def _some(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:
