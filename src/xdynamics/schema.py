@@ -12,6 +12,8 @@ SCHEMA_VERSION = "2"  # "1" until 0.2; archives of another one are compared by t
 CONVENTIONS = "CF-1.11 ACDD-1.3 xdynamics-1"
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
+HELD = "held"  # the role of what controllers hold between ticks
+OF_MOTION = ("coordinate", "velocity", "state", HELD)  # roles of what a march goes on from
 CLOSED_LINKS = "closed"  # links of contacts of many bodies that are closed at an accepted state
 # of evidence: wanted times, levels of a refinement, which of the events of one name, periods, cases of a ledger, directions of growth
 AT, LEVEL, OCCURRENCE, CYCLE, CASE, EXPONENT = "at", "level", "occurrence", "cycle", "case", "exponent"
@@ -360,17 +362,15 @@ TEXTS = (
     Variable("model_toml", (), "U", "1", "the whole model as TOML", "model"),
     Variable("force_source", (), "U", "1", "generated source of the compiled march, and the source of Python forces", "model"),
 )  # fmt: skip
-GIVEN = "given"
+GIVEN, MEMORY, SMOOTH_SWITCH = "given", "memory", "smooth_switch"
 GIVEN_STEP = Variable(
     "given_step_size", (GIVEN,), "f8", SECONDS.text, "steps that the march was told to make", "step_size"
 )
-MEMORY = "memory"
 END_MEMORY = Variable(
     "end_memory", (MEMORY,), "f8", "1", "what the march goes on from behind its end, in its own units", "memory"
 )
 ERRORS = "errors"  # of the steps to the rows before these, where given absolute tolerances are judged by them
 WITNESSES = "witnesses"  # the last of these in a record without all rows: some of the whole march, column by column
-SMOOTH_SWITCH = "smooth_switch"
 PASSED = Variable(
     "smooth_switches_passed", (SMOOTH_SWITCH,), "i8", "1", "how often a switch that was declared smooth was passed by a step, and not located", "switch"
 )  # fmt: skip

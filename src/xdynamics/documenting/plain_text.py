@@ -10,6 +10,7 @@ from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.controllers import held, limited
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import switches
 from xdynamics.schema import acceleration
@@ -24,6 +25,7 @@ COUNTED = (
     "events",
     "contacts",
     "frictions",
+    "controllers",
     "regimes",
     "observables",
 )
@@ -76,8 +78,15 @@ def _motion(model: Model) -> Iterator[str]:
             yield f"force     {term} of {name} = {body}"
     for name, definition in model.definitions.items():
         yield f"with      {name} = {printed_simply(definition)}"
+    kept = held(model.controllers, model.time_unit)
     for name, state in model.states.items():
-        yield f"rate      of {name} = {printed_simply(state.rate)}"
+        if name not in kept:
+            yield f"rate      of {name} = {printed_simply(state.rate)}"
+    for name, controller in model.controllers.items():
+        waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
+        values = [f"{output} = {printed_simply(limited(part))}" for output, part in controller.outputs.items()]
+        values += [f"{state} = {printed_simply(part.next)}" for state, part in controller.states.items()]
+        yield f"controller {name}: every {controller.every}{''.join(f', {word}' for word in waits)}: {', '.join(values)}"
 
 
 def _factor(node: Node) -> str:

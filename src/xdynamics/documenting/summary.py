@@ -35,6 +35,7 @@ from xdynamics.schema import (
     EVIDENCE,
     LOG,
     LOGGED,
+    OF_MOTION,
     SAMPLES,
     STEPS,
     SWEEP,
@@ -261,12 +262,14 @@ def _end(run: xr.Dataset) -> Iterator[str]:
         yield f"t = {_event_time(run, last)}"
     else:
         yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
-    names = [
-        str(name)
-        for name, variable in run.data_vars.items()
-        if variable.dims == (STEPS,) and variable.attrs.get("role") in ("coordinate", "velocity", "state")
-    ]
+    names = _of_motion(run)
     yield from _values(run, names, names, -1)
+
+
+def _of_motion(run: xr.Dataset) -> list[str]:
+    """Name what a march goes on from: coordinates, velocities, states, what controllers hold."""
+    columns = {str(name): entry for name, entry in run.data_vars.items() if entry.dims == (STEPS,)}
+    return [name for name, entry in columns.items() if entry.attrs.get("role") in OF_MOTION]
 
 
 def _uncertain_part(run: xr.Dataset) -> float:
@@ -371,11 +374,7 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
             "kind": kind_description(attributes),
             "sizes": {str(dim): size for dim, size in run.sizes.items()},
         }
-    end = {
-        name: float(run[name][-1])
-        for name in map(str, run.data_vars)
-        if run[name].dims == (STEPS,) and run[name].attrs.get("role") in ("coordinate", "velocity", "state")
-    }
+    end = {name: float(run[name][-1]) for name in _of_motion(run)}
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     events = [
         {

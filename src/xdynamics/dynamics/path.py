@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
-from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, touches
+from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, refuse_ticks, touches
 from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
@@ -92,6 +92,7 @@ class RunPath:
             raise NotVariedError("no time passes in the run")
         if not np.isfinite(self.states).all():
             raise NotVariedError("a state is no number")
+        refuse_ticks(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
         if model.assemblies:

@@ -44,6 +44,17 @@ class NotVariedError(Exception):
     """A run whose changes these equations do not describe; the message names the obstacle."""
 
 
+def refuse_ticks(model: Model) -> None:
+    """Refuse a model that is changed at ticks, of which variational equations know nothing.
+
+    Raises
+    ------
+    NotVariedError
+    """
+    if model.controllers:
+        raise NotVariedError(f"controller '{next(iter(model.controllers))}' changes what it holds at its ticks")
+
+
 def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
     """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}

@@ -50,6 +50,17 @@ def correction(source: str, is_readable: Callable[[str], bool]) -> str:
     return f"; write '{found[0]}', or '{found[1]}' if {symbol} is a name of the model"
 
 
+def with_unit_names(quantity: str) -> str:
+    """Return a quantity as an expression: its number times the names of its unit.
+
+    Examples
+    --------
+    >>> with_unit_names("-5 N"), with_unit_names("10 ms")
+    ('-5*newton', '0.01*second')
+    """
+    return _WITH_UNIT.sub(_with_unit, quantity)
+
+
 def _with_unit(match: re.Match[str]) -> str:
     """Write a number and its unit as a product of unit names; one that has no name in SI units."""
     try:

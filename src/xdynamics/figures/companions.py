@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.figures.curves import drawn
-from xdynamics.schema import STEPS
+from xdynamics.schema import OF_MOTION, STEPS
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ Floats = NDArray[np.float64]
 Columns = Mapping[str, tuple[Floats, Floats, Floats | None]]
 
 MOST_TRAITS = 3  # that a label has
-STARTS = ("coordinate", "velocity", "state")  # roles of what a run begins with
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def _traits(run: xr.Dataset) -> dict[str, str]:
         role, units = variable.attrs.get("role"), variable.attrs.get("units", "1")
         if role == "parameter" and variable.ndim == 0:
             traits[f"parameter {name}"] = f"{name} = {_number(variable.values, units)}"
-        elif role in STARTS and variable.dims == (STEPS,) and variable.size:
+        elif role in OF_MOTION and variable.dims == (STEPS,) and variable.size:
             traits[f"start {name}"] = f"{name}(0) = {_number(variable[0].values, units)}"
     return {key: text for key, text in traits.items() if text}
 

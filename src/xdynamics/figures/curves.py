@@ -17,7 +17,7 @@ from xdynamics.evidence.observables import evaluated_on, tree_of
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.schema import STEPS, acceleration, rate, velocity
+from xdynamics.schema import HELD, STEPS, acceleration, rate, velocity
 from xdynamics.units import parse_unit
 
 DRAWN = 4000  # points of a line; what is longer is thinned
@@ -152,6 +152,8 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     evaluated on them. Where the record does not suffice, states lie on Hermite polynomials through the values recorded at
     both ends of a step. None if neither is available, or there are so many rows that straight lines are as good.
     """
+    if name in run.variables and run[name].dims == (STEPS,) and run[name].attrs.get("role") == HELD:
+        return _stairs(run["time"].values, run[name].values)
     inner = _inner(run)
     if inner is None or name not in run.variables or run[name].dims != (STEPS,):
         return None
@@ -167,6 +169,11 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
     line[lost] = np.interp(times[lost], times[~lost], line[~lost])
     return times, line
+
+
+def _stairs(times: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return times and values of a line that keeps each value until the next row."""
+    return np.repeat(times, 2)[1:], np.repeat(values, 2)[:-1]
 
 
 def moments(run: xr.Dataset) -> Floats:

@@ -16,9 +16,10 @@ from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
+from xdynamics.model.controllers import pending
 from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
-from xdynamics.schema import STEPS, velocity
+from xdynamics.schema import HELD, STEPS, velocity
 from xdynamics.shapes import parted
 
 FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
@@ -33,6 +34,7 @@ KINDS = (
     "map",
     "contact",
     "drive",
+    "controller",
     "phase",
     "section",
     "energy",
@@ -51,6 +53,7 @@ FIRST = (
     "energy",
     "contact",
     "drive",
+    "controller",
     "state",
     "velocity",
     "profile",
@@ -185,8 +188,9 @@ def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) ->
     states, observables = _with_role(run, "state"), _with_role(run, "observable")
     if wanted is None and not coordinates and observables and not any(np.ptp(run[name].values) for name in states):
         states, wanted = [], observables  # nothing moves, and what is computed was asked for
-    kinds = {"trajectory": coordinates, "velocity": moving, "state": states, "other": _others(run)}
-    titles = {"state": "first-order state"}
+    outputs, others = _held(run), _others(run)
+    kinds = {"trajectory": coordinates, "velocity": moving, "state": states, "controller": outputs, "other": others}
+    titles = {"state": "first-order state", "controller": "held between ticks"}
     for kind, names in kinds.items():
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
             what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
@@ -233,6 +237,14 @@ def _wanted_names(kind: str, names: list[str], wanted: Sequence[str] | None) -> 
     if wanted is None:
         return names if kind != "other" else []
     return names if kind in wanted else [name for name in names if name in wanted]
+
+
+def _held(run: xr.Dataset) -> list[str]:
+    """Name what controllers hold and what is in effect of what they put out."""
+    held = _with_role(run, HELD)
+    controllers = model_of(run, None).controllers if held and "model_toml" in run else {}
+    waiting = {name for part in controllers.values() for output in part.outputs for name in pending(output, part)}
+    return [name for name in held if name not in waiting]
 
 
 def _others(run: xr.Dataset) -> list[str]:

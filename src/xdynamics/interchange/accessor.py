@@ -18,7 +18,7 @@ from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.record import check_kind
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
-from xdynamics.schema import BOUNDS, EVENTS, STEPS
+from xdynamics.schema import BOUNDS, EVENTS, OF_MOTION, STEPS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +32,7 @@ show_pages()
 show_time_notes()
 
 ENDS = ("lower", "upper")
-OF_STATES = ("coordinate", "velocity", "state", "acceleration")
+OF_STATES = (*OF_MOTION, "acceleration")
 
 
 @xr.register_dataset_accessor("dynamics")

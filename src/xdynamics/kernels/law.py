@@ -99,7 +99,11 @@ class Law:
             return tuple(programs)
         distance = layout.used.size + layout.evaluation.size
         rests = {"y": distance, "z": distance, "w": self.steps.memory, "p": len(constants(layout.model)), "at": len(AT)}
-        own = {"row": 0, "detect": 0, "resets": len(layout.resets)}  # programs whose results are no state
+        own = {
+            "row": 0,
+            "detect": 0,
+            "resets": len(layout.resets) + len(layout.ticking),
+        }  # programs whose results are no state
         return tuple(
             program
             if program.name in FLOATS_ALONE

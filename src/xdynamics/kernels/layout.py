@@ -15,6 +15,7 @@ from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
+from xdynamics.model.controllers import TickChange, changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.lazy_trees import Lazy, own_mass
 from xdynamics.model.motion import in_regimes
@@ -216,6 +217,11 @@ class Layout:
     def resets(self) -> tuple[tuple[str, str], ...]:
         """Pairs of an event and a name that it sets."""
         return tuple((name, target) for name, event in self.model.events.items() for target in event.reset)
+
+    @cached_property
+    def ticking(self) -> tuple[TickChange, ...]:
+        """What actions of controllers set, all of them at one tick from what holds just before it."""
+        return changes(self.model.controllers)
 
     @cached_property
     def followed(self) -> dict[str, Node]:

@@ -200,9 +200,12 @@ def values_of(layout: Layout, trees: Iterable[Node]) -> Program:
 
 
 def resets(layout: Layout) -> Program:
-    """Write what events set the state to, in the order of `Layout.resets`."""
-    trees = [layout.model.expanded(layout.model.events[name].reset[target]) for name, target in layout.resets]
-    return _returning("resets", "What events set the state to.", layout, trees)
+    """Write what events set the state to, in the order of `Layout.resets`, then what controllers do."""
+    model = layout.model
+    trees = [model.expanded(model.events[name].reset[target]) for name, target in layout.resets]
+    trees += [model.expanded(change.value) for change in layout.ticking]
+    about = "What events and controllers set the state to." if layout.ticking else "What events set the state to."
+    return _returning("resets", about, layout, trees)
 
 
 def derived(layout: Layout) -> Program:

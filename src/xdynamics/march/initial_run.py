@@ -39,6 +39,7 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
+from xdynamics.model.controllers import actions, exact_ticks, exact_time, ticks
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
@@ -57,7 +58,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
-    requested_nodes = np.array(settings.nodes) / scales.of(TIME)
+    instants, actions_there = _ticks_of(model, settings)
+    requested_nodes = np.append(np.array(settings.nodes) / scales.of(TIME), instants)
     nodes = np.union1d(nodes_of(model, scales), requested_nodes) if requested_nodes.size else nodes_of(model, scales)
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
@@ -82,7 +84,8 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         places=places,
         of_time=np.array([i for i, drive in enumerate(model.drives.values()) if drive.argument == "t"], np.int64),
         nodes=nodes,
-        node_rests=_node_rests(settings, nodes),
+        ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
+        node_rests=_node_rests(model, settings, nodes),
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
@@ -234,6 +237,23 @@ def nodes_of(model: Model, scales: Scales) -> Floats:
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 
+def _ticks_of(model: Model, settings: Settings) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the times of the ticks of controllers, and the actions at each as bits of a number."""
+    if not model.controllers:
+        return np.empty(0), np.empty(0, np.int64)
+    first, last = exact_time(model.initial["t"]), exact_value(settings.until)
+    instants, actions_there = ticks(actions(model.controllers), first, last)
+    return instants / settings.scales.of(TIME), actions_there
+
+
+def _ticks_at(instants: Floats, actions_there: NDArray[np.int64], times: Floats) -> NDArray[np.int64]:
+    """Return the actions at given times, ascending, as bits; none where there are no ticks."""
+    if not instants.size:
+        return np.empty(0, np.int64)
+    places = np.minimum(np.searchsorted(instants, times), instants.size - 1)
+    return np.where(instants[places] == times, actions_there[places], 0)
+
+
 def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
     """Return the times that given steps lead to, snapped to nodes close by, and the steps."""
     times, t, end = [], start, float(nodes[-1])
@@ -274,11 +294,13 @@ def rest_of_time(time: float) -> float:
     return nearest(exact_value(time)).low
 
 
-def _node_rests(settings: Settings, nodes: Floats) -> Floats:
+def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
     """Return what is left of every node and of the end; breakpoints of tables are floats as they are."""
     if settings.precision != DOUBLE_DOUBLE:
         return np.empty(0)
     rests = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
+    first, last = exact_time(model.initial["t"]), exact_value(settings.until)
+    rests |= {float(time): nearest(time).low for time in exact_ticks(actions(model.controllers), first, last)}
     return np.array([rests.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
 
 

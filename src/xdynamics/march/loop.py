@@ -47,6 +47,7 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.series import foresee
+from xdynamics.march.ticks import tick_at_end, tick_at_start
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (
@@ -128,6 +129,7 @@ def start(run: Run) -> None:
     run.at[REGIME] = now.regime  # until an event changes it
     run.kept[0].since = BEGUN
     enter_pieces(now.t, run.tables, run.places, run.of_time)
+    tick_at_start(run)
     if plan.switches > 0:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
@@ -246,6 +248,9 @@ def accept(run: Run) -> None:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     inner = now.node < run.nodes.shape[0]  # the end of the run is no breakpoint
     kind = NODE if trial.landing in (AT_NODE, AT_BOTH) and inner else STEP
+    if tick_at_end(run) and not finite_state(run):
+        end(run, nonfinite(run))
+        return
     if not note(run, kind, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return

@@ -200,8 +200,11 @@ class Run:
     located_g: Passing[Floats]
     located_samples: Passing[Floats]
     watches: Watches
-    resets: Passing[Floats]  # values to which events set the state
-    targets: Given[Lists]  # event and place in the state of each
+    resets: Passing[Floats]  # values to which events and controllers set the state
+    targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each
+    ticks: Given[
+        Whole
+    ]  # the actions of controllers at the start, at each node and at the end, as bits; none without any
     piece: Passing[Pieces]
     near: Passing[Floats]  # states and event functions at the ends of a piece
     full: Passing[Floats]  # the state at the end of the trial in which events are looked for, `piece.full` long

@@ -56,8 +56,8 @@ def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[An
             "detectors": _detectors(law.layout, intervals, settings),
             "watches": np.zeros(events, WATCH),
             **_region(law.layout, intervals, settings),
-            "resets": np.zeros(len(law.layout.resets) * (1 + law.layout.is_doubled)),
-            "targets": np.array(_targets(law), np.int64).reshape(-1, 2),
+            "resets": np.zeros(len(targets := _targets(law)) * (1 + law.layout.is_doubled)),
+            "targets": np.array(targets, np.int64).reshape(-1, 2),
             "piece": np.zeros(1, PIECE),
             "rows": intervals.rows,
             "numbers": intervals.numbers,
@@ -133,9 +133,10 @@ def _linked(m: int, n: int) -> dict[str, NDArray[Any]]:
 
 
 def _targets(law: Law) -> list[tuple[int, int]]:
-    """Return the event and the place in the state of everything that events set."""
+    """Return what sets it and the place in the state of everything that is set: an event, or -1 - the action of a controller."""
     events, used = list(law.layout.model.events), law.layout.used
-    return [(events.index(name), used.index(target)) for name, target in law.layout.resets]
+    targets = [(events.index(name), used.index(target)) for name, target in law.layout.resets]
+    return targets + [(-1 - change.action, used.index(change.target)) for change in law.layout.ticking]
 
 
 def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:

@@ -24,9 +24,11 @@ from xdynamics.methods.scheme import (
 from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
+from xdynamics.model.controllers import exact_time, faults_of_ticks
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.schema import sampled
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
+from xdynamics.units.rounded import exact_value
 
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next
@@ -216,6 +218,7 @@ class Settings:
             *self._summation_faults(),
             *self._switches_faults(),
             *precision_faults(self, model),
+            *self._tick_faults(model, start, second),
             *self.pacing.faults(second),
         ]
         if self.tolerances is not None:
@@ -251,6 +254,11 @@ class Settings:
             raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))
         if faults:
             raise InputError(faults[0], tuple(faults))
+
+    def _tick_faults(self, model: Model, start: float, second: str) -> list[str]:
+        if not (model.controllers and isfinite(self.until) and self.until > start):
+            return []
+        return faults_of_ticks(model.controllers, exact_time(model.initial["t"]), exact_value(self.until), second)
 
     def _faults_of_scales(self, model: Model) -> list[str]:
         faults = []

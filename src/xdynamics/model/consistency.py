@@ -16,11 +16,12 @@ from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.controllers import EVERY, starts
 from xdynamics.model.given_values import unit_of
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
 from xdynamics.model.name_consistency import check_names
-from xdynamics.model.parts import ORIGIN, Event, Function
+from xdynamics.model.parts import ORIGIN, Controller, Event, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
 from xdynamics.schema import acceleration, velocity
@@ -82,6 +83,8 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     for name, event in statement.events.items():
         _check_event(name, event, statement, dimensions, ledger)
         _check_action(name, event, statement, dimensions, ledger)
+    for name, controller in statement.controllers.items():
+        _check_controller(name, controller, statement, dimensions, ledger)
     _check_regimes(statement, ledger)
     accelerations = _accelerations(statement, dimensions)
     for name, observable in statement.observables.items():
@@ -211,6 +214,29 @@ def _check_action(
             check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[target])
         else:
             ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
+
+
+def _check_controller(
+    name: str, controller: Controller, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+) -> None:
+    """Check the times of a controller, and the dimensions of what it computes."""
+    time, what = statement.time_unit, f"controller '{name}'"
+    for key in ("every", "phase", "delay"):
+        value = getattr(controller, key)
+        if value is not None and value.unit.dimension != time.dimension:
+            ledger.note(f"{what}: {key} is '{value}', needs a time in '{time.text}'")
+    known = {**dimensions, EVERY: time.dimension}
+    for target, output in controller.outputs.items():
+        for key in ("value", "minimum", "maximum"):
+            if (tree := getattr(output, key)) is not None:
+                check_dimension(ledger, f"{what}: {key} of '{target}'", tree, known, output.unit.dimension)
+    for target, memory in controller.states.items():
+        check_dimension(ledger, f"{what}: next of '{target}'", memory.next, known, memory.unit.dimension)
+    units = {target: part.unit for target, part in controller.outputs.items()}
+    units |= {target: part.unit for target, part in controller.states.items()}
+    for target, start in starts({name: controller}).items():
+        if target in units and start.unit.dimension != units[target].dimension:
+            ledger.note(f"{what}: start of '{target}' is '{start}', needs the unit '{units[target].text}'")
 
 
 def _check_regimes(statement: Statement, ledger: Ledger) -> None:

@@ -15,6 +15,7 @@ from xdynamics.expressions import Along, Node, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.controllers import each_tree
 from xdynamics.model.drives import Table
 from xdynamics.model.elementwise import Elementwise, Numbers, always
 from xdynamics.model.given_values import Values, unit_of
@@ -23,6 +24,7 @@ from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
     MOST_REACTIONS,
     Contact,
+    Controller,
     Drive,
     Event,
     Force,
@@ -78,6 +80,7 @@ class Elements:
             if self._many
             else {},
             frictions=_by_element(self._friction, old.frictions),
+            controllers={name: self._controller(part) for name, part in old.controllers.items()},
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
             validation=_by_element(self._closed_form, old.validation),
@@ -126,6 +129,9 @@ class Elements:
 
     def _state(self, part: State, place: Place) -> State:
         return replace(part, rate=self._at(part.rate, place), dims=())
+
+    def _controller(self, part: Controller) -> Controller:
+        return each_tree(part, lambda tree: self._at(tree, {}))
 
     def _observable(self, part: Observable, place: Place) -> Observable:
         return replace(part, expression=self._at(part.expression, place))

@@ -13,13 +13,24 @@ from xdynamics.model.given_values import dims_key
 from xdynamics.model.instruments import KEYS as READING_KEYS
 from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source
-from xdynamics.model.parts import Contact, Drive, Event, Friction, Function, Observable, Parameter, Validation
+from xdynamics.model.parts import (
+    Contact,
+    Controller,
+    Drive,
+    Event,
+    Friction,
+    Function,
+    Observable,
+    Output,
+    Parameter,
+    Validation,
+)
 from xdynamics.model.python_tables import tabled
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import keys
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
 from xdynamics.shapes import Shapes
-from xdynamics.units import NUMBERS, SECONDS, Unit, parse_quantity
+from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity
 
 COULOMB = "coulomb"
 _OF_COULOMB = ("slip", "friction", "static")
@@ -152,6 +163,19 @@ def event(**values: Any) -> Event:
     if action == "record" and values.get("count", 1) > 1:
         raise InputError(f"count is {values['count']}, and action 'record' does nothing that could wait for it")
     return Event(reset=values.pop("set", {}), **values)
+
+
+def controller(every: Quantity, outputs: dict[str, Output], **others: Any) -> Controller:
+    """Make a controller, which puts something out; only that is delayed.
+
+    Raises
+    ------
+    InputError
+        If it has no outputs.
+    """
+    if not outputs:
+        raise InputError("outputs is empty; a controller needs one: give its unit, start and value")
+    return Controller(every, outputs, **others)
 
 
 def contact(**values: Any) -> Contact:

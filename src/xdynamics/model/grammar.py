@@ -8,6 +8,7 @@ from __future__ import annotations
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model import entries
 from xdynamics.model.closed_forms import BOUND
+from xdynamics.model.controller_sections import MEMORY, OUTPUT, entries_of
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
 from xdynamics.model.given_values import dims_key
 from xdynamics.model.kinds import (
@@ -28,6 +29,7 @@ from xdynamics.model.kinds import (
     TEXT,
     TIME_UNIT,
     UNIT,
+    WAIT,
     Kind,
     name_of,
     names_of,
@@ -51,11 +53,10 @@ from xdynamics.model.parts import (
     Regime,
     State,
 )
-from xdynamics.model.section import NEEDED, Key, Section
+from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
 from xdynamics.model.uncertainty import DISTRIBUTIONS, Discrepancy
 from xdynamics.units import SECONDS
 
-DESCRIPTION = Key("description", TEXT, "what it is, for people; it goes into the record", "none")
 TOLERANCE = Key("time_tolerance", DURATION, "how well it is located", "that of the run")
 PLACE = Key(
     "position_tolerance",
@@ -276,6 +277,21 @@ SECTIONS: dict[str, Section] = {
         ),
         '[frictions.belt]\nslip = "v_x - 0.1*metre/second"\nkinetic = "0.2*newton"\nstatic = "0.4*newton"\ntime_tolerance = "1 ns"\ndescription = "felt"\n',
         make=entries.friction, apart=True,
+    ),
+    "controllers": Section(
+        "sampled controllers: at each tick all values are computed from what holds just before it; a tick is a node of the march, not an event", "controller",
+        (
+            Key("every", DURATION, "from tick to tick; ticks lie at exact multiples of it, the first at the start. In expressions of the controller, every is this time", NEEDED),
+            Key("phase", WAIT, "how long after the start the first tick is", "0"),
+            Key("delay", WAIT, "how long after a tick its outputs take effect: a computing time; perhaps several periods", "0"),
+            Key("outputs", entries_of(OUTPUT), "what forces read by name, as they do states", NEEDED),
+            Key("states", entries_of(MEMORY), "integrals, filtered values, modes: changed at ticks, without delay", "none"),
+            DESCRIPTION,
+        ),
+        '[controllers.brake]\nevery = "10 ms"\nphase = "2 ms"\ndelay = "1 ms"\ndescription = "PI, sampled"\n'
+        '[controllers.brake.outputs.grip]\nunit = "N"\nstart = "0 N"\nvalue = "-3*newton/metre*(x + integral/second)"\nminimum = "-5 N"\nmaximum = "5*newton"\ndescription = "of the motor"\n'
+        '[controllers.brake.states.integral]\nunit = "m s"\nstart = "0 m s"\nnext = "integral + x*every"\ndescription = "of the deviation"\n',
+        make=entries.controller, apart=True,
     ),
     "regimes": Section(
         "which forces act together while a regime lasts; events switch between them", "regime",

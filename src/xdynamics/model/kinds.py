@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from xdynamics.expressions import Node, parse, text_of
+from xdynamics.expressions.corrections import with_unit_names
 from xdynamics.faults import InputError
 from xdynamics.model.file_access import FileAccess
 from xdynamics.model.parts import Function
@@ -196,6 +197,30 @@ def _duration(value: Any, key: str, *_: Source) -> Quantity:
     return quantity
 
 
+def _wait(value: Any, key: str, *_: Source) -> Quantity | None:
+    quantity = parse_quantity(value)
+    if quantity.unit.dimension not in (TIME, NONE) or quantity.value < 0:
+        raise InputError(f"{key} is '{quantity}', needs a time that is not negative")
+    return quantity if quantity.value else None
+
+
+def _quantity(value: Any, key: str, *_: Source) -> Quantity:
+    try:
+        return parse_quantity(value)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _limit(value: Any, key: str, source: Source) -> Node:
+    """Read a quantity, a plain number or an expression as an expression."""
+    if isinstance(value, str):
+        try:
+            return _expression(with_unit_names(str(parse_quantity(value))), key, source)
+        except InputError:
+            return _expression(value, key, source)
+    return _coefficient(value, key, source)
+
+
 def _positive(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if not quantity.value > 0:
@@ -251,6 +276,9 @@ PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pai
 FLAG = Kind("true | false", _flag, omitted=False)
 COUNT = Kind("whole number from 1 on", _count, omitted=1)
 DURATION = Kind("time", _duration, _as_text, None)
+WAIT = Kind("time", _wait, _as_text, None)
+QUANTITY = Kind("quantity", _quantity, _as_text)
+LIMIT = Kind("quantity or expression", _limit, _text_of, None)
 INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{unit_suffix(unit)}" for time in times], ())
 POSITIVE = Kind("quantity", _positive, _as_text, None)
 SIZE = Kind("quantity", _size, _as_text, None)

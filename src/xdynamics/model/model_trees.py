@@ -14,6 +14,7 @@ from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Contact,
+    Controller,
     Coordinate,
     Drive,
     Event,
@@ -59,6 +60,7 @@ class ModelTrees:
     regime: str
     observables: dict[str, Node]
     observed: dict[str, Observable]
+    controllers: dict[str, Controller]
     run: dict[str, Any]
     validation: dict[str, Validation]
     correlations: dict[tuple[str, str], float]

@@ -162,6 +162,44 @@ class Event:
     position_tolerance: Quantity | None = None
 
 
+@dataclass(frozen=True)
+class Output:
+    """What a controller puts out: a value that holds between its ticks, between bounds if it has any."""
+
+    unit: Unit
+    start: Quantity
+    value: Node
+    minimum: Node | None = None
+    maximum: Node | None = None
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class ControllerState:
+    """What a controller remembers from tick to tick: an integral, a filtered value, a count."""
+
+    unit: Unit
+    start: Quantity
+    next: Node
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A sampled controller, which acts at its ticks: every `every` from `phase` after the start on.
+
+    Its attributes are the keys of `[controllers]`. All of its values are computed from what holds just before a tick;
+    what it puts out changes `delay` later.
+    """
+
+    every: Quantity
+    outputs: Mapping[str, Output]
+    states: Mapping[str, ControllerState] = field(default_factory=dict)
+    phase: Quantity | None = None
+    delay: Quantity | None = None
+    description: str = ""
+
+
 MOST_REACTIONS = 24  # forces of contacts and friction that are written out: their equations grow as the cube
 
 

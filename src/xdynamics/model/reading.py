@@ -11,6 +11,8 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
+from xdynamics.model.controllers import check_controllers, held
+from xdynamics.model.controllers import starts as first_values
 from xdynamics.model.file_access import FileAccess
 from xdynamics.model.given_values import Values, is_of_elements, values_of
 from xdynamics.model.grammar import HEAD, SECTIONS
@@ -67,6 +69,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
             shapes = related(parts["extents"], parts["relations"], ledger)
             ledger.raise_faults()
     parts["contacts"] |= _entries(_IMPACTS, impacts, source, ledger)
+    _hold(parts, ledger)
     parts["observables"] = {entry: part.expression for entry, part in parts["observed"].items()}
     parts |= _start(parts, start, ledger)
     with ledger.entry("correlations"):
@@ -132,10 +135,29 @@ def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger)
     at_rest = {name: Quantity(0.0, unit) for name, unit in rest.items() if name not in given}
     return {
         "regime": str(regime),
-        "initial": {"t": Quantity(0.0, time)} | {name: start.quantity for name, start in starts.items()} | at_rest,
+        "initial": {"t": Quantity(0.0, time)}
+        | {name: start.quantity for name, start in starts.items()}
+        | at_rest
+        | first_values(parts["controllers"]),
         "at_rest": tuple(at_rest),
         "starts": {name: start for name, start in starts.items() if start.spread or start.description},
     }
+
+
+def _hold(parts: dict[str, Any], ledger: Ledger) -> None:
+    """Have what controllers hold among the states of a model."""
+    controllers = parts["controllers"]
+    with ledger.entry("controllers"):
+        check_controllers(controllers)
+        states = [name for part in controllers.values() for name in held({"": part}, parts["time_unit"])]
+        for name in states:
+            if name in parts["states"] or states.count(name) > 1:
+                raise InputError(f"'{name}' is held by a controller, and is a state or held once more; rename one")
+            if name in parts["initial"] or name in parts["starting"]:
+                raise InputError(
+                    f"'{name}' is held by a controller: give its first value there, as start, not in [initial]"
+                )
+        parts["states"] = parts["states"] | held(controllers, parts["time_unit"])
 
 
 def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from xdynamics.model.kinds import Kind, Source
+from xdynamics.model.kinds import TEXT, Kind, Source
 from xdynamics.model.table_keys import keys
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import Dimension, Unit, parse_unit
@@ -64,6 +64,9 @@ class Key:
         """Whether a value is to be written."""
         omitted = self.kind.omitted if self.omitted is _OF_KIND else self.omitted
         return self.default == NEEDED or not bool(value == omitted)
+
+
+DESCRIPTION = Key("description", TEXT, "what it is, for people; it goes into the record", "none")
 
 
 @dataclass(frozen=True)

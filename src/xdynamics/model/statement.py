@@ -15,6 +15,7 @@ from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links, related
 from xdynamics.model.parts import (
     Contact,
+    Controller,
     Coordinate,
     Drive,
     Event,
@@ -53,6 +54,9 @@ class Statement:
     events: dict[str, Event] = field(default_factory=dict)
     contacts: dict[str, Contact] = field(default_factory=dict)
     frictions: dict[str, Friction] = field(default_factory=dict)
+    controllers: dict[str, Controller] = field(
+        default_factory=dict
+    )  # what they hold is among states and initial values
     regimes: dict[str, Regime] = field(default_factory=dict)
     regime: str = ""  # that the motion begins in
     observables: dict[str, Node] = field(default_factory=dict)

@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
+from xdynamics.model.controllers import held, starting_from
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.given_values import Values, written_values
 from xdynamics.model.grammar import SECTIONS
@@ -63,11 +64,27 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
 
 def _initial(statement: Statement) -> dict[str, Any]:
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
-    body: dict[str, Any] = {
-        name: written_parameter(start) for name, start in starts.items() if name not in statement.at_rest
-    }
+    elsewhere = {*statement.at_rest, *held(statement.controllers, statement.time_unit)}
+    body: dict[str, Any] = {name: written_parameter(start) for name, start in starts.items() if name not in elsewhere}
     body |= {name: _values_of(statement, values, declared=True) for name, values in statement.starting.items()}
     return body | ({"regime": statement.regime} if statement.regime else {})
+
+
+def _states(statement: Statement) -> dict[str, Any]:
+    own = held(statement.controllers, statement.time_unit)
+    section = SECTIONS["states"]
+    return {
+        name: section.write(part, statement.time_unit) for name, part in statement.states.items() if name not in own
+    }
+
+
+def _controllers(statement: Statement) -> dict[str, Any]:
+    """Return controllers with the values that the motion starts from."""
+    section = SECTIONS["controllers"]
+    return {
+        name: section.write(starting_from(part, statement.initial), statement.time_unit)
+        for name, part in statement.controllers.items()
+    }
 
 
 def _values_of(statement: Statement, values: Values, *, declared: bool) -> Any:
@@ -96,6 +113,8 @@ def _mass(statement: Statement) -> dict[str, Any]:
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key
     "mass": _mass,
+    "states": _states,
+    "controllers": _controllers,
     "initial": _initial,
     "correlations": _correlations,
     "run": attrgetter("run"),

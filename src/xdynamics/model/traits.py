@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from xdynamics.expressions import Node, free_names
+from xdynamics.model.controllers import held
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.whole import acting, has_wholes, written_out
@@ -40,7 +41,8 @@ def traits_of(model: Model) -> dict[Trait, str]:
     asked, rates = _right_hand_side(model), bool(model.states)
     # names of elements are many, and made where something reads them
     coordinates = set(model.coordinates) if asked or rates else set[str]()
-    velocities, states = set(map(velocity, coordinates)), set(model.states)
+    kept = held(model.controllers, model.time_unit)  # constant between ticks, as parameters are
+    velocities, states = set(map(velocity, coordinates)), set(model.states) - kept.keys()
     for label, names_read in asked:
         if fault := names_read & velocities:
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")

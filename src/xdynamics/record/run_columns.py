@@ -25,6 +25,7 @@ from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
+from xdynamics.record.first_order_columns import of_first_order
 from xdynamics.record.folded_columns import dimensions, folded, folded_constants, parted
 from xdynamics.record.rest_column import rest_column
 from xdynamics.record.switches import passed, side_columns
@@ -38,7 +39,7 @@ from xdynamics.units import Scales, Unit
 Array = NDArray[Any]
 
 ALWAYS = ("time", "step_size", "flag")  # roles of columns of every log
-OF_STATES = ("coordinate", "velocity", "state", "error")
+OF_STATES = (*schema.OF_MOTION, "error")
 
 
 def columns(march: March) -> list[Column]:
@@ -181,9 +182,8 @@ def _steps(about: About) -> list[Column]:
         add(own, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
         add(velocity, f"velocity of {name}", units.known[velocity.name])
         add(acceleration, f"acceleration of {name}", units.known[acceleration.name])
-    for own, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
-        add(own, layout.declared.states[own.name].description or f"state {own.name}", units.known[own.name])
-        add(rate, f"rate of {own.name}", units.known[rate.name])
+    for own, long_name in of_first_order(about):
+        add(own, long_name, units.known[own.name])
     along = [(term, name) for term, components in layout.terms.items() for name in components]
     for (term, name), force in zip(along, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term

@@ -165,6 +165,7 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         "a full mass matrix over dimensions": model.shapes.dims and not has_wholes(model),
         "contacts": [*model.contacts, *model.assemblies],
         "frictions": model.frictions,
+        "controllers": model.controllers,
         "regimes": model.regimes,
         "functions in Python": model.python_functions,
     }

@@ -11,6 +11,7 @@ from xdynamics.march.calls import called
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import STOPPED
 from xdynamics.march.run import Run
+from xdynamics.march.ticks import put
 from xdynamics.model.detectors import KINK
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
@@ -48,12 +49,8 @@ def reset(run: Run, i: int, e: int) -> None:
     """Reset the state as an event declares, all from the state before; its row notes how far positions are moved."""
     first = run.log_impulses.shape[0] - run.plan[0].coordinates
     called(run.law[RESETS], run, run.z, run.resets, 0)
-    carried = run.plan[0].used + run.plan[0].evaluated
     for k in range(run.targets.shape[0]):
         if run.targets[k, 0] == i:
             if run.targets[k, 1] < run.plan[0].coordinates:
                 run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
-            run.z[run.targets[k, 1]] = run.resets[k]
-            if carried < run.z.shape[0]:  # rounding carried for the value before is not that of the new one
-                rest = run.resets[run.targets.shape[0] + k] if run.plan[0].doubled > 0 else 0.0
-                run.z[carried + run.targets[k, 1]] = rest
+            put(run, k, run.z)

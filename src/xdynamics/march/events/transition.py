@@ -46,6 +46,7 @@ from xdynamics.march.run import (
     WEIGH,
     Run,
 )
+from xdynamics.march.ticks import tick_at_end
 from xdynamics.march.trial_step import copy, look, propose_apart
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
@@ -77,6 +78,10 @@ def hand_over(run: Run) -> int:
     note_samples_apart(run, row_before)
     note_events(run, row_before, run.piece[0].substeps)
     if not cross(run, row_before):
+        return REASON_EVENT
+    if reached and tick_at_end(run) and not finite_state(run):
+        break_off(run, row_before)
+        end(run, nonfinite(run))
         return REASON_EVENT
     if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)

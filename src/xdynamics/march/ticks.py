@@ -1,0 +1,58 @@
+"""Ticks of controllers: what they hold changes, all from what holds just before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.law import RESETS
+from xdynamics.kernels.program import T
+from xdynamics.march.acceptance import AT_BOTH, AT_NODE
+from xdynamics.march.calls import called
+from xdynamics.march.exact_times import set_time
+from xdynamics.march.force_evaluation import evaluate
+from xdynamics.march.run import Run
+
+State = NDArray[Any]
+
+
+@shared
+def tick_at_start(run: Run) -> None:
+    """Let controllers act at the start, before anything else reads what they hold."""
+    if run.ticks.shape[0] > 0 and run.ticks[0] != 0:
+        evaluate(run, run.now[0].t, run.y)
+        change(run, run.ticks[0], run.now[0].t, run.y)
+
+
+@shared
+def tick_at_end(run: Run) -> bool:
+    """Let controllers act at the end of a trial, if it is a tick; whether it is."""
+    now, trial = run.now[0], run.trial[0]
+    if run.ticks.shape[0] == 0 or trial.landing not in (AT_NODE, AT_BOTH) or run.ticks[now.node + 1] == 0:
+        return False
+    change(run, run.ticks[now.node + 1], trial.t, run.z)
+    evaluate(run, trial.t, run.z)
+    return True
+
+
+@shared
+def change(run: Run, actions: int, t: float, state: State) -> None:
+    """Set what some actions change in a state, all from what holds in it."""
+    set_time(run, T, t)
+    called(run.law[RESETS], run, state, run.resets, 0)
+    for k in range(run.targets.shape[0]):
+        action = -1 - run.targets[k, 0]
+        if action >= 0 and (actions >> action) & 1 == 1:
+            put(run, k, state)
+
+
+@shared
+def put(run: Run, k: int, state: State) -> None:
+    """Put a value that was computed into its place of a state."""
+    carried = run.plan[0].used + run.plan[0].evaluated
+    state[run.targets[k, 1]] = run.resets[k]
+    if carried < state.shape[0]:  # rounding carried for the value before is not that of the new one
+        rest = run.resets[run.targets.shape[0] + k] if run.plan[0].doubled > 0 else 0.0
+        state[carried + run.targets[k, 1]] = rest

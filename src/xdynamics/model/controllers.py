@@ -1,0 +1,233 @@
+"""Sampled controllers: what they hold between ticks, what they change at them, and when they tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
+from math import ceil, floor, lcm
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Binary, Call, Name, Node, Number, expand, parse
+from xdynamics.expressions.corrections import with_unit_names
+from xdynamics.faults import InputError
+from xdynamics.model.parts import Controller, Output, State
+from xdynamics.units import NONE, NUMBERS, Quantity, Unit
+from xdynamics.units.rounded import decimal_text, exact_value
+
+MOST_TICKS = 10_000_000  # of a run
+MOST_ACTIONS = 62  # each is a bit of a number at every tick
+MOST_PENDING = 100  # values of one output on their way
+EXACT = 1 << 53  # whole numbers up to here are floats
+EVERY = "every"  # the name of its period in the expressions of a controller
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TickChange:
+    """What one action of a controller sets: the value of an expression, all from what holds just before the tick."""
+
+    action: int
+    target: str
+    value: Node
+
+
+@dataclass(frozen=True)
+class Action:
+    """When what is computed, or what was computed and delayed, takes effect; s after the start."""
+
+    controller: str
+    first: Fraction
+    every: Fraction
+
+
+def held(controllers: Mapping[str, Controller], time: Unit) -> dict[str, State]:
+    """Return everything that controllers hold between ticks, as first-order states at rest."""
+    found: dict[str, tuple[Unit, str]] = {}
+    for owner, controller in controllers.items():
+        for name, output in controller.outputs.items():
+            found[name] = output.unit, output.description or f"output of controller {owner}, held between its ticks"
+            for waiting in pending(name, controller):
+                found[waiting] = output.unit, f"computed by controller {owner} for {name}, in effect later"
+        for name, memory in controller.states.items():
+            found[name] = memory.unit, memory.description or f"state of controller {owner}, changed at its ticks"
+    return {name: State(unit, at_rest(name, time), about) for name, (unit, about) in found.items()}
+
+
+def at_rest(name: str, time: Unit) -> Node:
+    """Return the rate of something that changes at ticks alone."""
+    nothing = Binary("*", Number(0.0), Name(name))
+    return nothing if time.dimension == NONE else Binary("/", nothing, Name("second"))
+
+
+def starts(controllers: Mapping[str, Controller]) -> dict[str, Quantity]:
+    """Return what controllers hold before their first ticks."""
+    values: dict[str, Quantity] = {}
+    for controller in controllers.values():
+        for name, output in controller.outputs.items():
+            values |= dict.fromkeys((name, *pending(name, controller)), output.start)
+        values |= {name: memory.start for name, memory in controller.states.items()}
+    return values
+
+
+def starting_from(controller: Controller, initial: Mapping[str, Quantity]) -> Controller:
+    """Return a controller that holds the values at the start of a model before its first tick."""
+    outputs = {name: replace(part, start=initial.get(name, part.start)) for name, part in controller.outputs.items()}
+    states = {name: replace(part, start=initial.get(name, part.start)) for name, part in controller.states.items()}
+    return replace(controller, outputs=outputs, states=states)
+
+
+def pending(output: str, controller: Controller) -> list[str]:
+    """Return the names of values of an output that are computed and not yet in effect, the newest first."""
+    if controller.delay is None:
+        return []
+    count = ceil(exact_time(controller.delay) / exact_time(controller.every))
+    return [f"{output}_pending"] if count == 1 else [f"{output}_pending_{i + 1}" for i in range(count)]
+
+
+def changes(controllers: Mapping[str, Controller]) -> tuple[TickChange, ...]:
+    """Return what every action sets, in the order of `actions`."""
+    return tuple(_changes(controllers))
+
+
+def _changes(controllers: Mapping[str, Controller]) -> Iterator[TickChange]:
+    number = 0
+    for controller in controllers.values():
+        every = {EVERY: as_tree(controller.every)}
+        for name, output in controller.outputs.items():
+            waiting = pending(name, controller)
+            yield TickChange(number, (waiting or [name])[0], expand(limited(output), every))
+            for newer, older in pairwise(waiting):
+                yield TickChange(number, older, Name(newer))
+        for name, memory in controller.states.items():
+            yield TickChange(number, name, expand(memory.next, every))
+        number += 1
+        if controller.delay is not None:
+            for name in controller.outputs:
+                yield TickChange(number, name, Name(pending(name, controller)[-1]))
+            number += 1
+
+
+def as_tree(quantity: Quantity) -> Node:
+    """Return a quantity as an expression."""
+    plain = quantity.unit.text == NUMBERS.text
+    return parse(decimal_text(quantity.value) if plain else with_unit_names(str(quantity)))
+
+
+def limited(output: Output) -> Node:
+    """Return the value of an output within its bounds."""
+    value = output.value
+    if output.minimum is not None:
+        value = Call("max", (value, output.minimum))
+    return value if output.maximum is None else Call("min", (value, output.maximum))
+
+
+def actions(controllers: Mapping[str, Controller]) -> tuple[Action, ...]:
+    """Return when controllers compute, and when what they delay takes effect."""
+    found = []
+    for name, controller in controllers.items():
+        every, first = exact_time(controller.every), exact_time(controller.phase) if controller.phase else Fraction(0)
+        found.append(Action(name, first, every))
+        if controller.delay is not None:
+            turns = len(pending(next(iter(controller.outputs)), controller)) - 1
+            found.append(Action(name, first + exact_time(controller.delay) - turns * every, every))
+    return tuple(found)
+
+
+def exact_time(quantity: Quantity) -> Fraction:
+    """Return a time in seconds, as it is written."""
+    return exact_value(quantity.value) * quantity.unit.factor
+
+
+def faults_of_ticks(controllers: Mapping[str, Controller], start: Fraction, end: Fraction, second: str) -> list[str]:
+    """Return why the controllers cannot act in a run from one time to another, in `second`; none if they can."""
+    faults, found = [], actions(controllers)
+    for action in found:
+        late = action.first > action.every and action.first > end - start
+        if late or action.every > end - start:
+            what = (
+                f"first acts {float(action.first)!r}{second} after"
+                if late
+                else f"acts every {float(action.every)!r}{second} from"
+            )
+            faults.append(
+                f"controller '{action.controller}' {what} the start, and the run takes {float(end - start)!r}{second}; march"
+                " longer, or have it act sooner"
+            )
+    count = sum(_count(action, start, end) for action in found)
+    if count > MOST_TICKS:
+        faults.append(f"controllers act {count} times in the run, {MOST_TICKS} at most; have them tick less often")
+    return faults
+
+
+def _count(action: Action, start: Fraction, end: Fraction) -> int:
+    return max(0, floor((end - start - action.first) / action.every) + 1)
+
+
+@lru_cache(maxsize=8)
+def ticks(found: tuple[Action, ...], start: Fraction, end: Fraction) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the times of all ticks of a run, ascending, and the actions at each, as bits of a number.
+
+    Every time is the float nearest to an exact multiple, whatever else ticks.
+    """
+    counts = [_count(action, start, end) for action in found]
+    times = [_multiples(start + action.first, action.every, count) for action, count in zip(found, counts, strict=True)]
+    bits = [np.full(count, 1 << number, np.int64) for number, count in enumerate(counts)]
+    instants, where = np.unique(np.concatenate(times), return_inverse=True)
+    masks = np.zeros(len(instants), np.int64)
+    np.bitwise_or.at(masks, where, np.concatenate(bits))
+    for array in (instants, masks):
+        array.flags.writeable = False
+    return instants, masks
+
+
+def exact_ticks(found: tuple[Action, ...], start: Fraction, end: Fraction) -> Iterator[Fraction]:
+    """Yield the exact times of ticks, action by action."""
+    for action in found:
+        for k in range(_count(action, start, end)):
+            yield start + action.first + k * action.every
+
+
+def _multiples(first: Fraction, every: Fraction, count: int) -> Floats:
+    """Return first + k*every for k from 0 on, each correctly rounded."""
+    divisor = lcm(first.denominator, every.denominator)
+    begin, step = int(first * divisor), int(every * divisor)
+    if max(abs(begin), abs(begin + step * count), divisor) < EXACT:
+        return np.array((begin + step * np.arange(count)) / divisor)
+    return np.array([(begin + step * k) / divisor for k in range(count)])
+
+
+def each_tree(controller: Controller, made: Callable[[Node], Node]) -> Controller:
+    """Return a controller with other expressions in the places of its own."""
+
+    def limit(tree: Node | None) -> Node | None:
+        return None if tree is None else made(tree)
+
+    outputs = {
+        name: replace(part, value=made(part.value), minimum=limit(part.minimum), maximum=limit(part.maximum))
+        for name, part in controller.outputs.items()
+    }
+    states = {name: replace(part, next=made(part.next)) for name, part in controller.states.items()}
+    return replace(controller, outputs=outputs, states=states)
+
+
+def check_controllers(controllers: Mapping[str, Any]) -> None:
+    """Check what no single controller shows: that there are no more actions than bits, and no delay of many periods.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, controller in controllers.items():
+        if controller.delay is not None and controller.delay.si > MOST_PENDING * controller.every.si:
+            raise InputError(
+                f"controller '{name}': delay is '{controller.delay}', over {MOST_PENDING} times its period of"
+                f" '{controller.every}'; give it a shorter delay, or fewer ticks"
+            )
+    if len(controllers) > MOST_ACTIONS // 2:
+        raise InputError(f"has {len(controllers)} controllers, {MOST_ACTIONS // 2} at most")

@@ -1,0 +1,281 @@
+"""Sampled controllers: held between ticks to the bit, against exact solutions from tick to tick."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import exp
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import xdynamics as xd
+from cases.problems import MODELS
+
+CART = """
+name = "cart"
+[coordinates]
+x = "m"
+[parameters]
+m = "2 kg"
+k = "32 N m-1"
+d = "8 N s m-1"
+[mass]
+x = "m"
+[forces.motor]
+x = "u"
+[controllers.pd]
+every = "10 ms"
+{more}
+outputs = {{ u = {{ unit = "N", start = "1 N", value = "-k*x - d*v_x", minimum = "-15 N", maximum = "15 N" }} }}
+states = {{ integral = {{ unit = "m s", start = "0 m s", next = "integral + x*every" }} }}
+[initial]
+x = "0.5 m"
+v_x = "0 m s-1"
+"""
+
+
+def cart(more: str = "") -> xd.Model:
+    """A cart pulled back by a sampled controller, with a limited force."""
+    return xd.Model.from_text(CART.format(more=more))
+
+
+def exact(ticks: int, delay: Fraction = Fraction(0), one: Any = Fraction(1)) -> list[tuple[Any, ...]]:
+    """Position, velocity, what was computed last and the sum at each tick: parabolas, joined."""
+    x, v, total, held, h = one / 2, one * 0, one * 0, one, one / 100
+    found = []
+    for _ in range(ticks + 1):
+        new = min(max(-32 * x - 8 * v, -15 * one), 15 * one)
+        total += x * h
+        found.append((x, v, new, total))
+        for time, force in ((one * delay, held), (h - one * delay, new)):
+            a = force / 2
+            x, v = x + v * time + a * time * time / 2, v + a * time
+        held = new
+    return found
+
+
+def at_ticks(run: xr.Dataset, *names: str, every: float = 0.01) -> np.ndarray:
+    """What a run has at its ticks, shape (names, ticks)."""
+    rows = np.isin(run.time.values, np.arange(run.sizes["step"]) * every) | np.isin(
+        run.time.values, np.array([k / 100 for k in range(run.sizes["step"])])
+    )
+    return np.stack([run[name].values[rows] for name in names])
+
+
+@pytest.mark.every(4)
+@pytest.mark.parametrize("method", xd.METHODS)
+def test_outputs_hold_between_ticks(method: str) -> None:
+    """Assert the exact motion by fixed steps of a tick, with every method of second order that takes such a motion."""
+    run = xd.simulate(cart(), method=method, step="10 ms", until="0.3 s")
+    found = at_ticks(run, "x", "v_x", "u", "integral")
+    wanted = np.array(exact(30, one=1.0)).T
+    assert found.shape == wanted.shape
+    if xd.METHODS[method].order >= 2:
+        assert np.abs(found - wanted).max() < 1e-13
+    assert [*run.row_kind.values] == [0, *[2] * 29, 1]
+
+
+@pytest.mark.parametrize("asked", [{"method": "rk4", "step": "3 ms"}, {"method": "dop853", "rtol": 1e-10}])
+def test_steps_land_on_ticks(asked: dict[str, Any], request: pytest.FixtureRequest) -> None:
+    """Assert the exact motion where steps do not divide the period, over 1,000 ticks, or 800,000, and that values hold."""
+    ticks = 800_000 if request.config.getoption("--whole") else 1000
+    run = xd.simulate(cart(), until=ticks / 100, force_samples="none", **asked)
+    found, wanted = at_ticks(run, "x", "u"), np.array(exact(ticks, one=1.0)).T[[0, 2]]
+    assert np.abs(found - wanted).max() < 1e-12
+    between = xd.sample(run, np.linspace(0.0, 0.0995, 200))
+    assert np.array_equal(between.u.values, np.repeat(found[1][:10], 20))
+
+
+@pytest.mark.parametrize("delay", ["3 ms", "10 ms"])
+def test_outputs_wait(delay: str) -> None:
+    """Assert what a computing time does, also of a whole period; the sum is not delayed."""
+    run = xd.simulate(cart(f'delay = "{delay}"'), method="dormand_prince", rtol=1e-9, until="0.4 s")
+    wanted = np.array(exact(40, Fraction(int(delay.split(maxsplit=1)[0]), 1000), one=Fraction(1))).astype(float).T
+    assert np.abs(at_ticks(run, "x", "v_x", "u_pending", "integral") - wanted).max() < 1e-12
+    assert run.u.values[0] == 1.0
+
+
+def test_a_delay_may_take_several_periods() -> None:
+    """Assert that values come in their order, 23 ms after they were computed, and that the first holds until then."""
+    run = xd.simulate(cart('delay = "23 ms"'), method="rk4", step="1 ms", until="0.2 s")
+    time, u = np.round(run.time.values * 1000).astype(int), run.u.values
+    computed = dict(zip(time.tolist(), run.u_pending_1.values.tolist(), strict=True))
+    assert [*u[time < 23]] == [1.0] * 23
+    assert all(
+        value == computed[(t - 23) // 10 * 10] for t, value in zip(time.tolist(), u.tolist(), strict=True) if t >= 23
+    )
+
+
+def test_31_digits_of_a_controlled_motion() -> None:
+    """Assert the exact rational motion to 1e-29 where numbers are sums of two floats."""
+    run = xd.simulate(cart('delay = "3 ms"'), method="rk4", step="10 ms", until="0.3 s", precision="double_double")
+    x, v, u, total = exact(30, Fraction(3, 1000))[-1]
+    for name, value in (("x", x), ("v_x", v), ("u_pending", u), ("integral", total)):
+        found = Fraction(float(run[name][-1])) + Fraction(float(run[f"rest_{name}"][-1]))
+        assert abs(found - value) < Fraction(1, 10**29), name
+
+
+TWO = """
+name = "two"
+[coordinates]
+x = "m"
+[mass]
+x = "1*kilogram"
+[forces.motor]
+x = "quick + slow"
+[controllers.first]
+every = "10 ms"
+outputs = { quick = { unit = "N", start = "0 N", value = "quick + slow + 1*newton" } }
+[controllers.second]
+every = "25 ms"
+phase = "5 ms"
+outputs = { slow = { unit = "N", start = "2 N", value = "quick" } }
+[initial]
+x = "0 m"
+"""
+
+
+def test_several_rates() -> None:
+    """Assert two controllers with ticks of their own, at some of which both act on what was before."""
+    run = xd.simulate(xd.Model.from_text(TWO), method="rk4", step="1 s", until="0.2 s")
+    quick, slow, wanted = 0.0, 2.0, {}
+    for ms in range(0, 205, 5):
+        before = quick, slow
+        if ms % 10 == 0:
+            quick = sum(before) + 1.0
+        if ms % 25 == 5:
+            slow = before[0]
+        if ms % 10 == 0 or ms % 25 == 5:
+            wanted[ms] = quick, slow
+    times = [round(1000 * t) for t in run.time.values.tolist()]
+    assert times == [*wanted]
+    assert [*zip(run.quick.values, run.slow.values, strict=True)] == [*wanted.values()]
+
+
+def test_a_thermostat_switches_when_it_looks() -> None:
+    """Assert the room's exponentials from look to look, and that the heater has its hysteresis."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "thermostat.toml"))
+    room, heater = 290.15, 0.0
+    rows = np.isin(run.time.values, np.arange(481) * 30.0)
+    for found, on in zip(run["T"].values[rows], run.heater.values[rows], strict=True):
+        heater = 1.0 if room < 292.15 else 0.0 if room > 294.15 else heater
+        assert (found, on) == (pytest.approx(room, abs=1e-7), heater)
+        end = 278.15 + 30.0 * heater
+        room = end + (room - end) * exp(-30.0 / 3000.0)
+
+
+def test_a_balanced_pendulum_stays_upright() -> None:
+    """Assert that the linear map from tick to tick contracts at the rate at which the march does at small angles."""
+    from scipy.linalg import expm
+
+    model = xd.Model.from_toml(MODELS / "balanced_pendulum.toml").replace(initial={"theta": "0.01 degree"})
+    run = xd.simulate(model, until="6 s")
+    a, b = np.zeros((4, 4)), np.array([0.0, 1.0, 0.0, -2.0])
+    a[0, 1] = a[2, 3] = 1.0
+    a[1, 2], a[3, 2] = -0.1 * 9.81, 1.1 * 9.81 / 0.5
+    block = expm(np.vstack([np.column_stack([a, b]), np.zeros(5)]) * 0.01)
+    step = block[:4, :4] + np.outer(block[:4, 4], [2.0, 4.0, 35.0, 7.0])
+    state = np.array([0.0, 0.0, np.radians(0.01), 0.0])
+    for _ in range(600):
+        state = step @ state
+    found = np.array([float(run[name][-1]) for name in ("x", "v_x", "theta", "v_theta")])
+    assert np.abs(found - state).max() < 1e-4 * np.radians(0.01)
+
+
+def test_an_end_on_a_tick_is_gone_on_from() -> None:
+    """Assert that longer runs have the bits of whole ones, whether they ended on a tick or not, and archives are made again."""
+    for end in ("0.1 s", "0.105 s"):
+        asked: dict[str, Any] = {"method": "dop853", "rtol": 1e-8}
+        longer = xd.extend(xd.simulate(cart(), until=end, **asked), until="0.2 s")
+        whole = xd.simulate(cart(), until="0.2 s", nodes=[end], **asked)
+        assert xd.content_digest(longer) == xd.content_digest(whole)
+
+
+def test_an_archive_is_made_again(tmp_path: Path) -> None:
+    """Assert that a record's file is reproduced, and says what each value is."""
+    run = xd.simulate(cart('delay = "3 ms"'), method="rk4", step="10 ms", until="0.1 s")
+    xd.save(run, tmp_path / "cart.nc")
+    assert xd.reproduce(tmp_path / "cart.nc").attrs["identical"] == 1
+    assert run.u.attrs["role"] == "held"
+    assert run.u.attrs["long_name"] == "output of controller pd, held between its ticks"
+    assert "rate_u" not in run
+
+
+def test_an_event_at_a_tick() -> None:
+    """Assert one row before and one after an event that falls on a tick, and that the tick acts once."""
+    text = CART.format(more="").replace("[initial]", '[events.noon]\nfunction = "t - 0.05*second"\n[initial]')
+    run = xd.simulate(xd.Model.from_text(text), method="rk4", step="10 ms", until="0.1 s")
+    before, after = int(run.event_row_before[0]), int(run.event_row_after[0])
+    wanted = np.array(exact(10, one=1.0)).T
+    assert run.u.values[before] == pytest.approx(wanted[2, 4], abs=1e-13)
+    assert run.u.values[after] == pytest.approx(wanted[2, 5], abs=1e-13)
+    assert float(run.integral[-1]) == pytest.approx(wanted[3, 10], abs=1e-13)
+
+
+def test_gains_are_parameters() -> None:
+    """Assert that members of a sweep are runs, and a budget's sensitivity to a gain that of the exact motion."""
+    swept = xd.sweep(
+        cart(), {"k": ["30 N m-1", "32 N m-1"]}, method="rk4", step="10 ms", until="0.2 s", keep=["end_x", "end_u"]
+    )
+    run = xd.simulate(cart(), method="rk4", step="10 ms", until="0.2 s")
+    assert float(swept.end_x[1]) == float(run.x[-1])
+    assert float(swept.end_u[1]) == float(run.u[-1])
+    uncertain = cart().replace(parameters={"k": "32 ± 0.1 N m-1"})
+    budget = xd.error_budget(uncertain, "x", at="0.2 s", until="0.2 s", method="rk4", step="10 ms")
+    lower, upper = (
+        float(xd.simulate(cart().replace(parameters={"k": k}), method="rk4", step="10 ms", until="0.2 s").x[-1])
+        for k in (31.99, 32.01)
+    )
+    assert float(budget.physical_rss) == pytest.approx(0.1 * abs(upper - lower) / 0.02, rel=1e-4, abs=0.0)
+
+
+FAULTS = {
+    'every = "0 s"': "every is '0.0 s', needs a positive time",
+    'every = "-1 s"': "every is '-1.0 s', needs a positive time",
+    'every = "inf s"': "'inf s'",
+    'every = "1 m"': "every is '1.0 m', needs a positive time",
+    'every = "10 ms"\nphase = "-1 ms"': "phase is '-1.0 ms', needs a time that is not negative",
+    'every = "10 ms"\ndelay = "2 s"': "delay is '2.0 s', over 100 times its period",
+    'every = "10 ms"\nrate = 3': "key 'rate' is not known",
+}
+
+
+@pytest.mark.parametrize("text", FAULTS)
+def test_faults_of_times(text: str) -> None:
+    """Assert one message for each."""
+    with pytest.raises(xd.ModelError, match=FAULTS[text].replace("(", r"\(")):
+        xd.Model.from_text(CART.format(more="").replace('every = "10 ms"', text))
+
+
+WRONG = {
+    ("-k*x - d*v_x", "-k*x - d*x"): "value of 'u'",
+    ("-k*x - d*v_x", "-k*x - e*v_x"): "e",
+    ('"-15 N"', '"-15 m"'): "minimum of 'u'",
+    ('start = "1 N"', 'start = "1 m"'): "start of 'u' is '1.0 m', needs the unit 'N'",
+    ("integral + x*every", "integral + x"): "next of 'integral'",
+    ("[initial]", '[initial]\nu = "3 N"'): r"'u' is held by a controller: give its first value there, as start",
+    ("[initial]", '[states.u]\nunit = "N"\nrate = "1*newton/second"\n[initial]'): "'u' is held by a controller",
+    ('x = "u"', 'x = "u + every"'): "every",
+    ("outputs = ", "output = "): "output",
+}
+
+
+@pytest.mark.parametrize("change", WRONG)
+def test_faults_of_values(change: tuple[str, str]) -> None:
+    """Assert that each is named."""
+    with pytest.raises(xd.ModelError, match=WRONG[change]):
+        xd.Model.from_text(CART.format(more="").replace(*change))
+
+
+def test_ticks_that_a_run_cannot_have() -> None:
+    """Assert that periods longer than the run, and ticks without number, are refused before anything is marched."""
+    with pytest.raises(
+        xd.InputError, match=r"controller 'pd' acts every 0.01 s from the start, and the run takes 0.005 s"
+    ):
+        xd.simulate(cart(), method="rk4", step="1 ms", until="5 ms")
+    often = xd.Model.from_text(CART.format(more="").replace("10 ms", "1 ns"))
+    with pytest.raises(xd.InputError, match="controllers act 2000000001 times in the run, 10000000 at most"):
+        xd.simulate(often, method="rk4", step="1 ms", until="2 s")
