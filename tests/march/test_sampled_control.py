@@ -279,3 +279,45 @@ def test_ticks_that_a_run_cannot_have() -> None:
     often = xd.Model.from_text(CART.format(more="").replace("10 ms", "1 ns"))
     with pytest.raises(xd.InputError, match="controllers act 2000000001 times in the run, 10000000 at most"):
         xd.simulate(often, method="rk4", step="1 ms", until="2 s")
+
+
+def test_what_knows_nothing_of_ticks() -> None:
+    """Assert that proven bounds are refused, and that a budget says why it has no variational equations."""
+    with pytest.raises(xd.InputError, match="controller 'pd' changes at its ticks what it holds"):
+        xd.enclose(cart(), until="0.1 s")
+    uncertain = cart().replace(parameters={"k": "32 ± 0.1 N m-1"})
+    budget = xd.error_budget(uncertain, "x", at="0.2 s", until="0.2 s", method="rk4", step="10 ms")
+    assert "no variational equations: controller 'pd' changes what it holds at its ticks" in " ".join(
+        map(str, budget.term_rule.values)
+    )
+
+
+MANY = """
+name = "many"
+[dimensions]
+body = ["left", "right"]
+[coordinates]
+x = { unit = "m", dims = ["body"] }
+[mass]
+x = "1*kilogram"
+[forces.motor]
+x = "u*where(index(body) < 1, 1, -1)"
+[controllers.hold]
+every = "10 ms"
+outputs = { u = { unit = "N", start = "0 N", value = "-3*newton/metre*(x[left] - x[right])" } }
+[initial]
+x = { value = [1.0, 0.0], unit = "m" }
+"""
+
+
+def test_a_controller_reads_elements() -> None:
+    """Assert the exact motion of two bodies that are drawn together, and that a value with a dimension is refused."""
+    run = xd.simulate(xd.Model.from_text(MANY), method="rk4", step="10 ms", until="0.5 s")
+    far, closing = 1.0, 0.0
+    for _ in range(50):
+        pull = -6.0 * far
+        far, closing = far + 0.01 * closing + 0.5e-4 * pull, closing + 0.01 * pull
+    found = run.x.sel(body="left") - run.x.sel(body="right")
+    assert float(found[-1]) == pytest.approx(far, abs=1e-13)
+    with pytest.raises(xd.ModelError, match="controller 'hold': 'u': .*has the dimension 'body'"):
+        xd.Model.from_text(MANY.replace("(x[left] - x[right])", "x"))

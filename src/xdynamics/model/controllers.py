@@ -202,6 +202,13 @@ def _multiples(first: Fraction, every: Fraction, count: int) -> Floats:
     return np.array([(begin + step * k) / divisor for k in range(count)])
 
 
+def trees_of(controller: Controller) -> Iterator[tuple[str, Node | None]]:
+    """Yield the expressions of a controller, each with what it sets."""
+    for name, output in controller.outputs.items():
+        yield from ((name, tree) for tree in (output.value, output.minimum, output.maximum))
+    yield from ((name, memory.next) for name, memory in controller.states.items())
+
+
 def each_tree(controller: Controller, made: Callable[[Node], Node]) -> Controller:
     """Return a controller with other expressions in the places of its own."""
 

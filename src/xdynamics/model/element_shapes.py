@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from xdynamics.expressions import Node, free_names, shown
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.controllers import trees_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.parts import (
     Force,
@@ -106,6 +107,9 @@ def _needed(
     for name, event in statement.events.items():
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
+    for name, controller in statement.controllers.items():
+        for target, tree in trees_of(controller):
+            yield f"controller '{name}': '{target}'", tree, ()
     for name, contact in statement.contacts.items():
         for key in ("restitution", "slip", "friction", "static"):
             yield f"contact '{name}': {key}", getattr(contact, key), own.get(name, ())

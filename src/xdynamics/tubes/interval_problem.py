@@ -144,6 +144,9 @@ def _faults(model: Model) -> Iterator[str]:
                 " give until"
             )
             break
+    if model.controllers:
+        name = next(iter(model.controllers))
+        yield f"controller '{name}' changes at its ticks what it holds; enclose a model with that as a parameter, from tick to tick"
     if model.drives:
         name = next(iter(model.drives))
         yield f"drive '{name}' is a table, whose pieces meet in corners; write it as an expression of its argument"
