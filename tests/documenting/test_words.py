@@ -103,5 +103,5 @@ def test_a_certificate_says_what_its_verdict_means(certificate: Any) -> None:
     """Assert that beside the gate that passed stands what the verdict on its levels means."""
     lines = summary(certificate)
     verdict = VERDICTS[int(certificate["level_verdict"])]
-    assert f"levels    {verdict.replace('_', ' ')}: {MEANINGS[verdict]}" in lines
+    assert f"levels    {verdict.replace('pre_', 'pre-').replace('_', ' ')}: {MEANINGS[verdict]}" in lines
     assert any(line.startswith("passed    convergence: ") for line in lines)

@@ -108,8 +108,7 @@ def _needed(
         for target, tree in event.reset.items():
             yield f"event '{name}' sets '{target}'", tree, {*own.get(target, ()), *own.get(name, ())}
     for name, controller in statement.controllers.items():
-        for target, tree in trees_of(controller):
-            yield f"controller '{name}': '{target}'", tree, ()
+        yield from ((f"controller '{name}': '{target}'", tree, ()) for target, tree in trees_of(controller))
     for name, contact in statement.contacts.items():
         for key in ("restitution", "slip", "friction", "static"):
             yield f"contact '{name}': {key}", getattr(contact, key), own.get(name, ())
