@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+# what tests import, each with what it imports itself; xarray before dask
+LIBRARIES = (
+    *("xarray", "numba", "scipy.integrate", "scipy.optimize", "hypothesis", "netCDF4", "pint", "zarr", "distributed"),
+    *("s3fs", "moto.server", "nbclient", "openpyxl", "sympy", "matplotlib.pyplot"),
+)
+APART = ("assemblies", "solvers")  # parts of the engine that take as long as all others, which share functions
 SOURCES = Path(__file__).parents[1] / "src"
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -34,13 +42,19 @@ class DoctestsAlone:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Choose modules for their examples, and let every second of several processes begin with the last tests.
+    """Choose modules for their examples, and let every second of several processes begin with the last library and test.
 
     Python compiles what is first imported, and keeps it: two processes that import the same in the same order both
-    compile all of it, 34 s each where nothing is kept.
+    compile all of it, 45 s each where nothing is kept.
     """
     config.pluginmanager.register(DoctestsAlone())
-    if os.environ.get("PYTEST_XDIST_WORKER", "gw0")[-1] in "13579" and "tests" in config.args:
+    if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
+        return
+    is_odd = worker[-1] in "13579"
+    for name in reversed(LIBRARIES) if is_odd else LIBRARIES:
+        with suppress(ImportError):
+            importlib.import_module(name)
+    if is_odd and "tests" in config.args:
         place = config.args.index("tests")
         config.args[place : place + 1] = map(str, sorted(Path("tests").rglob("test_*.py"), reverse=True))
 
@@ -59,12 +73,9 @@ def pytest_collection_finish() -> None:
     from xdynamics.kernels import cache
     from xdynamics.march.engine import PARTS
 
-    parts = (*PARTS, GROWTH)
-    seconds = [0] * int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
-    for part in sorted(parts, key=lambda part: -part.seconds):
-        idlest = seconds.index(min(seconds))
-        seconds[idlest] += part.seconds
-        if worker == f"gw{idlest}":
+    parts, number = (*PARTS, GROWTH), int(worker.removeprefix("gw"))
+    for part in parts:
+        if number == min(int(part.name in APART), int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) - 1):
             part.entries()
     kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 60.0
     while not all(path.exists() for path in kept) and time.monotonic() < end:

@@ -145,6 +145,7 @@ def test_every_setting_is_in_a_case() -> None:
         assert {KEYWORDS[name].flag for name in asked} == {option for option in options if option.startswith("--")}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("case", CASES)
 def test_options_are_keywords(case: str, tmp_path: Path) -> None:
     """Assert that a run by options is one by keywords, one by a model file's [run], and one by what its record says."""

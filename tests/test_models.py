@@ -279,7 +279,7 @@ def test_the_strict_check_finds_faults(tmp_path: Path) -> None:
     assert '"quark"' in faults["bad.nc"]
 
 
-@pytest.mark.every(4)
+@pytest.mark.every(7)
 def test_archive_is_read_by_ncdump(archived: Path) -> None:
     """Assert of every model that the C library's own program prints its header."""
     if not shutil.which("ncdump"):

@@ -49,6 +49,7 @@ def test_numbers_are_reproduced(path: Path) -> None:
     assert float(re.search(r"the largest difference is .*: (\S+) of its largest value$", said)[1]) < allowed
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("path", SECOND, ids=lambda path: path.stem)
 def test_version_0_2_is_reproduced_to_the_bit(path: Path) -> None:
     """Assert that every number of an archive of version 0.2 comes out again with the same bits."""

@@ -249,7 +249,7 @@ def test_help_takes_verbs() -> None:
 
 
 def test_methods_prints_the_table() -> None:
-    """Assert a line for every method, and of each a page with order, update, and what stands between its steps."""
+    """Assert a line for every method between a title and two hints, and of each a page with order, update, and what stands between its steps."""
     table = call("methods").output.splitlines()
     assert len(table) == len(xd.METHODS) + 3
     for line, method in zip(table[1:], xd.METHODS.values(), strict=False):

@@ -79,6 +79,7 @@ def refuse(word: str) -> None:
     raise AssertionError(word)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("verb", VERBS)
 def test_one_object_alone(verb: str, told: dict[str, Any]) -> None:
     """Assert that standard output is one line of strict JSON, of the kind that the verb yields, with its file."""

@@ -56,6 +56,7 @@ def digest_of(found: NDArray[np.float64]) -> str:
     return hashlib.sha256(np.where(np.isnan(found), NAN, found).tobytes()).hexdigest()[:16]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_against_mpmath(name: str) -> None:
     """Assert that no value is further from the true one than promised, over all magnitudes."""

@@ -67,6 +67,7 @@ STAGES: dict[str, Callable[[int], xr.Dataset]] = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_graph_is_linear_in_marches(stage: str) -> None:
     """Assert as many more tasks from two marches to four as from four to six, while every march fails."""

@@ -72,6 +72,7 @@ NUMBERS_NEEDED = {
     "manufactured": "makes a model",
     "member": "opens an archived run",
     "open_logs": "opens archived runs, lazily",
+    "enclose": "is a proof, step after step",
     "open_run": "opens an archive, lazily with chunks=",
     "open_sweep": "opens a catalogue, lazily with chunks=",
     "plot": "draws",

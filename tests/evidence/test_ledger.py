@@ -23,11 +23,9 @@ from xdynamics.record.flag_words import words_of
 # one of each kind; by all with --whole
 KINDS = [
     "forward_euler",
-    "euler_cromer",
     "midpoint",
     "velocity_verlet",
     "moreau_jean",
-    "rk4",
     "dormand_prince",
     "implicit_midpoint",
     "radau_iia",

@@ -45,7 +45,7 @@ def duffing(*, damped: bool = True) -> xd.Model:
     )
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("method", [name for name, one in METHODS.items() if not one.solves and one.stepper.locates])
 @pytest.mark.parametrize("lanes", [2, 8])
 def test_every_explicit_method(method: str, lanes: int) -> None:

@@ -154,7 +154,7 @@ def swing(rate: float, length: float) -> xd.Model:
     )
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("method", xd.METHODS)
 def test_every_method_is_blind_to_units(method: str) -> None:
     """Assert the same bits of a motion of nanometres in microseconds, and of gigametres in megaseconds, by powers of two."""

@@ -64,7 +64,7 @@ def test_zero_force_keeps_velocity(method: object) -> None:
     assert np.abs(run.x - (1 + 3 * run.time)).max() <= bound
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_constant_acceleration_follows_discrete_law(method: object) -> None:
     """Assert the exact position of every method under constant acceleration: Euler's a t (t-h)/2 and its kin."""
@@ -114,7 +114,7 @@ def test_numeric_frequency(name: str) -> None:
     assert np.abs(x[2:] - 2 * cosine * x[1:-1] + x[:-2]).max() < 16 * EPS
 
 
-@pytest.mark.every(2)
+@pytest.mark.every(5)
 @pytest.mark.filterwarnings("ignore::xdynamics.faults.StabilityWarning")  # the longest steps are far off
 @pytest.mark.parametrize("problem", [coupled_springs, damped], ids=lambda one: one.__name__)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)

@@ -118,7 +118,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "engine",
         "the engine",
-        12,
+        18,
         (
             (loop.march, returning(NOTHING, INTEGER, INTEGER)),
             (engine_entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
@@ -131,7 +131,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "solvers",
         "the solvers of implicit methods",
-        10,
+        13,
         (
             (engine_entries.step_by_newton, _STEP),
             (engine_entries.step_by_radau, _STEP),
@@ -141,24 +141,24 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
     EnginePart(
         "watchers",
         "the search for events",
-        14,
+        22,
         (
             (enclosures.enclose_between, returning(NOTHING, *[INTEGER] * 6)),
             (trial_step.part_of_step, _ENTERED),
             (event_dispatch.watch, _ENTERED),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 9, ((contact_dispatch.touch, _ENTERED),)),
+    EnginePart("contacts", "contacts and friction", 12, ((contact_dispatch.touch, _ENTERED),)),
     EnginePart(
         "assemblies",
         "contacts of many bodies",
-        25,
+        38,
         ((assembly_dispatch.meet, _ENTERED), (holding.press, _ENTERED)),
     ),
     EnginePart(
         "lanes",
         "marches side by side",
-        7,
+        11,
         ((march_lanes, _MARCH_LANES), (gather_rows, _GATHER_ROWS), (parts_of_steps, _PARTS_OF_STEPS)),
     ),
 )

@@ -243,7 +243,7 @@ def misses(name: str, seed: int, count: int, points: int, exact: int) -> list[st
     return found
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_every_value_is_enclosed(name: str) -> None:
     """Assert of every operation that no value on random intervals is outside its enclosure."""

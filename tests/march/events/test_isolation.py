@@ -100,7 +100,7 @@ CLASSES: dict[str, tuple[str, dict[str, Any], list[float], int]] = {  # function
 }
 
 
-@pytest.mark.every(5)
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     "asked", [{}, {"step": 0.37}, {"method": "dop853", "step": None, "rtol": 1e-6}], ids=["rk4", "long", "adaptive"]
 )
