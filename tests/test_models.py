@@ -20,7 +20,12 @@ from cases.contacts import FIRST, FORTY_FOURTH, LIMIT, wave, words
 from cases.problems import MODELS
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml"))
-UNTIL = {"granular_box": 0.3, "balls_in_box": 0.5, "rough_pile": 0.15}  # s, with impacts among them; 2 s of the others
+UNTIL = {
+    "thermostat": 60.0,
+    "granular_box": 0.3,
+    "balls_in_box": 0.5,
+    "rough_pile": 0.15,
+}  # s, with impacts among them; 2 s of the others
 
 
 @lru_cache

@@ -82,6 +82,7 @@ def bomb(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return path, BOMBS[request.param]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("read", [xd.verify, xd.open_run, lambda path: xd.open_run(path, check=False), xd.reproduce])
 def test_more_than_there_is(bomb: tuple[Path, str], read: Callable[[Path], object]) -> None:
     """Assert that what a file declares is held against what it has, before any of it is read, checked or not."""

@@ -129,6 +129,7 @@ def test_interrupted_is_resumed(tmp_path: Path) -> None:
     assert xd.verify(path) == whole()
 
 
+@pytest.mark.dear
 def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
     """Assert that segments outlive a write that fails, and the run goes on from them once there is room."""
     script = (

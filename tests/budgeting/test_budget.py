@@ -54,6 +54,7 @@ def test_slopes_across_ten_impacts() -> None:
     assert float(budget.physical_rss) == pytest.approx(math.hypot(*parts), rel=1e-9)
 
 
+@pytest.mark.dear
 def test_slopes_of_an_oscillator() -> None:
     """Assert dx/dk, dx/dm, dx/dx0 at a time, and of a zero crossing, with units of the inputs other than SI."""
     model = xd.Model(

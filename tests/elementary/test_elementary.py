@@ -301,6 +301,7 @@ def test_machine_code_of_the_first_set(lanes: int) -> None:
         assert found.tobytes() == np.where(np.isnan(expected), NAN, expected).tobytes() != newer.tobytes()
 
 
+@pytest.mark.dear
 def test_text_compiles_for_other_processors() -> None:
     """Assert that the text, lanes included, is also machine code for AArch64."""
     llvm.initialize_all_targets()

@@ -155,6 +155,7 @@ for method, defect in zip(sys.argv[1::2], sys.argv[2::2]):
 """
 
 
+@pytest.mark.dear
 def test_planted_defects_are_named(request: pytest.FixtureRequest) -> None:
     """Assert that the ledger fails where it should, in processes of their own that are broken first; two in five, or all."""
     planted = (

@@ -80,6 +80,7 @@ def test_what_was_changed_by_hand_is_laid_out_anew(ball: Any) -> None:
     assert after[1] == pytest.approx(drawn.axes[0].get_position().y1, abs=1e-12)
 
 
+@pytest.mark.dear
 def test_a_map_keeps_its_colours_scale_and_its_contours() -> None:
     """Assert the scale beside the map as a panel of its own, with its label and the map's colours, and lines of equal value."""
     drawn = Picture(figsize=(6, 4))

@@ -211,6 +211,7 @@ def test_size_ground_and_the_command_line(orbit: xr.Dataset, tmp_path: Path) -> 
         assert not (tmp_path / "c.png").exists()
 
 
+@pytest.mark.dear
 def test_a_film(orbit: xr.Dataset, tmp_path: Path) -> None:
     """Assert frames of a film, and that no plane, another ending, or a wrong number is named."""
     run = xd.save(orbit, tmp_path / "orbit.nc")

@@ -39,6 +39,7 @@ def shown() -> dict[str, dict[str, str]]:
     }
 
 
+@pytest.mark.dear
 def test_a_run_is_a_small_page(shown: dict[str, dict[str, str]]) -> None:
     """Assert a page under 20 kB with outcome, end, events and the names of variables; other Datasets are xarray's."""
     page = shown["run"]["text/html"]

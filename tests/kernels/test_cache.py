@@ -148,6 +148,7 @@ def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], known: str, t
     assert told(folder) == (kept[1], 0, "")
 
 
+@pytest.mark.dear
 def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file that is exchanged after its digest was compared changes nothing: it is not read again."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(kept[0]))

@@ -110,6 +110,7 @@ def series_of(text: str, x: float, *, written_out: bool, degree: int = DEGREE, c
     return np.asarray(results[0].reshape(-1, 2)[1:, 1] * np.arange(1, degree + 1))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("text", SMOOTH)
 def test_series_are_those_of_many_digits(text: str) -> None:
     """Assert that coefficients to order 20 are those that mpmath finds, to rounding over the distance to a singularity."""

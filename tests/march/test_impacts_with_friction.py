@@ -39,6 +39,7 @@ def after(run: xr.Dataset, k: int) -> np.ndarray:
     return np.array([float(run[f"v_{name}"][row, k]) for name in ("x", "y", "theta")])
 
 
+@pytest.mark.dear
 @pytest.mark.every(5)
 @pytest.mark.parametrize("law", IMPACT_LAWS)
 def test_rods_are_struck_as_each_alone(law: str) -> None:

@@ -204,6 +204,7 @@ def fitted_order(measure: Callable[[float], float]) -> float:
     return float(np.polyfit(np.log([steps[i] for i in kept]), np.log([errors[i] for i in kept]), 1)[0])
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.name)
 def test_zero_coupling_leaves_the_other_alone(method: object) -> None:
     """Assert that without coupling no bit of one coordinate depends on the other."""

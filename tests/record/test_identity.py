@@ -91,6 +91,7 @@ def test_an_edited_record_is_refused(run: xr.Dataset, tmp_path: Path, edit: str)
     assert not (tmp_path / "edited.nc").exists()
 
 
+@pytest.mark.dear
 @pytest.mark.every(2)
 def test_derived_data_say_so_everywhere(run: xr.Dataset, tmp_path: Path) -> None:
     """Assert that an edited record can be saved as what it is, and that no verb takes it for a run."""

@@ -89,6 +89,7 @@ def test_period_of_an_orbit() -> None:
         assert abs(number(run, "event_time", k) - 2 * (k + 1) * mpmath.pi) < mpmath.mpf("1e-28")
 
 
+@pytest.mark.dear
 def test_chaos() -> None:
     """Assert that the Lorenz system goes where series of 60 digits go, up to t = 40."""
     rates = {"x": "10*(y - x)", "y": "28*x - x*z - y", "z": "x*y - 8/3*z"}

@@ -77,7 +77,7 @@ def test_as_many_scripts_as_were_collected() -> None:
     assert len(REFUSED) == 4
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts_give_scipys_numbers(name: str) -> None:
     """Assert the state at the end, and events, against solve_ivp at its tightest."""

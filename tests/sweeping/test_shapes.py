@@ -66,6 +66,7 @@ def test_elements_are_one_variable(planets: xd.Model) -> None:
     assert int(largest.notnull().sum()) == 3
 
 
+@pytest.mark.dear
 def test_member_is_the_folded_run(planets: xd.Model) -> None:
     """Assert a member's last row, marched again, against its end; its value may be given in another unit."""
     found = xd.sweep(planets, {"mu[Sun]": ["1.32e20 m3 s-2", "1.33e20 m3 s-2"]}, **COARSE).compute()

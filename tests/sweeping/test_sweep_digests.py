@@ -67,6 +67,7 @@ def test_a_resumed_sweep_has_the_digest_of_the_whole(
     assert swept(tmp_path / "s") == xd.verify(first)
 
 
+@pytest.mark.dear
 def test_seals_of_files_are_among_the_circumstances(first: Path, tmp_path: Path) -> None:
     """Assert that another seal of a run's file is another digest of circumstances, and one by itself is damage."""
     path = first / "catalogue.nc"

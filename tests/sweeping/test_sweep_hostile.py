@@ -237,6 +237,7 @@ def test_two_processes_keep_out_of_each_others_way(tmp_path: Path) -> None:
     assert xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=tmp_path / "s", **LONG).sizes["v_y"] == 6
 
 
+@pytest.mark.dear
 def test_a_damaged_folder_is_told_and_mended(tmp_path: Path) -> None:
     """Assert that missing, damaged and added runs are named with the remedy, and that it helps."""
     settings: dict[str, Any] = {"keep": ["log"], "path": tmp_path / "s", **LONG}

@@ -255,6 +255,7 @@ def test_what_was_left_behind_the_end_is_cleared(stored: Path) -> None:
     assert sorted(entry.name for entry in left.parent.iterdir()) == ["blocks.json", "digests.json", "zarr.json"]
 
 
+@pytest.mark.dear
 def test_a_full_disk_is_named_and_the_store_goes_on(
     stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -284,6 +284,7 @@ def test_ranges_that_are_none(text: str, said: str) -> None:
         Range.parse(text)
 
 
+@pytest.mark.dear
 @given(st.lists(st.integers(-6, 6), min_size=3, max_size=3), st.lists(st.floats(0.01, 100.0), min_size=3, max_size=3))
 def test_scales_of_any_dimension_are_products_of_powers(halves: list[int], sizes: list[float]) -> None:
     """Assert M**a L**b T**c, whole powers and halves, and 1 where nothing is scaled."""

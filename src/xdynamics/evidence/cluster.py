@@ -19,6 +19,8 @@ PATIENCE = "10s"  # with a scheduler that does not answer
 RESTARTING = "300s"  # for a killed worker; after 15 s, too few on a busy machine, it would be given up for good
 OFTEN = 0.5  # s between two questions how far a graph is
 ASKED = 10  # times at most, workers that are lost meanwhile
+# before any task: of two threads that unpickle what names xarray's modules, each would wait for the other to import them
+WHOLE = "import xarray; import dask.array"
 DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # Ctrl-C of a terminal reaches its workers too
 UNFINISHED = ("waiting", "processing", "queued", "no-worker")
 Tell = Callable[[float, float, int], None]
@@ -203,7 +205,7 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
             # else its pages are at port 8787, and it warns where another cluster has that
             "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
             "silence_logs": "CRITICAL",
-            "preload": [DEAF],
+            "preload": [DEAF, WHOLE],
         }
         with (
             dask.config.set({"distributed.deploy.lost-worker-timeout": RESTARTING}),

@@ -92,6 +92,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.dear
 @pytest.mark.every(7)
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_march_that_contradicts_itself_ends(what: str) -> None:
@@ -143,6 +144,7 @@ def test_a_cradle_swings_on_for_a_minute() -> None:
     assert min(float(run[f"contact_gap_{name}"].min()) for name in model.contacts) > -1e-12
 
 
+@pytest.mark.every(9)
 @pytest.mark.parametrize("name", ["newtons_cradle_newton_dop853", "bouncing_ball_verlet", "rocking_block_dop853"])
 def test_contacts_of_version_0_2_are_extended(name: str) -> None:
     """Assert that an archive whose memory lacks what was added since goes on."""

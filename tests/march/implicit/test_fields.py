@@ -94,6 +94,7 @@ def test_as_elements(name: str, jacobian: str, monkeypatch: pytest.MonkeyPatch) 
             np.testing.assert_allclose(found[quantity], expected[quantity], rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.dear
 @pytest.mark.every(7)
 @pytest.mark.parametrize(
     ("name", "method"),
