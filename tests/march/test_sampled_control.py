@@ -321,3 +321,46 @@ def test_a_controller_reads_elements() -> None:
     assert float(found[-1]) == pytest.approx(far, abs=1e-13)
     with pytest.raises(xd.ModelError, match="controller 'hold': 'u': .*has the dimension 'body'"):
         xd.Model.from_text(MANY.replace("(x[left] - x[right])", "x"))
+
+
+RAMP = """
+name = "ramp"
+[coordinates]
+x = "m"
+[mass]
+x = "2*kilogram"
+[forces.motor]
+x = "u"
+[frictions.table]
+slip = "v_x"
+kinetic = "4*newton"
+static = "6*newton"
+[controllers.ramp]
+every = "100 ms"
+outputs = { u = { unit = "N", start = "0 N", value = "u + 1*newton" } }
+[initial]
+x = "0 m"
+"""
+
+
+def test_friction_holds_until_a_tick_overcomes_it() -> None:
+    """Assert that a block sticks up to the static force, slips from the tick that exceeds it, and its exact motion then.
+
+    It slips from where that is located, as other events are: some 1e-12 s after the tick.
+    """
+    run = xd.simulate(xd.Model.from_text(RAMP), method="dop853", rtol=1e-10, until="1 s")
+    x, v = 0.0, 0.0
+    for k in range(10):
+        a = (k + 1 - 4) / 2 if k + 1 > 6 else 0.0
+        x, v = x + 0.1 * v + 0.005 * a, v + 0.1 * a
+    assert float(run.x[-1]) == pytest.approx(x, abs=1e-11)
+    assert float(run.v_x[-1]) == pytest.approx(v, abs=1e-11)
+    assert not run.v_x.values[run.time.values < 0.6].any()
+
+
+def test_contacts_of_many_links_are_refused() -> None:
+    """Assert that a pile with a controller is refused in words, before anything is marched."""
+    pile = xd.Model.from_toml(MODELS / "rough_pile.toml").to_toml()
+    held = '[controllers.shaker]\nevery = "10 ms"\noutputs = { u = { unit = "1", start = "0", value = "1 - u" } }\n'
+    with pytest.raises(xd.InputError, match="has many links, which do not go with controllers, like 'shaker'"):
+        xd.simulate(xd.Model.from_text(pile + held), until="0.1 s")

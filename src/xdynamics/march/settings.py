@@ -25,6 +25,7 @@ from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.controllers import exact_time, faults_of_ticks
+from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.schema import sampled
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
@@ -258,6 +259,10 @@ class Settings:
     def _tick_faults(self, model: Model, start: float, second: str) -> list[str]:
         if not (model.controllers and isfinite(self.until) and self.until > start):
             return []
+        if model.assemblies:
+            many, name = next(iter(model.assemblies)), next(iter(model.controllers))
+            goes = f"contact '{many}' has many links, which do not go with controllers, like '{name}'"
+            return [f"{goes}; write single contacts, {MOST_REACTIONS} forces at most"]
         return faults_of_ticks(model.controllers, exact_time(model.initial["t"]), exact_value(self.until), second)
 
     def _faults_of_scales(self, model: Model) -> list[str]:
