@@ -135,7 +135,7 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
             "yanchor": "top",
             "font_size": 9,
         }
-        page.update_layout({place: {**sides, "bgcolor": "rgba(255,255,255,0.6)", "tracegroupgap": 0}})
+        page.update_layout({place: {**sides, "bgcolor": "rgba(255,255,255,0)", "tracegroupgap": 0}})
     for trace in _traces(axes):
         named = {"showlegend": legend is not None and bool(trace.get("name")), "legend": place if legend else "legend"}
         kind = {"type": "scatter", "hovertemplate": "%{x:.6g}, %{y:.6g}"} if trace.get("type") != "heatmap" else {}
