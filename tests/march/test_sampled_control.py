@@ -364,3 +364,21 @@ def test_contacts_of_many_links_are_refused() -> None:
     held = '[controllers.shaker]\nevery = "10 ms"\noutputs = { u = { unit = "1", start = "0", value = "1 - u" } }\n'
     with pytest.raises(xd.InputError, match="has many links, which do not go with controllers, like 'shaker'"):
         xd.simulate(xd.Model.from_text(pile + held), until="0.1 s")
+
+
+def test_a_mirrored_motion_meets_the_other_bound() -> None:
+    """Assert the opposite motion from the opposite start, whose force is limited from above."""
+    mirrored = cart().replace(initial={"x": "-0.5 m", "u": "-1 N"})
+    runs = [xd.simulate(model, method="rk4", step="10 ms", until="0.3 s") for model in (cart(), mirrored)]
+    assert runs[1].u.values.max() == 15.0
+    for name in ("x", "v_x", "u", "integral"):
+        assert np.array_equal(runs[1][name].values, -runs[0][name].values)
+
+
+def test_what_holds_at_the_start_is_written_again() -> None:
+    """Assert that another first value is in the text of the model, and in that which is read from it."""
+    changed = cart().replace(initial={"u": "3 N", "integral": "2 m s"})
+    again = xd.Model.from_text(changed.to_toml())
+    assert again == changed
+    assert (again.initial["u"].si, again.initial["integral"].si) == (3.0, 2.0)
+    assert again.controllers["pd"].outputs["u"].start.si == 3.0
