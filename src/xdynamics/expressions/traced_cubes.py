@@ -17,6 +17,7 @@ import numpy as np
 
 from xdynamics.expressions.traced_grid import Grid, IrregularError
 from xdynamics.expressions.traced_indices import axis, bound, flat, index, read_at, replaced
+from xdynamics.expressions.traced_operators import give_operators
 from xdynamics.expressions.tracing import Row, Traced, applied, choice, node_of
 from xdynamics.expressions.tree import Along, Binary, Call, Name, Node, Number, every
 from xdynamics.faults import InputError
@@ -352,34 +353,4 @@ def whole_of(grid: Grid) -> Cube:
     return Cube(grid, Traced(Along("take", (grid.leaf, index(dim)), (grid.dim,))), (grid.size,))
 
 
-def _operator(ufunc: str, *, turned: bool = False) -> Callable[[Any, Any], Any]:
-    def joined(self: Any, other: Any) -> Any:
-        return combined(partial(applied_to, ufunc), *((other, self) if turned else (self, other)))
-
-    return joined
-
-
-for _word, _ufunc in (
-    ("add", "add"),
-    ("sub", "subtract"),
-    ("mul", "multiply"),
-    ("truediv", "divide"),
-    ("pow", "power"),
-    ("mod", "remainder"),
-    ("floordiv", "floor_divide"),
-    ("and", "logical_and"),
-    ("or", "logical_or"),
-):
-    setattr(Cube, f"__{_word}__", _operator(_ufunc))
-    setattr(Cube, f"__r{_word}__", _operator(_ufunc, turned=True))
-for _word, _ufunc in (
-    ("lt", "less"),
-    ("le", "less_equal"),
-    ("gt", "greater"),
-    ("ge", "greater_equal"),
-    ("eq", "equal"),
-    ("ne", "not_equal"),
-):
-    setattr(Cube, f"__{_word}__", _operator(_ufunc))
-for _word, _ufunc in (("neg", "negative"), ("pos", "positive"), ("abs", "absolute"), ("invert", "logical_not")):
-    setattr(Cube, f"__{_word}__", lambda self, ufunc=_ufunc: combined(partial(applied_to, ufunc), self))
+give_operators(Cube, lambda ufunc, *values: combined(partial(applied_to, ufunc), *values))

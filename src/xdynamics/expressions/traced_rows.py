@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from xdynamics.expressions.traced_grid import Grid, IrregularError, common, element, moved
+from xdynamics.expressions.traced_operators import give_operators
 from xdynamics.expressions.tracing import Row, Traced, applied, choice, node_of
 from xdynamics.expressions.tree import Along, Compare, Node, Number
 from xdynamics.faults import InputError
@@ -244,39 +245,9 @@ def slice_of(key: Any, size: int, axis: int = 0) -> tuple[int, int]:
     return number % size, 1
 
 
-def _operator(ufunc: str, *, turned: bool = False) -> Callable[[Any, Any], Any]:
-    def joined(self: Any, other: Any) -> Any:
-        return combined(partial(of_ufunc, ufunc), *((other, self) if turned else (self, other)))
-
-    return joined
-
-
-for _word, _ufunc in (
-    ("add", "add"),
-    ("sub", "subtract"),
-    ("mul", "multiply"),
-    ("truediv", "divide"),
-    ("pow", "power"),
-    ("mod", "remainder"),
-    ("floordiv", "floor_divide"),
-    ("and", "logical_and"),
-    ("or", "logical_or"),
-):
-    setattr(Line, f"__{_word}__", _operator(_ufunc))
-    setattr(Line, f"__r{_word}__", _operator(_ufunc, turned=True))
+give_operators(Line, lambda ufunc, *values: combined(partial(of_ufunc, ufunc), *values))
 for _word, _ufunc, _neutral in (("add", "add", 0.0), ("sub", "subtract", 0.0), ("mul", "multiply", 1.0)):
     setattr(Line, f"__i{_word}__", partialmethod(Line.changed, _ufunc, _neutral))
-for _word, _ufunc in (
-    ("lt", "less"),
-    ("le", "less_equal"),
-    ("gt", "greater"),
-    ("ge", "greater_equal"),
-    ("eq", "equal"),
-    ("ne", "not_equal"),
-):
-    setattr(Line, f"__{_word}__", _operator(_ufunc))
-for _word, _ufunc in (("neg", "negative"), ("pos", "positive"), ("abs", "absolute"), ("invert", "logical_not")):
-    setattr(Line, f"__{_word}__", lambda self, ufunc=_ufunc: combined(partial(of_ufunc, ufunc), self))
 
 
 def of_ufunc(ufunc: str, *values: Traced) -> Traced:
