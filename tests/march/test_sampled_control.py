@@ -382,3 +382,11 @@ def test_what_holds_at_the_start_is_written_again() -> None:
     assert again == changed
     assert (again.initial["u"].si, again.initial["integral"].si) == (3.0, 2.0)
     assert again.controllers["pd"].outputs["u"].start.si == 3.0
+
+
+def test_a_tick_is_in_its_own_row_and_in_no_other() -> None:
+    """Assert forces of what holds from a tick on, in its row, and that a node which is no tick changes nothing."""
+    run = xd.simulate(cart(), method="rk4", step="10 ms", until="0.1 s", nodes=["15 ms", "42 ms"])
+    assert np.array_equal(run.force_motor_x.values, run.u.values)
+    found, wanted = at_ticks(run, "x", "u", "integral"), np.array(exact(10, one=1.0)).T[[0, 2, 3]]
+    assert np.abs(found - wanted).max() < 1e-13
