@@ -12,7 +12,10 @@ import xarray as xr
 from xdynamics.evidence.remembered_results import REMEMBERED
 from xdynamics.march import March
 
-KNOWN_LATER = {"runs", "companion_digest", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"}
+KNOWN_LATER = {
+    *("runs", "companion_digest", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"),
+    *("summary", "proven_until", "outcome", "outcome_text", "solver_steps", "events_text"),
+}
 CIRCUMSTANCES = {"date_created", "history"}
 
 

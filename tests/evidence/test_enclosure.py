@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest import mock
 
 import mpmath as mp
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.smooth_models import of_rate, oscillator
+from cases.stages import assert_described, assert_same_bits
+from xdynamics.tubes import Flow
 
 SHORT = {"until": "0.5 s", "order": 12, "rtol": 1e-10}
 
@@ -83,6 +86,40 @@ def test_archive_and_command_line(tmp_path: Path) -> None:
     early = call("enclose", str(model), "--until", "9 s", "--max-steps", "1")
     assert early.exit_code == 1
     assert "no bounds are proven after t = " in early.output
+
+
+def turning() -> xd.Model:
+    """Return an oscillator whose turning points are events."""
+    events = '[events.turn]\nfunction = "v_x"\naction = "record"\n'
+    return xd.Model.from_text(f"{oscillator().to_toml()}\n{events}")
+
+
+@pytest.mark.parametrize("listed", [0, 1, 3])
+def test_a_proof_is_a_task(listed: int) -> None:
+    """Assert that bounds are described before they are proven, as one task, and come out with the bits of those proven at once."""
+    asked = {"at": ["0.25 s", "3.5 s"], "order": 10, "rtol": 1e-8, "occurrences": listed}
+    with mock.patch.object(Flow, "until", side_effect=AssertionError("it is proven")):
+        stage = xd.enclose(turning(), **asked, compute=False)
+    assert len({name for name in dict(stage.__dask_graph__()) if str(name).startswith("enclosure-")}) == 1
+    eager = xd.enclose(turning(), **asked)
+    assert_described(stage, eager)
+    assert_same_bits(stage, eager)
+    words = eager.event_detector.values.tolist()
+    assert words == [0, 0, -1][:listed]
+    assert np.isnan(eager.lower_event_time.values).tolist() == [word < 0 for word in words]
+
+
+def test_what_a_description_needs() -> None:
+    """Assert that times, the number of zeros, and a model that can be enclosed are asked for before anything is proven."""
+    for asked, words in (
+        ({"until": "1 s"}, "how many steps a proof takes is not known before; give the times"),
+        ({"at": ["1 s"]}, "how often 'turn' is met is not known before"),
+        ({"at": ["1 s"], "occurrences": -1}, "occurrences is -1, needs"),
+    ):
+        with pytest.raises(xd.InputError, match=words):
+            xd.enclose(turning(), **asked, compute=False)
+    with pytest.raises(xd.InputError, match="cannot be enclosed: contact 'floor'"):
+        xd.enclose(xd.Model.from_toml("data/models/bouncing_ball.toml"), at=["1 s"], compute=False)
 
 
 BAD: list[tuple[dict[str, object], str]] = [

@@ -57,7 +57,7 @@ OF_SWEEPS: dict[str, Stage] = {
 }
 OF_MODELS = {  # tests/evidence/test_graphs.py, tests/sweeping/test_surveying.py: from models, where every march fails
     *("simulate", "refine", "error_budget", "certify", "validate", "limiting", "ragged", "sobol_indices", "fit"),
-    *("sweep",),
+    *("sweep", "enclose"),  # the last in tests/evidence/test_enclosure.py
 }
 NUMBERS_NEEDED = {
     "animate": "draws a film frame by frame",
@@ -72,7 +72,6 @@ NUMBERS_NEEDED = {
     "manufactured": "makes a model",
     "member": "opens an archived run",
     "open_logs": "opens archived runs, lazily",
-    "enclose": "is a proof, step after step",
     "open_run": "opens an archive, lazily with chunks=",
     "open_sweep": "opens a catalogue, lazily with chunks=",
     "plot": "draws",

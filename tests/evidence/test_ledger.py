@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.evidence.enclosing.enclosure import enclosure_request
+from xdynamics.evidence.validating import proven_bounds
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, LedgerRow, lines_of
@@ -51,7 +54,7 @@ def test_every_method_passes_or_refuses(ledger: Any) -> None:
         notes = ledger.case_note[mine].values[np.array(words) == "refused"]
         assert all(notes)
     struck = np.array([".impacts" in str(one) for one in ledger.case_name.values])
-    assert (~struck).sum() == 34 * len(methods)
+    assert (~struck).sum() == 36 * len(methods)
     passed = ledger.verdict.values == 0
     located = set(ledger.case_method.values[passed & (ledger.case_name.values == "impact.velocity")])
     assert located == methods - WITHOUT_IMPACTS
@@ -77,6 +80,7 @@ def test_stages_are_those_of_the_text(ledger: Any) -> None:
         "resting_contact",
         "dry_friction",
         "unit_scaling",
+        "proven_motion",
     ]
     assert (np.diff(ledger.case_stage) >= 0).all()
     for name in ("case_relation", "case_observable", "case_where", "case_norm", "case_bound_rule", "case_units"):
@@ -98,6 +102,40 @@ def test_exact_limits_are_exact(ledger: Any) -> None:
     assert (ledger.residual.values[quadratic & high] < 1e-12).all()
     euler = quadratic & np.isin(ledger.case_method.values, ["forward_euler", "euler_cromer"])
     assert ledger.residual.values[euler] == pytest.approx(2.5 * 4.0 * 0.005 / 2, rel=1e-10)  # their own law: a t h/2
+
+
+PENDULUM = """
+name = "swing"
+coordinates = { q = "rad" }
+parameters = { J = "1 kg m2", M = "1 N m" }
+mass = { q = "J" }
+initial = { q = "2 rad", v_q = "0 rad s-1" }
+[forces.weight]
+q = "-M*sin(q)"
+[run]
+method = "rk4"
+step = "0.0625 s"
+until = "1 s"
+"""
+
+
+def test_a_model_is_compared_with_proven_bounds() -> None:
+    """Assert that its run comes to them by its order, that one beside the bounds of another model fails, and what is refused."""
+    swing = xd.Model.from_text(PENDULUM)
+    found = xd.validate(model=swing, proven=True)
+    assert found.case_name.values.tolist() == ["q", "v_q"]
+    assert {*found.case_relation.values.tolist()} == {"proven bounds"}
+    assert words_of(found.verdict) == ["passed"] * 2
+    assert (found.residual.values > 1e-9).all()  # the bounds are far narrower than what the method errs by
+    other = enclosure_request(swing.replace(parameters={"J": "1 kg m2", "M": "1.0001 N m"}), at=np.arange(1, 9) / 8)
+    with mock.patch.object(proven_bounds, "enclosure_request", return_value=other):
+        assert words_of(xd.validate(model=swing, proven=True).verdict) == ["failed"] * 2
+    early = swing.replace(forces={"weight": {"q": "-M*abs(sin(q - 1.8))"}})
+    refused = xd.validate(model=early, proven=True)
+    assert words_of(refused.verdict) == ["refused"] * 2
+    assert "no bounds are proven after t = " in str(refused.case_note.values[0])
+    stage = xd.validate(model=swing, proven=True, compute=False)
+    assert stage.residual.compute().values.tolist() == found.residual.values.tolist()
 
 
 DEFECTS = {

@@ -311,7 +311,7 @@ def test_a_lazy_ledger_has_the_bits_of_the_eager_one() -> None:
         stage = xd.validate(methods, compute=False)
     eager = xd.validate(methods)
     assert_described(stage, eager)
-    assert sum(str(key).startswith("case-") for key in stage.residual.__dask_graph__()) == 14 * len(methods)
+    assert sum(str(key).startswith("case-") for key in stage.residual.__dask_graph__()) == 15 * len(methods)
     with marches() as begun:
         assert_same_bits(stage, eager)
     assert 0 < len(begun) <= len({*eager.case_run.values}) * 3

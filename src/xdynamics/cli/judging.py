@@ -237,6 +237,7 @@ def diagnose(
     help="A method; by default all of them, or the one in the model's [run].",
 )
 @click.option("--impacts", type=int, metavar="N", help="Impacts to list of a model with contacts; by default all.")
+@click.option("--proven", is_flag=True, help="Also compare the model's run, with a fixed step, with proven bounds.")
 @KEPT
 @clustered
 @click.option("-o", "--output", metavar="L.nc", help="Where to write the ledger.")

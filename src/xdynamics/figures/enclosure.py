@@ -11,6 +11,7 @@ import xarray as xr
 
 from xdynamics.archive import open_run
 from xdynamics.evidence.enclosing.enclosure_dataset import bounded
+from xdynamics.evidence.evidence_dataset import stated
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.figures.marks import COLOURS, in_unit, timed, typeset, words
@@ -37,9 +38,9 @@ def panels_of(tube: xr.Dataset, beside: Sequence[Any] = ()) -> list[Panel]:
         if run.attrs.get(EVIDENCE) or "time" not in run:
             raise InputError("what is drawn inside proven bounds is a run; leave out what is none")
     along, time = (AT, AT_TIME) if AT_TIME in tube.variables else (STEPS, "time")
-    reached = tube.isel({along: np.flatnonzero(tube[time].values <= float(tube.attrs["proven_until"]))})
+    reached = tube.isel({along: np.flatnonzero(tube[time].values <= float(stated(tube, "proven_until")))})
     if not reached.sizes[along]:
-        raise InputError(f"there is nothing to draw: {tube.attrs['outcome_text']}")
+        raise InputError(f"there is nothing to draw: {stated(tube, 'outcome_text')}")
     ordered = reached.sortby(time)
     names = [name for name in bounded(tube, along) if ordered[bounds_of(name)[0]].ndim == 1]
     inside = [_sampled(run, ordered[time].values) for run in runs]
@@ -48,7 +49,7 @@ def panels_of(tube: xr.Dataset, beside: Sequence[Any] = ()) -> list[Panel]:
 
 def foot_of(tube: xr.Dataset) -> str:
     """Say what is proven."""
-    return f"{tube.attrs['summary']} Bounds hold at the dots of a run, and wherever lines have corners."
+    return f"{stated(tube, 'summary')} Bounds hold at the dots of a run, and wherever lines have corners."
 
 
 def _sampled(run: xr.Dataset, times: np.ndarray[Any, Any]) -> xr.Dataset:

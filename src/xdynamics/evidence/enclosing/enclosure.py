@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics.dynamics.shortened_steps import wanted_times
-from xdynamics.evidence.enclosing.enclosure_dataset import enclosure_dataset
-from xdynamics.evidence.enclosing.tube import proven
+from xdynamics.evidence.enclosing.enclosure_dataset import MODEL, enclosure_dataset
+from xdynamics.evidence.enclosing.tube import proven, unproven
+from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stages import Stage, counted_number, lazy
 from xdynamics.faults import InputError
 from xdynamics.keywords import number
 from xdynamics.model import Model, check_model
+from xdynamics.schema import AT_TIME
 from xdynamics.tubes import Flow, interval_problem_of
 from xdynamics.units import time_in, unit_suffix
 
@@ -35,6 +39,8 @@ def enclose(
     rtol: float | None = None,
     order: int | None = None,
     max_steps: int | None = None,
+    occurrences: int | None = None,
+    compute: bool = True,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Prove bounds of every motion of a model.
@@ -54,6 +60,11 @@ def enclose(
         Of the Taylor polynomials, from 3 to 60; by default ceil(1 - ln(rtol)/2), as for `taylor`: 20.
     max_steps : int
         Steps after which the proof ends; 100,000 by default.
+    occurrences : int, optional
+        How many zeros of events to list, the first ones; where fewer are proven, the last are nan. By default all.
+    compute : bool
+        Whether to prove at once. If False, the Dataset has dask arrays, with one task for the whole proof. It needs `at`
+        then, and of a model with events that record `occurrences`.
     progress : callable, optional
         Called with the fraction done, the time and the number of steps.
 
@@ -87,6 +98,86 @@ def enclose(
     >>> bool(tube.lower_x[0] < tube.upper_x[0]), float(tube.upper_x[0] - tube.lower_x[0]) < 1e-13
     (True, True)
     """
+    request = enclosure_request(
+        model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, occurrences=occurrences
+    )
+    return request.computed(progress) if compute else lazy(request.stage())
+
+
+@dataclass(frozen=True)
+class EnclosureRequest:
+    """What proven bounds are asked for.
+
+    Attributes
+    ----------
+    model : Model
+    end : float, s
+    times : tuple of float, s, optional
+    order : int
+    tolerance : float
+    most : int
+        Steps.
+    occurrences : int, optional
+    """
+
+    model: Model
+    end: float
+    times: tuple[float, ...] | None
+    order: int
+    tolerance: float
+    most: int
+    occurrences: int | None
+
+    def computed(self, progress: Progress | None = None) -> xr.Dataset:
+        """Prove."""
+        flow = Flow(interval_problem_of(self.model), self.order, self.tolerance)
+        tube = proven(self.model, flow, self.end, self.times, self.most, progress)
+        return enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
+
+    def task(self) -> Task:
+        """Return the task that proves."""
+        asked = (self.end, self.times, self.order, self.tolerance, self.most, self.occurrences)
+        return Task.of("enclosure", self.computed, (), self.model.digest, asked)
+
+    def stage(self) -> Stage:
+        """Return the bounds before they are proven.
+
+        Raises
+        ------
+        InputError
+            If their number is not known, or no bounds are proven of the model.
+        """
+        interval_problem_of(self.model)
+        if self.times is None:
+            raise InputError(
+                "how many steps a proof takes is not known before; give the times of bounds, like at=['1 s']"
+            )
+        tube = unproven(self.model, self.times)
+        if tube.events and self.occurrences is None:
+            raise InputError(
+                f"how often '{tube.events[0].name}' is met is not known before; give the number to list, like occurrences=10"
+            )
+        template = enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
+        return Stage(template, self.task(), (AT_TIME, MODEL))
+
+
+def enclosure_request(
+    model: Model,
+    *,
+    until: Any = None,
+    at: Any = None,
+    rtol: Any = None,
+    order: Any = None,
+    max_steps: Any = None,
+    occurrences: Any = None,
+) -> EnclosureRequest:
+    """Read and check the arguments of `enclose`.
+
+    Raises
+    ------
+    InputError
+        If one is wrong.
+    """
     check_model(model)
     tolerance = _tolerance(rtol)
     degree, most = _order(order, tolerance), _most(max_steps)
@@ -98,9 +189,8 @@ def enclose(
             raise InputError(
                 f"at has {time!r}{suffix}, and the enclosure goes from {start!r}{suffix} to {end!r}{suffix}"
             )
-    flow = Flow(interval_problem_of(model), degree, tolerance)
-    tube = proven(model, flow, end, times, most, progress)
-    return enclosure_dataset(model, tube, degree, tolerance)
+    listed = counted_number(occurrences, "occurrences")
+    return EnclosureRequest(model, end, None if times is None else tuple(times), degree, tolerance, most, listed)
 
 
 def _tolerance(rtol: Any) -> float:

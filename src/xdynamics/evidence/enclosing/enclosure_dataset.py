@@ -10,10 +10,11 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.evidence.enclosing.tube import EventBounds, Tube
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.column import About
+from xdynamics.record.flag_words import words_of
 from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVENT_DIRECTIONS, EVENTS, PROVEN, STEPS, bounds_of, flags
 from xdynamics.tubes.boxes import Box, enclosed, multiply
 from xdynamics.tubes.interval_problem import intervals, unbounded
@@ -26,36 +27,49 @@ MODEL = "model_toml"
 COMPLETED, NOT_PROVEN = "completed", "not_proven"
 
 
-def enclosure_dataset(model: Model, tube: Tube, order: int, tolerance: float) -> xr.Dataset:
-    """Return the evidence."""
+def enclosure_dataset(
+    model: Model, tube: Tube, order: int, tolerance: float, occurrences: int | None = None
+) -> xr.Dataset:
+    """Return the evidence, with as many zeros of events as are to be listed."""
     along, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
     long_name = "time at which bounds were asked for" if tube.at_times else "time after a step"
     variables: dict[str, Any] = {along[1]: ((along[0],), tube.times, about(unit, long_name, "time"))}
     variables |= dict(_bounds(model, tube, along[0]))
-    variables |= dict(_events(model, tube))
+    variables |= dict(_events(model, tube, occurrences))
+    later = _known_later(model, tube)
+    variables |= {name: ((), np.array(value), attributes) for name, (value, attributes) in later.items()}
     variables[MODEL] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    outcome = NOT_PROVEN if tube.reason else COMPLETED
-    suffix = unit_suffix(model.time_unit)
-    attributes = {
-        "summary": proposition(model, tube),
+    attributes = {name: value for name, (value, _) in later.items()} | {
         PROVEN: 1,
-        "proven_until": tube.reached,
-        "outcome": outcome,
-        "outcome_text": (
-            f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
-            if tube.reason
-            else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps"
-        ),
-        **({"events_text": " ".join(_said(event, suffix) for event in tube.events)} if tube.events else {}),
         "solver_method": "Taylor series in intervals, carried as Lohner's set",
         "solver_order": order,
         "solver_rtol": tolerance,
-        "solver_steps": tube.steps,
         "precision": "intervals of float64, rounded outward",
         "math_functions": NAME,
         "model_digest": model.digest,
     }
     return exhibit(ENCLOSURE, f"Proven bounds of {model.name}", [], variables, attributes, shapes=model.shapes)
+
+
+def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
+    """Return what is known of a proof only once it is made: variables, and attributes too."""
+    suffix = unit_suffix(model.time_unit)
+    ended = (
+        f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
+        if tube.reason
+        else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps"
+    )
+    found: dict[str, tuple[Any, dict[str, Any]]] = {
+        "summary": (proposition(model, tube), about("1", "what is proven", "rule")),
+        "proven_until": (tube.reached, about(model.time_unit.text, "time up to which it is proven", "time")),
+        "outcome": (NOT_PROVEN if tube.reason else COMPLETED, about("1", "outcome of the proof", "outcome")),
+        "outcome_text": (ended, about("1", "why it went no further", "outcome")),
+        "solver_steps": (tube.steps, about("1", "steps of the proof", "count")),
+    }
+    if tube.events:
+        said = " ".join(_said(event, suffix) for event in tube.events)
+        found["events_text"] = said, about("1", "what is known of zeros of events", "rule")
+    return found
 
 
 def proposition(model: Model, tube: Tube) -> str:
@@ -92,26 +106,36 @@ def _pair(name: str, along: str, bounds: Box, unit: str, what: str) -> Iterator[
         yield key, ((along,), values, about(unit, f"proven {side} bound of {what}", f"{side}_bound"))
 
 
-def _events(model: Model, tube: Tube) -> Iterator[tuple[str, Any]]:
-    """Yield what is proven of events, in the order of their times."""
+def _events(model: Model, tube: Tube, occurrences: int | None) -> Iterator[tuple[str, Any]]:
+    """Yield what is proven of events, in the order of their times; of those that are listed and not proven nan."""
     if not tube.events:
         return
-    met = [(event.name, found) for event in tube.events for found in event.counted]
+    met = [(k, found) for k, event in enumerate(tube.events) for found in event.counted]
     met.sort(key=lambda pair: (pair[1].time[0], pair[1].time[1]))
+    met = met[:occurrences]
+    missing = 0 if occurrences is None else occurrences - len(met)
     names = [event.name for event in tube.events]
-    times = np.array([found.time for _, found in met]).reshape(-1, 2).T
+    times = _listed([found.time for _, found in met], missing)
     yield from _pair("event_time", EVENTS, times, model.time_unit.text, "the time of the event")
-    detectors = np.array([names.index(name) for name, _ in met], np.int8)
-    yield "event_detector", ((EVENTS,), detectors, about("1", "event", "flag") | flags(dict(enumerate(names))))
-    rising = np.array([1 if found.rising else -1 for _, found in met], np.int8)
+    detectors = np.array([k for k, _ in met] + [-1] * missing, np.int8)
+    none = occurrences is not None  # proven, of those that are listed
+    words = ({-1: "none"} if none else {}) | dict(enumerate(names))
+    directions = ({0: "none"} if none else {}) | EVENT_DIRECTIONS
+    yield "event_detector", ((EVENTS,), detectors, about("1", "event", "flag") | flags(words))
+    rising = np.array([1 if found.rising else -1 for _, found in met] + [0] * missing, np.int8)
     yield (
         "event_direction",
-        ((EVENTS,), rising, about("1", "direction of the crossing", "flag") | flags(EVENT_DIRECTIONS)),
+        ((EVENTS,), rising, about("1", "direction of the crossing", "flag") | flags(directions)),
     )
     for i, name in enumerate(layout_of(model).used):
         unit = model.units[name]
-        states = np.array([found.state[:, i] for _, found in met]).reshape(-1, 2).T
+        states = _listed([found.state[:, i] for _, found in met], missing)
         yield from _pair(f"event_{name}", EVENTS, _in_units(states, unit), unit.text, f"{name} at the event")
+
+
+def _listed(intervals: list[Box], missing: int) -> Box:
+    """Return the ends of intervals, then of as many that are not known."""
+    return np.array([*intervals, *[np.full(2, np.nan)] * missing]).reshape(-1, 2).T
 
 
 def _said(event: EventBounds, suffix: str) -> str:
@@ -132,7 +156,7 @@ def _in_units(bounds: Box, unit: Unit) -> Box:
 
 def lines_of(enclosure: xr.Dataset) -> list[str]:
     """Say what is proven, the last bounds, and those of events."""
-    lines = [f"proven    {enclosure.attrs['summary']}", f"ended     {enclosure.attrs['outcome_text']}"]
+    lines = [f"proven    {stated(enclosure, 'summary')}", f"ended     {stated(enclosure, 'outcome_text')}"]
     along, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
     names = bounded(enclosure, along)
@@ -143,9 +167,9 @@ def lines_of(enclosure: xr.Dataset) -> list[str]:
         lines += [f"  {name:<8}  {_between(last, name)}" for name in names]
     for k in range(enclosure.sizes.get(EVENTS, 0)):
         event = enclosure.isel({EVENTS: k})
-        words = str(event["event_detector"].attrs["flag_meanings"]).split()
-        lines.append(f"event     {words[int(event['event_detector'])]}: t from {_between(event, 'event_time')}")
-    return [*lines, *(f"events    {text}" for text in (enclosure.attrs.get("events_text"),) if text)]
+        if (word := words_of(event["event_detector"])[0]) != "none":
+            lines.append(f"event     {word}: t from {_between(event, 'event_time')}")
+    return [*lines, *(f"events    {text}" for text in (stated(enclosure, "events_text"),) if text)]
 
 
 def bounded(enclosure: xr.Dataset, along: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.model import Model
 from xdynamics.model.detectors import OCCASION, Detector, function_rate
-from xdynamics.tubes import Flow, Proof
+from xdynamics.tubes import Flow, IntervalProblem, Proof, interval_problem_of
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.functions import Functions
@@ -77,7 +78,7 @@ class Tube:
 
 
 def proven(
-    model: Model, flow: Flow, end: float, times: list[float] | None, most: int, progress: Progress | None
+    model: Model, flow: Flow, end: float, times: Sequence[float] | None, most: int, progress: Progress | None
 ) -> Tube:
     """March, and collect what is proven.
 
@@ -86,7 +87,7 @@ def proven(
     model : Model
     flow : Flow
     end : float, s
-    times : list of float, s, optional
+    times : sequence of float, s, optional
         When bounds are wanted; by default after every step.
     most : int
         Steps after which it ends.
@@ -94,7 +95,7 @@ def proven(
     """
     layout, start = layout_of(model), float(model.initial["t"].si)
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
-    events = [_event(flow, layout, detector) for detector in layout.watched if detector.role == OCCASION]
+    events = [_event(flow.problem, layout, detector) for detector in _recorded(layout)]
     collected = _Collected(flow, observed, start, times)
     until, steps, reached = time_box(end), 0, start
     for proof in flow.until([until]):
@@ -114,15 +115,27 @@ def proven(
     return Tube(np.array(collected.times), bounds, events, steps, reached, flow.reason, times is not None)
 
 
-def _event(flow: Flow, layout: Layout, detector: Detector) -> EventBounds:
+def unproven(model: Model, times: Sequence[float]) -> Tube:
+    """Return the tube at some times before anything is proven: its quantities, which are nan, and its events."""
+    layout, problem = layout_of(model), interval_problem_of(model)
+    bounds = np.full((2, len(times), problem.used + len(layout.derived)), np.nan)
+    events = [_event(problem, layout, detector) for detector in _recorded(layout)]
+    return Tube(np.array(times), bounds, events, 0, np.nan, "", at_times=True)
+
+
+def _recorded(layout: Layout) -> list[Detector]:
+    return [detector for detector in layout.watched if detector.role == OCCASION]
+
+
+def _event(problem: IntervalProblem, layout: Layout, detector: Detector) -> EventBounds:
     trees = [detector.looked_at, function_rate(layout.model, detector)]
-    return EventBounds(detector.name, detector.direction, Crossings(Functions(flow.problem, layout, trees)))
+    return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees)))
 
 
 class _Collected:
     """Bounds after every step, or at wanted times."""
 
-    def __init__(self, flow: Flow, observed: Functions, start: float, times: list[float] | None) -> None:
+    def __init__(self, flow: Flow, observed: Functions, start: float, times: Sequence[float] | None) -> None:
         self._observed, self._used = observed, flow.problem.used
         self._wanted = None if times is None else [(place, time_box(time)) for place, time in enumerate(times)]
         unknown = np.full((2, self._used + observed.count), np.nan)

@@ -71,6 +71,16 @@ class CaseRuns:
         """The run with the steps of the model's `[run]`."""
         return self.marched(self.model, **self.asked)
 
+    @property
+    def end(self) -> float:
+        """The time up to which the model's `[run]` asks to march, s."""
+        return time_in(self.model.time_unit, self.model.run["until"], "until")
+
+    @property
+    def by_order(self) -> float:
+        """What halving the step divides an error by, at least."""
+        return float(2.0 ** (self.method.order - SLACK))
+
     @cached_property
     def coarse(self) -> xr.Dataset:
         """The run with twice the step.
@@ -158,18 +168,22 @@ class CaseRuns:
         by_order = case.bound == ORDER or exact_from(case.bound) > self.method.order
         if not by_order:
             return self.rounding(case)
-        halved = float(2.0 ** (self.method.order - SLACK))
         most = ORDER_AT_MOST * float(np.max(np.abs(self.true(self.run, case))))
-        return min(float(np.max(self.residual(self.coarse, case))) / halved, most) + self.rounding(case)
+        halved = float(np.max(self.residual(self.coarse, case))) / self.by_order
+        return min(halved, most) + self.rounding(case)
 
-    def rounding(self, case: Validation) -> float:
-        """Return a bound of the rounding error, plus the uncertainty of location at an event."""
-        run, name = self.run, case.quantity
+    def rounding_of(self, name: str) -> float:
+        """Return a bound of the rounding error of a quantity."""
+        run = self.run
         steps, span = run.sizes[STEPS], float(run["time"][-1] - run["time"][0])
         size = float(np.max(np.abs(run["time" if name == "t" else name])))
         if name in self.model.coordinates:
             size += span * float(np.max(np.abs(run[velocity(name)])))
-        error = (self.method.evaluations + 2) * steps * EPS * size
+        return (self.method.evaluations + 2) * steps * EPS * size
+
+    def rounding(self, case: Validation) -> float:
+        """Return a bound of the rounding error, plus the uncertainty of location at an event."""
+        run, name, error = self.run, case.quantity, self.rounding_of(case.quantity)
         if case.event:
             k, row = _met(run, case)
             uncertainty = float(run["event_time_uncertainty"][k])

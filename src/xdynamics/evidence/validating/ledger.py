@@ -16,6 +16,7 @@ from xdynamics.evidence.stages import Stage, lazy
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_dataset
+from xdynamics.evidence.validating.proven_bounds import beside_bounds, rows_of_bounds
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS, unknown_method
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 CASES = Path(__file__).with_name("cases")
 EXACT_CASES = "validation ledger: exact cases"  # title
 OF_IMPACTS = {"impact": 5}  # lines of the law of impacts of the ledger's own cases
+OF_BOUNDS = ("proven_motion",)  # those that are compared with proven bounds
 
 
 def validate(
@@ -36,10 +38,11 @@ def validate(
     model: Model | None = None,
     *,
     impacts: int | None = None,
+    proven: bool = False,
     keep: str | Path | None = None,
     compute: bool = True,
 ) -> xr.Dataset:
-    """Compare methods with exact cases, or a model with its own closed forms and the law of its contacts.
+    """Compare methods with exact cases, or a model with its own closed forms, the law of its contacts, and proven bounds.
 
     Parameters
     ----------
@@ -48,10 +51,12 @@ def validate(
     model : Model, optional
         A model with closed forms, ``[validation.<name>]``; by default the ledger's own cases: zero force, constant
         acceleration, linear drag, linear oscillator, a long oscillation, zero coupling, normal modes alone and
-        together, a drive of time, impact, resting contact, dry friction, unit scaling.
+        together, a drive of time, impact, resting contact, dry friction, unit scaling, a motion within proven bounds.
     impacts : int, optional
         How many relations of impacts to list of a model with contacts; where a run has fewer they are refused. By
         default as many as it has.
+    proven : bool
+        Whether to compare the last values of a model's run, with a fixed step, with bounds that `enclose` proves.
     keep : str or Path, optional
         A folder in which the lines of each case are kept as soon as they are known, or ``"s3://bucket/folder"``: the
         same call continues a ledger that was interrupted.
@@ -91,7 +96,7 @@ def validate(
     if isinstance(methods, Model) and model is None:
         methods, model = None, methods
     names = _names(methods, model, impacts)
-    cases = _own(names) if model is None else _of_model(model, names, impacts)
+    cases = _own(names) if model is None else _of_model(model, names, impacts, proven=proven is True)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
     kept = Keep.of(keep)
     if not compute:
@@ -118,13 +123,13 @@ def _names(methods: Any, model: Any, impacts: Any) -> list[str] | None:
 def _own(methods: Sequence[str] | None) -> list[Case]:
     """Return the ledger's own cases by methods."""
     return [
-        Case(model, method, stage, f"{name}.", OF_IMPACTS.get(name, 0))
+        Case(model, method, stage, f"{name}.", OF_IMPACTS.get(name, 0), proven=name in OF_BOUNDS)
         for stage, (name, model) in enumerate(_own_cases(), 1)
         for method in methods or METHODS
     ]
 
 
-def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None) -> list[Case]:
+def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None, *, proven: bool) -> list[Case]:
     """Return the cases of a model by methods.
 
     Raises
@@ -132,15 +137,15 @@ def _of_model(model: Model, methods: Sequence[str] | None, impacts: int | None) 
     InputError
         If it has neither a closed form nor contacts, or no method.
     """
-    if not model.validation and not model.contacts:
+    if not (model.validation or model.contacts or proven):
         raise InputError(
             f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
-            " expression, bound"
+            " expression, bound, or compare it with proven bounds: proven=True (--proven)"
         )
     chosen = methods or [str(model.run["method"])] if "method" in model.run or methods else []
     if not chosen:
         raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
-    return [Case(model, method, impacts=impacts) for method in chosen]
+    return [Case(model, method, impacts=impacts, proven=proven) for method in chosen]
 
 
 def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) -> Stage:
@@ -179,6 +184,8 @@ class Case:
         Of the names of its lines.
     impacts : int, optional
         How many lines of the law of impacts there are where the method locates them; None for as many as the run has.
+    proven : bool
+        Whether its end is compared with proven bounds.
     """
 
     model: Model
@@ -186,6 +193,7 @@ class Case:
     stage: int = 0
     prefix: str = ""
     impacts: int | None = None
+    proven: bool = False
 
     def task(self) -> Task:
         """Return the task that marches it.
@@ -209,6 +217,7 @@ class Case:
             self.stage,
             self.prefix,
             self.impacts,
+            self.proven,
             self.method,
             self.model.digest,
             inputs_of(asked),
@@ -223,6 +232,8 @@ class Case:
         for row, case in self._forms():
             why = runs.refusal(case)
             yield replace(row, note=why) if why else runs.filled(row, case)
+        if self.proven:
+            yield from beside_bounds(runs, self.prefix, self.stage)
         if self.model.contacts and (self.impacts != 0 or self.stage):
             lines = [*_of_impacts(runs, self.prefix, self.stage)]
             missing = [] if self.impacts is None or self.stage else self._missing(self.impacts - len(lines))
@@ -231,6 +242,8 @@ class Case:
     def blank(self) -> Iterator[LedgerRow]:
         """Yield as many lines, before anything is marched."""
         yield from (row for row, _ in self._forms())
+        if self.proven:
+            yield from rows_of_bounds(self.model, self.method, self.prefix, self.stage)
         if self.model.contacts:
             runs = CaseRuns(self.model, self.method, own=self.stage > 0)
             located = not runs.refused and runs.method.stepper.locates
