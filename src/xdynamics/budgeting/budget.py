@@ -20,6 +20,7 @@ from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
 from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
 from xdynamics.budgeting.own_run import OwnRun, own_run_task
 from xdynamics.budgeting.physical import copies
+from xdynamics.budgeting.proven_bounds import NOT_PROVEN, proven_task
 from xdynamics.budgeting.random_draws import drawn_until, wanted_of
 from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RUN
 from xdynamics.budgeting.term import Declared, Term
@@ -29,6 +30,7 @@ from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
+from xdynamics.schema import PROVEN
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ def error_budget(
     inadequate_fit: bool = False,
     only: Sequence[str] | str | None = None,
     without: Sequence[str] | str | None = None,
+    proven: bool = False,
     keep: str | Path | None = None,
     compute: bool = True,
     **settings: Any,
@@ -100,6 +103,9 @@ def error_budget(
         Terms by their names, which alone are computed, or which are left out, of totals and draws too: ``["roundoff"]``,
         ``["truncation", "c"]``. Every other term is the same as in the whole budget, and the record says what is left
         out. Without truncation no finer run is marched, and there is nothing along `level`.
+    proven : bool
+        Whether to prove bounds of the number, as `enclose` does, of the values as they are written: what the run is off by
+        at most, whatever the numerical terms estimate.
     keep : str or Path, optional
         A folder in which the number in each level, each term and each block of draws is kept as soon as it is known, or
         ``"s3://bucket/folder"``: the same call continues a budget that was interrupted, and marches nothing for what is
@@ -118,7 +124,8 @@ def error_budget(
         `input_uncertainty`, `standard_uncertainty`, `bound`, `share` of the variance, and `standard_uncertainty_doubt`,
         how far a drawn standard uncertainty may be off. `numerical_bound` (the sum of bounds), `numerical_rss`,
         `physical_rss`, `total_rss`. With draws `monte_carlo_standard_uncertainty`, `monte_carlo_shortest`,
-        `monte_carlo_symmetric`, `linear_apart`; `linear_verdict`. `result`, the number as it is written.
+        `monte_carlo_symmetric`, `linear_apart`; `linear_verdict`. `result`, the number as it is written. Where it is asked for
+        `proven_interval` and `proven_error`, what the number is off by at most, with `proven_text`.
 
     Raises
     ------
@@ -168,6 +175,7 @@ def error_budget(
         inadequate_fit=inadequate_fit,
         only=only,
         without=without,
+        proven=proven,
         keep=keep,
         **settings,
     )
@@ -210,7 +218,8 @@ def budget_stage(request: BudgetRequest) -> Stage:
     own = OwnRun.of(measurand, run)
     unit = parse_unit(own.units)
     terms = [term for source in request.sources for term in source.blank(unit)]
-    blank = Budgeted(own, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms)
+    proven = NOT_PROVEN if request.proven else None
+    blank = Budgeted(own, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms, proven)
     if request.draws:
         numbers = request.propagation(NOT_MARCHED.value, terms).numbers(request.draws, members_per_task=MEMBERS)
         tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
@@ -235,6 +244,7 @@ def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
         shared[COPIES] = gathered(partial(copies, measurand, request.inputs))
     parts: dict[Any, Any] = {name: shared[name] for name in (NUMBER, COMPARED) if name in shared}
     parts[OWN] = own_run_task(measurand, run)
+    parts |= {PROVEN: proven_task(measurand, run)} if request.proven else {}
     return parts | {source.names: source.task(measurand, shared) for source in request.sources}
 
 

@@ -15,12 +15,13 @@ from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, 
 from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, draws_needed, judged
 from xdynamics.budgeting.numerical import Compared, Estimate
 from xdynamics.budgeting.own_run import OwnRun
+from xdynamics.budgeting.proven_bounds import ProvenBounds, proven_as
 from xdynamics.budgeting.rounding import rounded
 from xdynamics.budgeting.sources import COMPARED, NUMBER, OWN
 from xdynamics.budgeting.term import Term
 from xdynamics.elementary.arrays import applied
 from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.schema import flags
+from xdynamics.schema import PROVEN, flags
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -39,18 +40,21 @@ class Budgeted:
     compared : Compared, optional
         The number in finer levels; None where truncation is left out.
     terms : list of Term
+    proven : ProvenBounds, optional
+        Of the number.
     """
 
     own: OwnRun
     number: Estimate
     compared: Compared | None
     terms: list[Term]
+    proven: ProvenBounds | None = None
 
     @classmethod
     def of(cls, parts: Mapping[Any, Any]) -> Budgeted:
         """Return it from the results of its tasks; those of terms are under tuples of their names."""
         terms = [term for name, row in parts.items() if isinstance(name, tuple) for term in row]
-        return cls(parts[OWN], parts[NUMBER], parts.get(COMPARED), terms)
+        return cls(parts[OWN], parts[NUMBER], parts.get(COMPARED), terms, parts.get(PROVEN))
 
 
 def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
@@ -59,6 +63,7 @@ def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Draw
     unit, compared = parse_unit(own.units), budgeted.compared
     variables = terms_as(model, target, unit, value, budgeted.terms)
     variables |= {} if compared is None else levels_as(compared, own, unit)
+    variables |= {} if budgeted.proven is None else proven_as(budgeted.proven, value, unit.text)
     variables["run_outcome"] = (
         (),
         np.array(own.outcome),
@@ -119,6 +124,7 @@ def _attributes(request: BudgetRequest, own: OwnRun) -> dict[str, Any]:
             "solver_method": own.method,
         }
         | ({"at": target.at} if target.at is not None else {})
+        | ({PROVEN: 1} if request.proven else {})
         | ({"left_out": ", ".join(request.left_out)} if request.left_out else {})
     )
 

@@ -38,6 +38,8 @@ class BudgetRequest:
     inadequate_fit : bool
     left_out : tuple of str
         Names of terms.
+    proven : bool
+        Whether the number is compared with proven bounds.
     """
 
     measurand: Measurand
@@ -47,6 +49,7 @@ class BudgetRequest:
     digits: int
     inadequate_fit: bool
     left_out: tuple[str, ...] = ()
+    proven: bool = False
 
     @property
     def target(self) -> Target:
@@ -64,6 +67,7 @@ class BudgetRequest:
             self.digits,
             self.inadequate_fit,
             self.left_out,
+            self.proven,
         )
         return (*self.measurand.inputs, *own)
 
@@ -123,6 +127,7 @@ def budget_request(
     inadequate_fit: bool = False,
     only: Any = None,
     without: Any = None,
+    proven: bool = False,
     keep: Any = None,
     **settings: Any,
 ) -> BudgetRequest:
@@ -146,6 +151,7 @@ def budget_request(
         coverage,
         digits,
         inadequate_fit is True,
+        proven=proven is True,
     )
     names = whole.names
     left_out = names_left_out(names, model.shapes, only, without)

@@ -39,6 +39,7 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
         for name in ("numerical_rss", "numerical_bound", "physical_rss", "total_rss")
     )
     yield f"totals    numerical {numerical}, at most {bound}; physical {physical}; together {total}"
+    yield from _proven(budget, unit)
     if "monte_carlo_standard_uncertainty" not in budget:
         yield "linear    not checked: draw, with --draws 10000"
         return
@@ -57,6 +58,20 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
     yield (
         f"linear    {verdict}: its interval ends {float(stated(budget, 'linear_apart')):.2g}{unit} from that of the"
         f" draws{remedy}"
+    )
+
+
+def _proven(budget: xr.Dataset, unit: str) -> Iterator[str]:
+    """Describe proven bounds of the number, where they were asked for."""
+    if "proven_interval" not in budget:
+        return
+    low, high = budget["proven_interval"].values.tolist()
+    if not low <= high:
+        yield f"proven    nothing: {budget['proven_text'].item()}"
+        return
+    yield (
+        f"proven    {low!r} to {high!r}{unit}, {high - low:.2g}{unit} wide: the run is off by at most"
+        f" {uncertainty_alone(float(budget['proven_error']))}{unit}"
     )
 
 

@@ -17,6 +17,7 @@ from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
 from xdynamics.budgeting.budget_summary import place_of, settled_by
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
+from xdynamics.budgeting.proven_bounds import ProvenBounds
 from xdynamics.budgeting.rounding import same_number, short
 from xdynamics.evidence.evidence_dataset import about, exhibit, stated
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING
@@ -29,7 +30,7 @@ from xdynamics.faults import ArchiveError, InputError, numbered
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model, check_model
 from xdynamics.record.flag_words import in_prose, words_of
-from xdynamics.schema import EVIDENCE, flags
+from xdynamics.schema import EVIDENCE, PROVEN, flags
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT
 
@@ -61,7 +62,7 @@ SAME = (
     "extreme_rule",
     "extreme_time",
 )
-KEPT = ("at", "time_units", "inadequate_fit")
+KEPT = ("at", "time_units", "inadequate_fit", PROVEN)
 VARIABLES_TOO = ("result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time")  # certificates of old: not
 
 
@@ -88,7 +89,7 @@ def certify(
         Whether to march at once. If False, the Dataset has dask arrays, with the tasks of the budget and of the ledger.
     **asked
         Further arguments of `error_budget` (except declared terms, which no model file holds, and a choice of terms), and settings of
-        `simulate`.
+        `simulate`. With ``proven=True`` the bounds that are proven of the number are a gate too.
 
     Returns
     -------
@@ -200,7 +201,20 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
             )
         )
     gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decisions]
+    gates += [_of_bounds(budget)] if "proven_interval" in budget else []
     return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
+
+
+def _of_bounds(budget: xr.Dataset) -> tuple[str, str, str]:
+    """Return the gate of proven bounds: failed where the number is farther from them than its numerical bound."""
+    low, high = map(float, budget["proven_interval"].values)
+    bounds = ProvenBounds(low, high, str(budget["proven_text"].item()))
+    value, bound = float(budget["value"]), float(budget["numerical_bound"])
+    if not bounds.low <= bounds.high:
+        return PROVEN, NOT_CHECKED, bounds.text
+    error, distance = bounds.error(value), bounds.distance(value)
+    verdict = PASSED if error <= bound else FAILED if distance > bound else NOT_CHECKED
+    return PROVEN, verdict, f"off by at most {error:.3g}, which is proven, beside a numerical bound of {bound:.3g}"
 
 
 def _bounds(budget: xr.Dataset) -> dict[str, float]:
@@ -294,6 +308,7 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
         coverage=float(attributes["coverage"]),
         digits=int(attributes.get("digits", 1)),
         inadequate_fit=bool(attributes.get("inadequate_fit", 0)),
+        proven=bool(attributes.get(PROVEN, 0)),
         **place,
         **json.loads(str(attributes["asked"])),
     )

@@ -166,6 +166,16 @@ class Target:
         row = int(run[f"event_row_{self.side}"].values[place])
         return float(run[self.quantity].values[row]), 0.0, abs(self._rate(run, model, place)) * located
 
+    def time_in(self, run: xr.Dataset) -> float:
+        """Return the time of the event in a run.
+
+        Raises
+        ------
+        InputError
+            If the run ends before.
+        """
+        return float(run["event_time"].values[self._place(run)])
+
     @property
     def kept(self) -> str:
         """The word that keeps it of a sweep's members, and the variable that holds it."""

@@ -43,6 +43,7 @@ OF_A_NUMBER = (
     click.option(
         "--inadequate-fit", is_flag=True, help="Take a fitted model even if its residuals are more than noise."
     ),
+    click.option("--proven", is_flag=True, help="Also prove bounds of the number, as `enclose` does."),
     click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value."),
     KEPT,
     clustered,
