@@ -15,6 +15,7 @@ from xdynamics.dynamics.variational import LARGEST, Equations, NotVariedError, V
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import variables
 from xdynamics.record.flag_words import words_of
 
@@ -47,6 +48,7 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
         raise NotVariedError("an extreme is where the run has it")
     if read := sorted(model.read_at_start.intersection(inputs)):
         raise NotVariedError(f"values at the start follow '{read[0]}'")
+    _check_points(model, inputs)
     along = Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"]))
     change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
     for before, after, names in _instants(run):
@@ -64,6 +66,15 @@ def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, .
     _check_open(touched, last)
     change = along.over(change, row, last, target.at)
     return _of_quantity(_end(along, last, target.at, change), target)
+
+
+def _check_points(model: Model, inputs: Sequence[str]) -> None:
+    """Refuse tables that jump at points whose times the inputs move."""
+    if not (moved := sorted(model.read_by_points.intersection(inputs))):
+        return
+    for name, drive in model.drives.items():
+        if drive.argument != CLOCK and (drive.interpolation == "previous" or drive.outside == "zero"):
+            raise NotVariedError(f"'{name}' jumps at times that follow '{moved[0]}'")
 
 
 def _check_open(touched: Mapping[str, int], row: int) -> None:

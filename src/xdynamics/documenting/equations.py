@@ -92,7 +92,7 @@ def _tables(model: Model) -> Iterator[Block]:
             [
                 [
                     name,
-                    drive.argument,
+                    text_of(drive.argument),
                     f"{len(drive.table.argument)} in {drive.table.name}",
                     drive.interpolation,
                     drive.outside,

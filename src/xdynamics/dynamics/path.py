@@ -13,6 +13,7 @@ from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
 from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, refuse_ticks, touches
+from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
@@ -204,8 +205,10 @@ class RunPath:
     def _pieces(self) -> Whole:
         """The piece of every drive's table that each step goes through."""
         pieces = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
-        for i, (drive, (origins, _)) in enumerate(zip(self.model.drives.values(), tables_of(self.model), strict=True)):
-            piece = np.searchsorted(origins, self._middles[drive.argument], side="right") - 1
+        values = dict(constants(self.model)) | self._middles
+        places = self.model.looked_up_at.values()
+        for i, (at, (origins, _)) in enumerate(zip(places, tables_of(self.model), strict=True)):
+            piece = np.searchsorted(origins, evaluate_many(at, values), side="right") - 1
             pieces[:, i] = np.clip(piece, 0, len(origins) - 1)
         return pieces
 

@@ -23,10 +23,11 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary.arrays import applied, product, solved
 from xdynamics.expressions import Name, Node, derivatives
-from xdynamics.expressions.calculus import ONE
+from xdynamics.expressions.calculus import ONE, divide, multiply
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.derivatives import force_totals
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
 from xdynamics.schema import acceleration, rate, velocity
 
@@ -58,7 +59,17 @@ def refuse_ticks(model: Model) -> None:
 def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
     """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
-    return own | {name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items()}
+    return own | {name: _of_drive(model, name, own) for name in model.drives}
+
+
+def _of_drive(model: Model, name: str, own: Mapping[str, Mapping[str, Node]]) -> dict[str, Node]:
+    """Return the derivatives of a drive; the slope of one in time is by time, whatever its argument."""
+    argument, slope_of = model.expanded(model.drives[name].argument), Name(slope(name))
+    inner = derivatives(argument, own)
+    if model.looked_up_at[name] == CLOCK:
+        pace = inner.get("t", ONE)
+        return {by: multiply(slope_of, ONE if by == "t" else divide(rate, pace)) for by, rate in inner.items()}
+    return {by: multiply(slope_of, rate) for by, rate in inner.items()}
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,13 @@ from xdynamics.evidence.operating_point import operating_point, place_in, replac
 from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.stage_tasks import Task, inputs_of
 from xdynamics.evidence.stages import Stage, is_lazy, lazy
+from xdynamics.expressions import text_of
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, linearise
-from xdynamics.model.motion import variables
+from xdynamics.model.motion import constants, variables
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
 from xdynamics.schema import Variable
@@ -190,10 +192,11 @@ def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str,
     """Refuse a state at which a drive has no value or the mass matrix is not positive definite."""
     for name, drive in model.drives.items():
         low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
-        if drive.outside == "error" and not low <= state[drive.argument] <= high:
+        at = evaluate(model.expanded(drive.argument), {**constants(model), **state})
+        if drive.outside == "error" and not low <= at <= high:
             raise InputError(
-                f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {drive.argument} ="
-                f" {state[drive.argument]:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
+                f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {text_of(drive.argument)} ="
+                f" {at:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
             )
     try:
         np.linalg.cholesky(linearisation.mass)

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.sampling import sample
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions import Name, free_names, text_of
+from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, drawn, has_chords, is_long, moments, unjoined
 from xdynamics.figures.event_marks import mark_events
 from xdynamics.figures.marks import COLOURS, shade_regimes, timed, words
 from xdynamics.figures.transients import Transient, settled
 from xdynamics.model import Model
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.drives import looked_up
 from xdynamics.model.motion import constants, tables_of
 from xdynamics.record.partial_records import is_whole
@@ -141,7 +143,7 @@ def driven(run: xr.Dataset, names: list[str], beside: Beside, axes: Axes) -> Non
         for name in names:
             if (found := _along(record, name)) is None:
                 continue
-            colour, text = key(name, k, label, names, beside, f"{name}({drives[name].argument})")
+            colour, text = key(name, k, label, names, beside, f"{name}({text_of(drives[name].argument)})")
             axes.plot(*found, ("-", *DASHES)[k % 4], color=colour, linewidth=1.1, label=words(text))
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{_joined(names)} ({drives[names[0]].table.value_unit.text})"))
     axes.set_title("measured drives along the run", loc="left", fontsize=10)
@@ -155,13 +157,18 @@ def _along(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
         return None
     drive, time = model.drives[name], run["time"].values
     table = dict(zip(model.drives, tables_of(model), strict=True))[name]
-    of_time = drive.argument == "t"
+    place = model.looked_up_at[name]
+    of_time = place == CLOCK
     if of_time:  # its own points too, which no step may have met
         points = table[0][(table[0] > time[0]) & (table[0] < time[-1])]
         at = argument = np.union1d(moments(run), points)
+    elif isinstance(place, Name):
+        at, (argument,) = drawn(run, place.name)
+        argument = argument * float(model.units[place.name].factor)
     else:
-        at, (argument,) = drawn(run, drive.argument)
-        argument = argument * float(model.units[drive.argument].factor)
+        read = free_names(place) & {*model.units}
+        state = {word: run[word].values * float(model.units[word].factor) for word in read}
+        at, argument = time, evaluate_many(place, {**constants(model), **state, "t": time})
     values: Floats = looked_up(table, argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
     return at, values
 

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.shortened_steps import model_of
+from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
 from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, space
 from xdynamics.figures.companions import Beside
@@ -260,7 +261,7 @@ def _drives(run: xr.Dataset) -> list[list[str]]:
     model = model_of(run, None)
     groups: dict[str, list[str]] = {}
     for name, drive in model.drives.items():
-        if drive.argument == "t" or drive.argument in run:
+        if (free_names(model.looked_up_at[name]) & {*model.units}).issubset(run.variables):
             groups.setdefault(drive.table.value_unit.text, []).append(name)
     return list(groups.values())
 

@@ -21,6 +21,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import REGIME_NUMBER, constants, slope
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import switch_inputs
@@ -233,7 +234,7 @@ class _IntervalPrinter:
         drive = name.removeprefix(slope(""))
         number = self._layout.drives.index(drive)
         return lines.compute(
-            "value_at" if drive == name else "slope_at", lines.named(self._layout.model.drives[drive].argument), number
+            "value_at" if drive == name else "slope_at", lines.value(self._layout.model.looked_up_at[drive]), number
         )
 
     def _taken(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
@@ -255,7 +256,7 @@ class _IntervalPrinter:
         name = line.operation
         if name in ("value_at", "slope_at"):
             argument, drive = line.arguments
-            of_time = list(self._layout.model.drives.values())[int(drive)].argument == "t"
+            of_time = [*self._layout.model.looked_up_at.values()][int(drive)] == CLOCK
             self._row(line.target, OPERATIONS.index(name), self._place(argument), int(drive), int(of_time))
             return
         places = [self._place(argument) for argument in line.arguments]

@@ -19,6 +19,7 @@ from xdynamics import schema
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import has_loops
 from xdynamics.model import Model
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.whole import motion_of_wholes, shapes_of, varying
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.dependence import Dependence
@@ -72,7 +73,7 @@ class Pattern(NamedTuple):
 
 def is_compressed(layout: Layout) -> bool:
     """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
-    by_motion = any(drive.argument != "t" for drive in layout.model.drives.values())
+    by_motion = any(at != CLOCK for at in layout.model.looked_up_at.values())
     return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
 
 

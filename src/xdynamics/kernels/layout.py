@@ -224,6 +224,14 @@ class Layout:
         return changes(self.model.controllers)
 
     @cached_property
+    def tracked(self) -> tuple[str, ...]:
+        """The drives with located points whose argument is an expression: it is computed beside rates of events."""
+        variables = {*self.coordinates, *self.velocities}
+        drives = dict.fromkeys(switch.drive for switch in self.watched if switch.drive)
+        places = self.model.looked_up_at
+        return tuple(name for name in drives if getattr(places[name], "name", "") not in variables)
+
+    @cached_property
     def followed(self) -> dict[str, Node]:
         """The time derivatives of observables, for events; of those that depend on accelerations they are unknown."""
         if not self.watched:

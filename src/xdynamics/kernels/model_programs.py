@@ -29,7 +29,8 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.model import Function, Model
 from xdynamics.model.derivatives import jacobian, slopes
-from xdynamics.model.detectors import followed, function_rate, python_values
+from xdynamics.model.detectors import argument_motion, followed, function_rate, python_values
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, motion, slope
 from xdynamics.model.reactions import table
@@ -181,6 +182,8 @@ def event_rates(layout: Layout) -> Program:
     model = layout.model
     trees = [function_rate(model, entry) for entry in layout.watched]
     trees += layout.followed.values()
+    for name in layout.tracked:
+        trees += argument_motion(model, name)
     about = "The time derivatives of event functions and observables."
     return _returning("slopes", about, layout, trees, {entry.name: entry.value for entry in followed(model)})
 
@@ -346,11 +349,11 @@ class _Names:
             inner = self._inner[name]
             return _called(lines, inner) if isinstance(inner, Function) else lines.value(inner)
         drive = name.removeprefix(slope(""))
-        number, argument = self._drives[drive], self._layout.model.drives[drive].argument
-        at = lines.named(argument)
+        number, argument = self._drives[drive], self._layout.model.looked_up_at[drive]
+        at = lines.value(argument)
         operation = "value_at" if drive == name else "slope_at"
         # where the march lands on ends of pieces, one piece holds throughout a step: a jump falls between steps
-        if argument == "t" or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
+        if argument == CLOCK or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
             return lines.compute(operation, at, lines.compute("piece_of", number), number)
         looked_up = lines.compute(operation, at, lines.compute("find_piece", at, number), number)
         if drive not in self._kept:

@@ -23,7 +23,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import lanes_for, march_abreast
 from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.model import Model
-from xdynamics.units import TIME, Scales
+from xdynamics.units import TIME, Scales, spell
 
 Floats = NDArray[np.float64]
 LOG_ROWS = 1 << 14  # of the log, which is filled repeatedly
@@ -199,9 +199,12 @@ def march_many(
     law = law_of(settings.layout(model), sampled=False)
     addresses_of(law)
     cuts = np.linspace(0, n, max(1, min(threads, n)) + 1).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(cuts.tolist())]
+    # where points of tables are passed at other times, a march lands elsewhere
+    timed = {name: arrays["parameter", name] for name in sorted(model.read_by_points) if ("parameter", name) in arrays}
+    changes = [1 + np.flatnonzero(np.diff(values)) for values in timed.values()]
+    parts = [slice(a, b) for a, b in pairwise(np.unique(np.concatenate([cuts, *changes])).tolist())]
 
-    side_by_side, kept = lanes_for(law, settings, n, lanes), bool(logs)
+    side_by_side, kept = 1 if timed else lanes_for(law, settings, n, lanes), bool(logs)
     columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
     meant = columns if kept and side_by_side > 1 else tuple(law.layout.row)
 
@@ -211,15 +214,21 @@ def march_many(
             if side_by_side > 1:
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
             log = allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
-            run = posed(model, settings, law, log, addresses_of(law))
+            own = {name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()}
+            run = posed(model.replace(parameters=own) if own else model, settings, law, log, addresses_of(law))
             return _march(run, log, law, inputs_of(model, settings, law, run, part_arrays), logs=kept)
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
     if len(parts) == 1:
         return _joined(law, settings, [marched(parts[0])], meant, logs=kept)
-    with ThreadPoolExecutor(len(parts)) as pool:
+    with ThreadPoolExecutor(min(threads, len(parts))) as pool:
         return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
+
+
+def _si(model: Model, name: str) -> str:
+    """Return the SI unit of a parameter."""
+    return spell(model.dimensions[name]).text
 
 
 def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False) -> Runs:
@@ -253,11 +262,16 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
         np.concatenate([run.plan for run in runs]),
         *(np.stack([getattr(run, name) for run in runs]) for name in ("y", "p", "atol")),
     )
+    timed = [{name: model.parameters[name].quantity for name in sorted(model.read_by_points)} for model, _ in members]
+    ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1]]
     try:
-        part = _march(posed(model, settings, law, log, addresses), log, law, inputs, logs=logs)
+        parts = [
+            _march(posed(*members[a], law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs)
+            for a, b in pairwise([0, *ends, len(members)])
+        ]
     except NoMemoryError:
         raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None
-    return _joined(law, settings, [part], tuple(law.layout.row), logs=logs)
+    return _joined(law, settings, parts, tuple(law.layout.row), logs=logs)
 
 
 def _march(run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool) -> EnsemblePart:

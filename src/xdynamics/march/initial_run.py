@@ -41,6 +41,7 @@ from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
 from xdynamics.model.controllers import actions, exact_ticks, exact_time, ticks
 from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.reactions import modes
@@ -82,7 +83,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         **_parameters(model, scales, doubled=law.layout.is_doubled),
         tables=tables,
         places=places,
-        of_time=np.array([i for i, drive in enumerate(model.drives.values()) if drive.argument == "t"], np.int64),
+        of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
         nodes=nodes,
         ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
         node_rests=_node_rests(model, settings, nodes),
@@ -128,7 +129,7 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), layout.record.size)
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
     lengths |= dict.fromkeys(("g", "g1", "located_g", "near_g", "far_g", "entered", "pending"), events)
-    lengths["slopes"] = events + len(layout.followed)
+    lengths |= dict.fromkeys(("slopes", "arguments"), events + len(layout.followed) + 3 * len(layout.tracked))
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
@@ -233,7 +234,8 @@ def widened(law: Law, rtol: float) -> float:
 
 def nodes_of(model: Model, scales: Scales) -> Floats:
     """Return the breakpoints of drives of time, ascending."""
-    times = [drive.table.argument / scales.of(TIME) for drive in model.drives.values() if drive.argument == "t"]
+    pairs = zip(model.looked_up_at.values(), tables_of(model, scales), strict=True)
+    times = [origins[np.isfinite(origins)] for at, (origins, _) in pairs if at == CLOCK]
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 

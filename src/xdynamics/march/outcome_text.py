@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
-from xdynamics.expressions import Binary, Node, text_of
+from xdynamics.expressions import Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import spoken
 from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches
@@ -36,6 +36,7 @@ from xdynamics.march.unlocated_switches import STEPS
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.model.detectors import SWITCH, Detector
+from xdynamics.model.motion import constants
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import Switch
 from xdynamics.schema import (
@@ -170,8 +171,8 @@ def _jump(march: March, switch: Detector | Switch) -> str:
     where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
-        at = _asked(march, switch.drive) * march.settings.scales.of(march.model.dimensions[drive.argument])
-        where = f"jumps at {drive.argument} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
+        at = _asked(march, switch.drive) * march.settings.scales.of(drive.table.argument_unit.dimension)
+        where = f"jumps at {text_of(drive.argument)} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
     return f"'{owner}' {where}"
 
 
@@ -229,17 +230,25 @@ def _in_row(march: March) -> Failure:
 def _asked(march: March, name: str) -> float:
     """Return a drive's argument after the last trial, in internal units; without a state, from the old velocity."""
     now, layout, argument = march.now, march.layout, march.model.drives[name].argument
-    if argument == "t":
-        return float(now.t + now.h)
-    at = layout.record.index(argument)
-    if isfinite(march.run.z[at]) or argument in layout.velocities:
+    if not isinstance(argument, Name) or argument.name not in layout.used:
+        state = dict(zip(layout.used, march.run.z.tolist(), strict=False)) | {"t": float(now.t + now.h)}
+        tree, known = march.model.expanded(argument), constants(march.model, march.settings.scales)
+        return evaluate(tree, {**known, **state})
+    at = layout.record.index(argument.name)
+    if isfinite(march.run.z[at]) or argument.name in layout.velocities:
         return float(march.run.z[at])
-    return float(march.run.y[at] + now.h * march.run.y[layout.record.index(velocity(argument))])
+    return float(march.run.y[at] + now.h * march.run.y[layout.record.index(velocity(argument.name))])
+
+
+def _argument(march: March, name: str, values: dict[str, float]) -> float:
+    """Return a drive's argument at a state, in internal units."""
+    known = constants(march.model, march.settings.scales)
+    return evaluate(march.model.expanded(march.model.drives[name].argument), {**known, **values})
 
 
 def _leaves(march: March, name: str) -> bool:
     drive = march.model.drives[name]
-    value = _asked(march, name) * march.settings.scales.of(march.model.dimensions[drive.argument])
+    value = _asked(march, name) * march.settings.scales.of(drive.table.argument_unit.dimension)
     return drive.outside == "error" and not drive.table.argument[0] <= value <= drive.table.argument[-1]
 
 
@@ -252,7 +261,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
             return Failure(NONFINITE, f"{name} is {values[name]} {when}")
     for name in layout.drives:
         if not isfinite(values[name]):
-            return Failure(OUTSIDE_TABLE, _outside(march, name, values[model.drives[name].argument]))
+            return Failure(OUTSIDE_TABLE, _outside(march, name, _argument(march, name, values)))
     for reaction in reactions(model):
         # reactions that are not finite with finite forces: their matrix has no positive pivots
         if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
@@ -283,10 +292,10 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
 
 def _outside(march: March, name: str, value: float) -> str:
     drive = march.model.drives[name]
-    value *= march.settings.scales.of(march.model.dimensions[drive.argument])
+    value *= march.settings.scales.of(drive.table.argument_unit.dimension)
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
-        f"drive '{name}' was evaluated at {drive.argument} = {value:.15g}, and its table '{drive.table.name}' reaches from"
+        f"drive '{name}' was evaluated at {text_of(drive.argument)} = {value:.15g}, and its table '{drive.table.name}' reaches from"
         f' {low:.15g} to {high:.15g} (SI units); set outside = "zero" or "hold", or stay inside'
     )
 

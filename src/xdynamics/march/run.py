@@ -200,6 +200,7 @@ class Run:
     located_g: Passing[Floats]
     located_samples: Passing[Floats]
     watches: Watches
+    arguments: Passing[Floats]  # rates of events, then what tables are looked up at; see `Layout.tracked`
     resets: Passing[Floats]  # values to which events and controllers set the state
     targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each
     ticks: Given[

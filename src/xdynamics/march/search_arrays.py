@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions import Name
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
 from xdynamics.kernels.interval_program import TIME as INSTANTS
@@ -140,8 +141,15 @@ def _targets(law: Law) -> list[tuple[int, int]]:
 
 
 def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
-    """Return the number of a drive, and the places of its argument, the argument's rate and acceleration in a state."""
-    argument, places = layout.model.drives[drive].argument, {name: i for i, name in enumerate(layout.record)}
+    """Return the number of a drive, and where its argument, the argument's rate and acceleration are.
+
+    They are places in a state or, counted from -1 downwards, among the numbers of the program `slopes`.
+    """
+    place, places = layout.model.looked_up_at[drive], {name: i for i, name in enumerate(layout.record)}
+    if not isinstance(place, Name) or place.name not in {*layout.coordinates, *layout.velocities}:
+        first = -1 - len(layout.watched) - len(layout.followed) - 3 * layout.tracked.index(drive)
+        return layout.drives.index(drive), first, first - 1, first - 2
+    argument = place.name
     owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
     turn = places[acceleration(owner)]
     return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn

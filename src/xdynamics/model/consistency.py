@@ -7,18 +7,22 @@ from itertools import count, islice
 from typing import Any
 
 from xdynamics.expressions import (
+    Call,
     Node,
     dimension_of,
     expand,
     free_names,
+    text_of,
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
+from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.controllers import EVERY, starts
 from xdynamics.model.given_values import unit_of
 from xdynamics.model.grammar import SECTIONS
+from xdynamics.model.kinks import SWITCHING
 from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
 from xdynamics.model.name_consistency import check_names
 from xdynamics.model.parts import ORIGIN, Controller, Event, Function
@@ -26,6 +30,8 @@ from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
+
+_ARGUMENTS = "an argument is of t, coordinates, velocities, states and parameters, like x or v*t"
 
 
 def _declared_unit(statement: Statement, name: str) -> str:
@@ -311,14 +317,30 @@ def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], le
 def _check_drive(
     name: str, drive: Any, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
-    arguments = ["t", *(variable for q in statement.coordinates for variable in (q, velocity(q)))]
-    if drive.argument not in arguments:
-        ledger.note(f"drive '{name}' has the argument '{drive.argument}'; it may be one of {', '.join(arguments)}")
-    elif drive.table.argument_unit.dimension != dimensions[drive.argument]:
-        ledger.note(
-            f"drive '{name}': the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}',"
-            f" its argument '{drive.argument}' in '{dimensions[drive.argument]}'"
-        )
+    """Check what a table is looked up at: a smooth expression of what moves, in the unit of its first column."""
+    with ledger.entry(f"drive '{name}'"):
+        argument, moving = expand(drive.argument, statement.definitions), _moving(statement)
+        text, read = text_of(drive.argument), free_names(argument)
+        if wrong := sorted(read & {*statement.drives}):
+            raise InputError(f"has the argument '{text}', which reads the drive '{wrong[0]}'; {_ARGUMENTS}")
+        if not read & {"t", *moving}:
+            raise InputError(f"has the argument '{text}', which never changes; {_ARGUMENTS}")
+        if bent := [node.function for node in every(argument) if isinstance(node, Call) and node.function in SWITCHING]:
+            raise InputError(
+                f"has the argument '{text}', and '{bent[0]}' has a kink or a jump there, which is not located; write the"
+                " table over what is inside, beyond its kink too"
+            )
+        dimension = dimension_of(drive.argument, dimensions)
+        if drive.table.argument_unit.dimension != dimension:
+            raise InputError(
+                f"the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}', its argument"
+                f" '{text}' in '{dimension}'"
+            )
+
+
+def _moving(statement: Statement) -> set[str]:
+    """Return what changes along a motion besides time."""
+    return {*statement.coordinates, *map(velocity, statement.coordinates), *statement.states}
 
 
 def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.expressions import CALLED_ALONE, Call, Node, derivative, dimension_of, expand, free_names, text_of
+from xdynamics.expressions import CALLED_ALONE, Call, Name, Node, derivative, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
@@ -194,9 +194,9 @@ def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dim
         )
     for input_name in sorted(free_names(tree) & set(statement.drives)):
         drive = statement.drives[input_name]
-        if (drive.argument, drive.interpolation) != ("t", "linear"):
+        if (drive.argument, drive.interpolation) != (Name("t"), "linear"):
             raise InputError(
-                f"slip reads the drive '{input_name}', {drive.interpolation} in {drive.argument}; it may be one of t"
+                f"slip reads the drive '{input_name}', {drive.interpolation} in {text_of(drive.argument)}; it may be one of t"
                 " that is linear"
             )
     if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):

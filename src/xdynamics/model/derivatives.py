@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 from xdynamics.expressions import Binary, Name, Node, derivatives
-from xdynamics.expressions.calculus import ONE, ZERO, add
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
 from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.mass import Assignment, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.motion import in_regimes, motion, slope, variables
@@ -159,7 +160,9 @@ def _varying(model: Model) -> dict[str, dict[str, Node]]:
     """Return the derivative of each variable, and of each drive of one, by that variable."""
     own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
     return own | {
-        name: {drive.argument: Name(slope(name))} for name, drive in model.drives.items() if drive.argument in own
+        name: {by: multiply(Name(slope(name)), rate) for by, rate in derivatives(at, own).items()}
+        for name, at in model.looked_up_at.items()
+        if at != CLOCK
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of
+from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.model.mass import Assignment
 from xdynamics.model.model import Model
@@ -199,6 +199,17 @@ def function_rate(model: Model, detector: Detector) -> Node:
     return derivative(detector.looked_at, {**rates, **model.rates})
 
 
+def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:
+    """Return what a drive is looked up at, its rate, and what sets it in motion from rest.
+
+    Of an argument that reads velocities the last is the rate again: how accelerations change is not known.
+    """
+    argument = model.looked_up_at[drive]
+    rate = derivative(argument, model.rates)
+    unknown = {name for name, by in model.rates.items() for name in free_names(by)} - {*model.rates}
+    return argument, rate, rate if free_names(rate) & unknown else derivative(rate, model.rates)
+
+
 def function_bend(model: Model, detector: Detector) -> Node:
     """Return the second time derivative of a gap along the motion."""
     return derivative(function_rate(model, detector), model.rates)
@@ -215,6 +226,7 @@ __all__ = [
     "SWITCH",
     "Detector",
     "Reaction",
+    "argument_motion",
     "detectors",
     "followed",
     "function_bend",

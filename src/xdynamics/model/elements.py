@@ -209,6 +209,7 @@ class Elements:
         return Along("onto", (first, negative(tree) if relation.target in dims else ZERO), (over,))
 
     def _drive(self, name: str, drive: Drive) -> Iterator[tuple[str, Drive]]:
+        drive = replace(drive, argument=self._at(drive.argument, {}))
         if not drive.dims:
             yield name, drive
             return

@@ -9,10 +9,12 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from xdynamics.expressions import free_names
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_shapes import check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.element_values import following, gathered, in_units_of, of_elements
 from xdynamics.model.elements import Elements
@@ -28,7 +30,13 @@ from xdynamics.runtime.files import asked, check_no_address, decoded, read_bound
 from xdynamics.shapes import Shapes, written
 from xdynamics.units import Dimension
 
-_OF_TREES = ("form", "force_components", "rates", "units")  # what does not change with the numbers of a model
+_OF_TREES = (
+    "form",
+    "force_components",
+    "looked_up_at",
+    "rates",
+    "units",
+)  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes, its tables included where they are in it
 
 
@@ -258,6 +266,12 @@ class Model(ModelTrees):
             return {}
         known = {name: part.quantity.si for name, part in self.parameters.items()}
         return Elements(self.shaped, self.shapes).varied(parameters, known)
+
+    @cached_property
+    def read_by_points(self) -> frozenset[str]:
+        """The parameters on which it depends when the points of tables are passed: of arguments that are linear in t."""
+        timed = [self.expanded(part.argument) for name, part in self.drives.items() if self.looked_up_at[name] == CLOCK]
+        return frozenset(name for tree in timed for name in free_names(tree) if name in self.parameters)
 
     @cached_property
     def digest(self) -> str:

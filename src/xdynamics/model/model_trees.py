@@ -10,6 +10,7 @@ from xdynamics.expressions import Name, Node, derivative, derivatives, expand, f
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import ModelError
 from xdynamics.model import toml
+from xdynamics.model.drive_arguments import place_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -179,7 +180,12 @@ class ModelTrees:
     def reads(self, node: Node | Function) -> set[str]:
         """Return the names that an expression depends on, also through definitions and drives."""
         names = set(node.arguments) if isinstance(node, Function) else free_names(self.expanded(node))
-        drive_arguments = {self.drives[name].argument for name in names if name in self.drives}
+        drive_arguments = {
+            read
+            for name in names
+            if name in self.drives
+            for read in free_names(self.expanded(self.drives[name].argument))
+        }
         in_definitions = {
             name for definition in names if definition in self.definitions for name in self.reads(Name(definition))
         }
@@ -190,14 +196,20 @@ class ModelTrees:
         return derivative(self.expanded(node), self.rates)
 
     @cached_property
+    def looked_up_at(self) -> dict[str, Node]:
+        """What the table of each drive is looked up at: t where its argument is linear in time, else the argument."""
+        moving = {*self.units, *self.drives}
+        return {name: place_of(self.expanded(drive.argument), moving) for name, drive in self.drives.items()}
+
+    @cached_property
     def rates(self) -> dict[str, Node]:
         """The time derivative along the motion of every name that varies."""
         rates: dict[str, Node] = {"t": ONE}
         for name in self.coordinates:
             rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
         rates |= {name: Name(rate(name)) for name in self.states}
-        for name, drive in self.drives.items():
-            rates[name] = multiply(Name(f"_slope_{name}"), rates[drive.argument])
+        for name in self.drives:
+            rates[name] = multiply(Name(f"_slope_{name}"), derivative(self.looked_up_at[name], rates))
         return rates
 
     def _components(self, force: Force) -> Mapping[str, Node | Function]:

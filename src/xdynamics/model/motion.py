@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, free_names
+from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivative, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import ModelError
+from xdynamics.model.drive_arguments import CLOCK, in_time
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
@@ -124,12 +125,16 @@ def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     """
     tables = []
     for name, drive in model.drives.items():
-        argument = drive.table.argument / scales.of(model.dimensions[drive.argument])
+        argument = drive.table.argument / scales.of(drive.table.argument_unit.dimension)
         value = drive.table.value / scales.of(model.dimensions[name])
-        of_time = drive.argument == "t"
+        of_time = model.looked_up_at[name] == CLOCK
         with np.errstate(all="ignore"):  # checked below, where the position is known
             tables.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
         _check_pieces(name, drive, tables[-1])
+        if of_time and drive.argument != CLOCK:
+            tree, known = model.expanded(drive.argument), constants(model, scales)
+            rate_in_time = evaluate(derivative(tree, {"t": ONE}), known)
+            tables[-1] = in_time(tables[-1], rate_in_time, evaluate(tree, {**known, "t": 0.0}))
     return tuple(tables)
 
 
@@ -167,8 +172,8 @@ def inputs_of(
     """
     values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
-    for (name, drive), table in zip(model.drives.items(), tables, strict=True):
-        pair = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
+        pair = looked_up(table, evaluate(at, values), of_time=at == CLOCK)
         values[name], values[slope(name)] = map(float, pair)
     return values
 
@@ -223,8 +228,9 @@ def evaluated_many(
         Of the states: those at which each expression is wanted. What several of them read is evaluated once.
     """
     values: dict[str, Any] = dict(known) | dict(state)
-    for (name, drive), table in zip(model.drives.items(), tables, strict=True):
-        values[name], values[slope(name)] = looked_up(table, values[drive.argument], of_time=drive.argument == "t")
+    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
+        x = evaluate_many(at, values, math_functions)
+        values[name], values[slope(name)] = looked_up(table, x, of_time=at == CLOCK)
     for item in read_by(model, wanted) if read is None else read:
         if isinstance(item.value, Function):
             call = np.vectorize(model.functions[item.value.name], otypes=[float])

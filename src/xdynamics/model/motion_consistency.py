@@ -16,6 +16,7 @@ from xdynamics.expressions import (
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement
+from xdynamics.schema import velocity
 from xdynamics.units import Dimension
 
 
@@ -73,12 +74,11 @@ def _check_potential(
         ledger.note(f"potential of '{term}': {error}")
         return
     used = free_names(tree)
+    moving = {*statement.coordinates, *map(velocity, statement.coordinates), *statement.states}
     for drive in used & set(statement.drives):
-        if statement.drives[drive].argument != "t":
-            ledger.note(
-                f"potential of '{term}' uses the drive '{drive}' of '{statement.drives[drive].argument}'; write a"
-                " component"
-            )
+        argument = statement.drives[drive].argument
+        if free_names(expand(argument, statement.definitions)) & moving:
+            ledger.note(f"potential of '{term}' uses the drive '{drive}' of '{text_of(argument)}'; write a component")
     if any(name.startswith("v_") and name[2:] in force_dimensions for name in used):
         ledger.note(f"potential of '{term}' depends on a velocity; write a component")
     if not force_dimensions:

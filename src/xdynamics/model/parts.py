@@ -11,6 +11,7 @@ from typing import Any
 
 from xdynamics.expressions import Node
 from xdynamics.faults import InputError
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.drives import Table
 from xdynamics.model.uncertainty import Spread
 from xdynamics.units import Quantity, Unit
@@ -130,10 +131,10 @@ class Force:
 
 @dataclass(frozen=True)
 class Drive:
-    """Measured data that the forces read, as a function of time, a coordinate or a velocity."""
+    """Measured data that the forces read, as a function of an expression of time, coordinates, velocities and states."""
 
     table: Table
-    argument: str = "t"
+    argument: Node = CLOCK
     interpolation: str = "linear"
     outside: str = "error"
     description: str = ""

@@ -21,6 +21,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import SWITCHING, Path, kinks
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import on_sides
@@ -154,13 +155,13 @@ def _bent(model: Model, trees: list[Node]) -> list[str]:
     return [
         name
         for name, drive in model.drives.items()
-        if name in names and drive.argument != "t" and drive.interpolation in BENT
+        if name in names and model.looked_up_at[name] != CLOCK and drive.interpolation in BENT
     ]
 
 
 def _between(model: Model, owner: str, name: str) -> Switch:
     """Return the switch at the neighbouring points of a table."""
-    argument = Name(model.drives[name].argument)
+    argument = model.looked_up_at[name]
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))

@@ -280,7 +280,7 @@ def _between(model: Model, name: str) -> dict[str, str]:
     drive = model.drives.get(name)
     if drive is None:
         return {}
-    return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": drive.argument}
+    return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": text_of(drive.argument)}
 
 
 def _numbers(block: LogBlock) -> Array:

@@ -94,7 +94,7 @@ def _beside_closed_forms(rows: Chunks, forms: Sequence[tuple[str, str, Node]]) -
     """Return variables, and expressions of time and parameters in their units, at the accepted times."""
     model, trees = rows.model, [tree for _, _, tree in forms]
     units = {name: float(model.units[name].factor) for name, _, _ in forms}
-    asked = {drive.argument for drive in model.drives.values()} & {*model.units}
+    asked = {name for at in model.looked_up_at.values() for name in free_names(at)} & {*model.units}
     computed, expected = np.zeros((2, len(forms), rows.size))
     for part in rows.parts("time", *dict.fromkeys((*units, *asked))):
         times, here = part.own("time"), slice(part.first, part.first + part.count)

@@ -26,6 +26,7 @@ from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model, check_model
 from xdynamics.model.closed_forms import ORDER
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Function
 from xdynamics.model.whole import acting, has_wholes, varying, written_out
@@ -173,9 +174,9 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         if members:
             raise InputError(f"model '{model.name}' has {kind}; a manufactured solution is of a model without")
     for name, drive in model.drives.items():
-        if drive.argument != "t":
+        if model.looked_up_at[name] != CLOCK:
             raise InputError(
-                f"drive '{name}' is of '{drive.argument}'; a manufactured solution takes drives of time alone"
+                f"drive '{name}' is of '{text_of(drive.argument)}'; a manufactured solution takes drives of time alone"
             )
     if TERM in model.forces:
         raise InputError(f"model '{model.name}' has a force '{TERM}' already")

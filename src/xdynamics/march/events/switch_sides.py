@@ -27,10 +27,10 @@ State = NDArray[Any]
 def take_sides(run: Run) -> None:
     """Determine the side of each switch that the march is on or, where it starts on a switch, goes to."""
     zero = False
+    set_time(run, T, run.now[0].t)
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0:
             enter_piece(run, i, find(run, i, run.y, 0.0))
-    set_time(run, T, run.now[0].t)
     for _ in range(run.detectors.shape[0]):  # a side may decide which others count: those inside a `where`
         called(run.law[DETECT], run, run.y, run.g, 0)
         zero, changed = False, False
@@ -152,7 +152,7 @@ def find(run: Run, i: int, state: State, rate: float) -> int:
     """
     detector = run.detectors[i]
     first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
-    x, speed = state[detector.argument], state[detector.rate]
+    x, speed, _ = argument(run, i, state)
     piece = find_piece(x, run.tables, first, count)
     if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
         return count - 1
@@ -179,15 +179,26 @@ def alone(run: Run, i: int) -> bool:
 @shared
 def moving(run: Run, i: int, state: State) -> float:
     """Return how fast a table's argument moves, or is about to."""
+    _, speed, turn = argument(run, i, state)
+    return speed if speed != 0.0 else turn
+
+
+@shared
+def argument(run: Run, i: int, state: State) -> tuple[float, float, float]:
+    """Return what a table is looked up at, its rate, and what sets it in motion from rest; t is the time of the state."""
     detector = run.detectors[i]
-    return state[detector.rate] if state[detector.rate] != 0.0 else state[detector.turn]
+    if detector.argument >= 0:
+        return state[detector.argument], state[detector.rate], state[detector.turn]
+    called(run.law[SLOPES], run, state, run.arguments, 0)
+    first = -1 - detector.argument
+    return run.arguments[first], run.arguments[first + 1], run.arguments[first + 2]
 
 
 @shared
 def passed_into(run: Run, i: int) -> int:
     """Return the piece after the point that the trial has passed, or a later one."""
     detector = run.detectors[i]
-    x, place = run.z[detector.argument], detector.to
+    x, place = argument(run, i, run.z)[0], detector.to
     last_piece, piece = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
     upwards = run.modes[place + 3] - run.modes[place + 2] * x < run.modes[place] * x + run.modes[place + 1]
     return max(piece, last_piece + 1) if upwards else min(piece, last_piece - 1)
