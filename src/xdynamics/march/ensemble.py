@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.ensemble_part import EnsemblePart, inputs_of
+from xdynamics.march.ensemble_part import EnsemblePart, copied, inputs_of
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
@@ -22,6 +22,8 @@ from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import lanes_for, march_abreast
 from xdynamics.march.tolerances import LEAST_RTOL
+from xdynamics.march.unlocated_switches import may_slide
+from xdynamics.march.watched_ensemble import march_watched
 from xdynamics.model import Model
 from xdynamics.units import TIME, Scales, spell
 
@@ -204,7 +206,8 @@ def march_many(
     changes = [1 + np.flatnonzero(np.diff(values)) for values in timed.values()]
     parts = [slice(a, b) for a, b in pairwise(np.unique(np.concatenate([cuts, *changes])).tolist())]
 
-    side_by_side, kept = 1 if timed else lanes_for(law, settings, n, lanes), bool(logs)
+    alone = timed or may_slide(model, settings)
+    side_by_side, kept = 1 if alone else lanes_for(law, settings, n, lanes), bool(logs)
     columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
     meant = columns if kept and side_by_side > 1 else tuple(law.layout.row)
 
@@ -215,8 +218,9 @@ def march_many(
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
             log = allocate(law.layout, LOG_ROWS, sampled=0, apart=settings.apart)
             own = {name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()}
-            run = posed(model.replace(parameters=own) if own else model, settings, law, log, addresses_of(law))
-            return _march(run, log, law, inputs_of(model, settings, law, run, part_arrays), logs=kept)
+            member = model.replace(parameters=own) if own else model, settings
+            run = posed(*member, law, log, addresses_of(law))
+            return _march(member, run, log, law, inputs_of(model, settings, law, run, part_arrays), logs=kept)
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
@@ -266,15 +270,22 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
     ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1]]
     try:
         parts = [
-            _march(posed(*members[a], law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs)
+            _march(
+                member, posed(*member, law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs
+            )
             for a, b in pairwise([0, *ends, len(members)])
+            for member in members[a : a + 1]
         ]
     except NoMemoryError:
         raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None
     return _joined(law, settings, parts, tuple(law.layout.row), logs=logs)
 
 
-def _march(run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool) -> EnsemblePart:
+def _march(
+    member: tuple[Model, Settings], run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool
+) -> EnsemblePart:
+    if may_slide(*member):
+        return march_watched(*member, law, inputs, logs=logs)
     n, first = len(inputs[0]), 0
     part = EnsemblePart.of(n, law, inputs[2])
     while True:
@@ -289,16 +300,7 @@ def _emptied(run: Run, log: Log, *, logs: bool) -> Log:
     now, base = run.now[0], log.base[0]
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
     base.rows, base.trials, base.events, base.samples = now.rows, now.trials, now.events, now.samples
-    return Log(
-        log.base,
-        log.rows[:, :rows].copy(),
-        log.flags[:, :rows].copy(),
-        log.samples[:, :0],
-        log.trials[:0],
-        log.events[:events].copy(),
-        log.rates[:, :events].copy(),
-        log.impulses[:, :events].copy(),
-    )
+    return copied(log, rows, events)
 
 
 def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:

@@ -66,3 +66,17 @@ def inputs_of(
                 if atol is not None:
                     atols[:, i] = atol / scales.of(model.dimensions[used]) * factors
     return plans, starts, parameters, atols
+
+
+def copied(log: Log, rows: int, events: int) -> Log:
+    """Copy the first rows and events of a log."""
+    return Log(
+        log.base,
+        log.rows[:, :rows].copy(),
+        log.flags[:, :rows].copy(),
+        log.samples[:, :0],
+        log.trials[:0],
+        log.events[:events].copy(),
+        log.rates[:, :events].copy(),
+        log.impulses[:, :events].copy(),
+    )

@@ -28,7 +28,7 @@ from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
-from xdynamics.march.unlocated_switches import end_if_sliding
+from xdynamics.march.unlocated_switches import Passages
 from xdynamics.model import Model
 from xdynamics.model.switches import Switch
 from xdynamics.runtime.cached_properties import cached_property
@@ -86,9 +86,7 @@ class March:
         self.interrupted = False
         self.stopping_event = ""
         self.chattering = NOWHERE  # the detector of the switch that a march without end passed to and fro
-        self.slides: Switch | None = (
-            None  # the switch, not located, along which an adaptive march went on in tiny steps
-        )
+        self.slides: Switch | None = None  # not located, along which it went on in tiny steps of its own choice
         self.bad_values: dict[str, float] = {}  # energies and observables of a row that could not be kept
         self.doubts: list[str] = []  # doubts about its accuracy, once it is over; see `outcome_text.ending`
         self.atol_effect = ""  # effect of errors of given absolute tolerances, in words, once it is over
@@ -104,6 +102,11 @@ class March:
     def run(self) -> Run:
         """The state of the march; its log is lent to it block by block."""
         return posed(self.model, self.settings, self.law, allocate(self.layout, 1, sampled=0), self._addresses())
+
+    @cached_property
+    def passages(self) -> Passages:
+        """Its last rows, where switches are too many to be located."""
+        return Passages(self.model, self.settings, self.layout)
 
     @cached_property
     def thinning(self) -> Thinning | None:
@@ -235,7 +238,7 @@ class March:
             "gains": np.array(self.gains),
             "misplaced": self.misplaced,
         }
-        return arrays_of(self.run) | kept | (self.thinning.memory() if self.thinning else {})
+        return arrays_of(self.run) | kept | self.passages.memory() | (self.thinning.memory() if self.thinning else {})
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Continue from the memory of a march of the same model and settings.
@@ -246,6 +249,7 @@ class March:
             If it belongs to another version.
         """
         put_back(self.run, memory)
+        self.passages.go_on_from(memory)
         self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
         if "gains" in memory:  # version 0.2 kept none, and empty arrays are not kept
             self.gains = Gains(*memory["gains"].tolist())
@@ -265,6 +269,7 @@ class March:
         in_time = True
         while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
             before = counts
+            pause = self.passages.shortened(pause, counts[0])
             log.make_ready(counts[0] - first[0], pause, sampled)
             try:
                 march(self.run, pause)
@@ -273,8 +278,8 @@ class March:
                 raise NoMemoryError(
                     f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
                 ) from None
-            filled = log.rows[:, : _counts(self.run)[0] - first[0]]
-            self.slides = end_if_sliding(self.run, self.model, self.layout, self.settings.scales, filled)
+            new = slice(counts[0] - first[0], _counts(self.run)[0] - first[0])
+            self.slides = self.passages.sliding(self.run, log.rows[:, new], counts[0])
             looked, took = clock(), clock() - looked
             pause = _rows_to_come(pause, counts[0], took)
             if self.progress:

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions import Node
 from xdynamics.kernels import Layout
 from xdynamics.march.outcomes import RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
+from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
 from xdynamics.model.switches import MOST_SWITCHES, Switch, switches
-from xdynamics.units import TIME, Scales
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.units import TIME
+
+Floats = NDArray[np.float64]
 
 STEPS = 64  # the last ones
-OFTEN = 0.75  # of them: error control takes several steps for each passage of a motion that only oscillates
+FEWEST = 3  # of them that lead across a switch or away from it: a motion that arrives once does so once
+OFTEN = 0.75  # of them, from which the motion is driven back
+NEAR = 1e-5  # how far before and beyond a switch speeds are compared, of the way to it
+SLOWER, SLOWEST = 0.5, 1e-3  # speeds there, at least, of that in the row
+FIRST = 2 * STEPS  # rows at the first look
+PAUSES, LOOKED_AT = 1 << 12, 1 << 21  # rows between two looks, and numbers of a state in them, at most
+RETAINED = "passages"  # its name in the memory of a march
 
 
 def unlocated(model: Model) -> tuple[Switch, ...]:
@@ -25,37 +37,116 @@ def unlocated(model: Model) -> tuple[Switch, ...]:
     return tuple(switch for switch in hidden if switch.jumps) if len(hidden) > MOST_SWITCHES else ()
 
 
-def end_if_sliding(run: Run, model: Model, layout: Layout, scales: Scales, rows: NDArray[np.float64]) -> Switch | None:
-    """End a march that passes a switch in almost every step: it would fill any memory on its way along the switch.
+def may_slide(model: Model, settings: Settings) -> bool:
+    """Whether a march has to be looked at now and then, because it may go on without end along such a switch."""
+    return settings.adaptive and bool(unlocated(model))
+
+
+class Passages:
+    """The last rows of a march, at certain numbers of rows: these are fixed, so that a run ends where its copies end.
 
     Parameters
     ----------
-    run : Run
     model : Model
+    settings : Settings
     layout : Layout
-    scales : Scales
-    rows : ndarray, shape (m, k)
-        Its last rows, of which time, step size and state come first.
-
-    Returns
-    -------
-    Switch or None
-        The switch, if there is one.
     """
-    hidden = unlocated(model)
-    if not run.plan[0].adaptive or run.now[0].status != RUNNING or not hidden or rows.shape[1] <= STEPS:
+
+    def __init__(self, model: Model, settings: Settings, layout: Layout) -> None:
+        self.model, self.layout, self.scales = model, layout, settings.scales
+        self.is_watched = may_slide(model, settings)
+        self.pause = max(FIRST, min(PAUSES, LOOKED_AT // layout.used.size))
+        self.last: Floats = np.empty((2 + layout.used.size, 0))  # time, step and state of the last rows
+
+    @cached_property
+    def _functions(self) -> list[Node]:
+        """The functions of the switches, with definitions expanded."""
+        return [self.model.expanded(switch.function) for switch in unlocated(self.model)]
+
+    def shortened(self, pause: int, rows: int) -> int:
+        """Return how many more rows to march, besides an initial one: none beyond the next look."""
+        return min(pause, self._next(rows) - max(1, rows)) if self.is_watched else pause
+
+    def _next(self, rows: int) -> int:
+        """Return the number of rows at the next look: powers of two first, so that short runs stay short."""
+        return min(max(FIRST, 1 << rows.bit_length()), (rows // self.pause + 1) * self.pause)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return what a march that goes on needs, by name."""
+        return {RETAINED: self.last} if self.last.size else {}
+
+    def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a memory; older ones have none."""
+        self.last = memory.get(RETAINED, self.last)
+
+    def sliding(self, run: Run, rows: Floats, before: int) -> Switch | None:
+        """End a march that passes a switch in almost every step: it would fill any memory on its way along the switch.
+
+        Parameters
+        ----------
+        run : Run
+        rows : ndarray, shape (m, k)
+            Its new rows, of which time, step size and state come first.
+        before : int
+            Number of its rows before them.
+
+        Returns
+        -------
+        Switch or None
+            The switch, if there is one.
+        """
+        if not self.is_watched:
+            return None
+        new = rows[: len(self.last), -STEPS - 1 :]
+        self.last = np.hstack([self.last[:, new.shape[1] - STEPS - 1 :], new]) if new.shape[1] <= STEPS else new.copy()
+        reached = before + rows.shape[1] >= self._next(before)
+        if run.now[0].status != RUNNING or not reached or self.last.shape[1] <= STEPS:
+            return None
+        values = self._evaluated(run, self._functions, self.last)
+        for switch, tree, numbers in zip(unlocated(self.model), self._functions, values, strict=True):
+            if _returns(numbers) >= FEWEST and self._is_driven_back(run, tree, numbers):
+                run.now[0].status = SLIDING_MODE
+                return switch
         return None
-    last = rows[:, -STEPS - 1 :]
-    state: dict[str, Any] = {"t": last[0] * scales.of(TIME), REGIME_NUMBER: float(run.now[0].regime)}
-    factors = layout.sizes(scales).tolist()
-    state |= {
-        name: row * factor for name, row, factor in zip(layout.used, last[2 : 2 + len(factors)], factors, strict=True)
-    }
-    wanted = [model.expanded(switch.function) for switch in hidden]
-    values = evaluated_many(model, wanted, state, constants(model), tables_of(model))
-    for switch, numbers in zip(hidden, values, strict=True):
-        side = np.broadcast_to(np.asarray(numbers) > 0.0, STEPS + 1)
-        if np.count_nonzero(side[1:] != side[:-1]) >= OFTEN * STEPS:
-            run.now[0].status = SLIDING_MODE
-            return switch
-    return None
+
+    def _is_driven_back(self, run: Run, tree: Node, values: Floats) -> bool:
+        """Whether motion from most rows meets the switch with some speed, and beyond it the opposite one (Filippov).
+
+        The speed of a motion that only decays to the switch would tend to zero with the distance.
+        """
+        rates = [self.model.rates[name] for name in self.layout.used]
+        speed, *slopes = self._evaluated(run, [self.model.rate_of(tree), *rates], self.last)
+        with np.errstate(all="ignore"):
+            time = -values / speed
+            there = (time > 0.0) & (time <= STEPS * self.last[1].max() * self.scales.of(TIME))
+            before, beyond = (
+                self._evaluated(run, [self.model.rate_of(tree)], self._moved(slopes, part * time))[0] / speed
+                for part in (1.0 - NEAR, 1.0 + NEAR)
+            )
+            return bool(np.count_nonzero(there & (before > SLOWER) & (beyond < -SLOWEST)) >= OFTEN * STEPS)
+
+    def _moved(self, slopes: list[Floats], time: Floats) -> Floats:
+        """Return rows after some time, s, on straight lines."""
+        factors = self.layout.sizes(self.scales)
+        rows = self.last.copy()
+        rows[0] += time / self.scales.of(TIME)
+        rows[2:] += np.stack(slopes) * time / factors[:, None]
+        return rows
+
+    def _evaluated(self, run: Run, wanted: list[Node], rows: Floats) -> list[Floats]:
+        """Return values of expressions in rows, SI, with the run's own parameters."""
+        model, scales = self.model, self.scales
+        state: dict[str, Any] = {"t": rows[0] * scales.of(TIME), REGIME_NUMBER: float(run.now[0].regime)}
+        sizes = self.layout.sizes(scales).tolist()
+        state |= {name: row * size for name, row, size in zip(self.layout.used, rows[2:], sizes, strict=True)}
+        known = dict(constants(model))
+        own = zip(known, run.p.tolist(), strict=False)
+        known |= {name: value * scales.of(model.dimensions[name]) for name, value in own if name in model.parameters}
+        values = evaluated_many(model, wanted, state, known, tables_of(model))
+        return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
+
+
+def _returns(values: Floats) -> int:
+    """Count the steps that led across a switch, or away from it."""
+    size, side = np.abs(values), values > 0.0
+    return int(np.count_nonzero((side[1:] != side[:-1]) | (size[1:] > size[:-1])))
