@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from xdynamics.tubes import boxes
+from xdynamics.tubes.polynomials import Polynomials
 
+POLYNOMIALS = Polynomials(2, 4)
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "subtract": lambda a, b: a - b,
@@ -69,10 +71,14 @@ def test_sums_and_products_hold_exact_results(case: int) -> None:
             exact = sum((low[i][j] * Fraction(float(b[1, j, k])) for j in range(4)), Fraction(0))
             assert inside(matrix[:, i, k], exact)
     at = Fraction(float(boxes.middle(x)))
-    value = boxes.horner(a, x)
+    value = POLYNOMIALS.at(x, a)
     for k in range(4):
         exact = sum((high[i][k] * at**i for i in range(3)), Fraction(0))
         assert inside(value[:, k], exact)
+    positive = np.sort(np.abs(random.normal(size=2)))
+    for n in (0, 1, 2, 7, 21):
+        powers = boxes.power(positive, n)
+        assert all(inside(powers, Fraction(float(end)) ** n) for end in positive)
     square = boxes.square(a)
     assert all(inside(square[:, 0, k], low[0][k] ** 2) for k in range(4))
     assert (square[0] >= 0.0).all()

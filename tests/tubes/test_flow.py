@@ -9,7 +9,8 @@ import pytest
 from cases.smooth_models import lorenz, of_rate, oscillator
 from xdynamics.tubes import Flow, boxes, interval_problem_of
 from xdynamics.tubes.interval_problem import time_box
-from xdynamics.tubes.series import coefficients
+from xdynamics.tubes.polynomials import Polynomials
+from xdynamics.tubes.series import MotionSeries
 
 
 def tube(model: object, until: float, order: int = 20) -> tuple[np.ndarray, Flow]:
@@ -102,12 +103,14 @@ def test_no_motion_leaves_the_box_of_its_step() -> None:
     """Assert of steps that nothing but their proof keeps short what it rests on: what is reached lies within."""
     problem = interval_problem_of(lorenz(x={"value": "1", "half_width": 0.001}))
     order, box = 6, problem.start
+    series = MotionSeries(problem.motions, 3, order + 1)
     for proof, _ in zip(Flow(problem, order, 0.5).until([time_box(1.0)]), range(12), strict=False):
         span, time = np.array([0.0, proof.end[1] - proof.begin[0]]), np.array([proof.begin[0], proof.end[1]])
         start, box = boxes.hull(box, boxes.point(proof.set.point)), proof.after
-        around = coefficients(problem.motions, proof.begin, start, order)[..., 0]
-        last = coefficients(problem.motions, time, proof.within, order + 1)[:, -1, :, 0]
-        reached = boxes.add(boxes.horner(around, span), boxes.multiply(last, boxes.power(span, order + 1)[:, None]))
+        around = series.of(proof.begin, start)[:, :-1, :, 0]
+        last = series.of(time, proof.within)[:, -1, :, 0]
+        powers = boxes.power(span, order + 1)[:, None]
+        reached = boxes.add(Polynomials(order, 3).at(span, around), boxes.multiply(last, powers))
         slack = 1e-9 * boxes.size(proof.within)
         assert (reached[0] >= proof.within[0] - slack).all()
         assert (reached[1] <= proof.within[1] + slack).all()

@@ -31,11 +31,11 @@ def test_constants_and_literals() -> None:
         initial={"q": "30 degree", "v_q": "0 rad s-1"},
     )
     problem = interval_problem_of(model)
-    boxes = [value for value in problem.motions.constants.values() if isinstance(value, np.ndarray)]
+    boxes = [value for value in problem.motions.straight.constants.values() if isinstance(value, np.ndarray)]
     for exact in (Fraction("0.1"), PI, PI / 180):
         assert sum(holds(box, exact) for box in boxes) == 1
-    assert [value for value in problem.motions.constants.values() if isinstance(value, float)].count(0.5) == 1
-    assert [holds(box, Fraction("0.7")) for box in problem.motions.literals.values()] == [True]
+    assert [value for value in problem.motions.straight.constants.values() if isinstance(value, float)].count(0.5) == 1
+    assert [holds(box, Fraction("0.7")) for box in problem.motions.straight.literals.values()] == [True]
     assert problem.names == ("q", "v_q", "wide")
     assert holds(problem.start[:, 0], PI / 6)
     assert Fraction(float(problem.start[0, 2])) <= Fraction("0.2")

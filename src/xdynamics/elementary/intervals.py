@@ -186,6 +186,27 @@ def _wave(name: str, shift: float, of: Intervals, a: Interval) -> Interval:
     return settled(low, high, choose(finite, flaw, UNBOUNDED))
 
 
+BY_ZERO = ("add", "subtract", "multiply", "divide")
+
+
+def with_zeros(operation: str, found: Interval, a: Interval, b: Interval) -> Interval:
+    """Return the result of an operation, exact where an operand is zero, which rounding would widen."""
+    a_zero, b_zero = ((x.low == 0.0) & (x.high == 0.0) for x in (a, b))
+    low, high = found.low, found.high
+    if operation == "multiply":
+        low, high = (choose(a_zero | b_zero, 0.0, end) for end in (low, high))
+    elif operation == "divide":  # by what is not zero
+        nothing = a_zero & (found.flaw < UNBOUNDED)
+        low, high = (choose(nothing, 0.0, end) for end in (low, high))
+    elif operation == "add":
+        low = choose(b_zero, a.low, choose(a_zero, b.low, low))
+        high = choose(b_zero, a.high, choose(a_zero, b.high, high))
+    else:
+        low = choose(b_zero, a.low, choose(a_zero, -b.high, low))
+        high = choose(b_zero, a.high, choose(a_zero, -b.low, high))
+    return Interval(low, high, found.flaw)
+
+
 def _meets(first: Number, last: Number) -> Truth:
     """Whether an even number lies between two."""
     return floor(last / 2.0) >= -floor(-(first / 2.0))
@@ -233,6 +254,8 @@ _RULES: Mapping[str, Callable[..., Any]] = {
     "between": lambda _, low, high: Interval(low, high),
     "low": lambda _, a: a.low,
     "high": lambda _, a: a.high,
+    "flaw": lambda _, a: choose(a.flaw == SMOOTH, choose(a.low == a.low, 0.0, 1.0), 1.0),
+    "flawed": lambda _, low, high, flaw: Interval(low, high, choose(flaw == 0.0, SMOOTH, UNBOUNDED)),
     "add": lambda of, a, b: of.outward(a.low + b.low, a.high + b.high, _worst(a, b)),
     "subtract": lambda of, a, b: of.outward(a.low - b.high, a.high - b.low, _worst(a, b)),
     "multiply": lambda of, a, b: _product(of, a, b.low, b.high, _worst(a, b)),

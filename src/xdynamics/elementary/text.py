@@ -5,15 +5,16 @@ from __future__ import annotations
 import inspect
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache, partial
 from typing import Any
 
+from xdynamics.elementary.bounds import Interval
 from xdynamics.elementary.double_double import FUNCTIONS as FUNCTIONS_OF_SUMS
 from xdynamics.elementary.double_double import DoubleDouble
 from xdynamics.elementary.double_double.operations import CALLED, DoubleDoubles
 from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
-from xdynamics.elementary.intervals import Intervals
+from xdynamics.elementary.intervals import BY_ZERO, Intervals, with_zeros
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import Number
 from xdynamics.elementary.rounding_margins import LEAST
@@ -21,6 +22,11 @@ from xdynamics.elementary.sets import SETS
 from xdynamics.elementary.tables import TABLES
 
 OF_SUMS = "double_double_"  # before the names of functions of sums of two numbers
+INTERVALS = "interval"  # before the names of operations on intervals that are called
+PROVEN_MARGIN = 2.0**-448
+_PARTS = ("double", "double", "i64")
+_BOUNDS = f"{{ {', '.join(_PARTS)} }}"
+_INLINE = ("point", "between", "low", "high", "flaw", "flawed", "negative")  # a line or two
 LONG_FUNCTIONS = {**CALLED, **FUNCTIONS_OF_SUMS}
 
 
@@ -58,6 +64,57 @@ def written_intervals(lines: FunctionLines, margin: Number = LEAST, *, rough: bo
     """Return the operations on intervals for bounds that are written as lines, which call the elementary functions."""
     functions = {name: lambda x, name=name: lines.call(f"elementary_{name}", [x]) for name in FUNCTIONS}
     return Intervals(functions, margin, rough)
+
+
+def called_intervals(lines: FunctionLines) -> Callable[..., Any]:
+    """Return the operations on intervals as calls of functions, so that a text of many is short; of single numbers.
+
+    Sums and products with zero, which they are of as a rule, are exact: rounded outward they would be the least normal
+    numbers, whose products take many processors a hundred cycles.
+    """
+    inline = written_intervals(lines, rough=False)
+
+    def of(operation: str, *operands: Any) -> Any:
+        if operation in _INLINE:
+            return inline.of(operation, *operands)
+        arguments = ", ".join(
+            f"{kind} {part.text}"
+            for operand in operands
+            for kind, part in zip(_PARTS, map(lines.value, operand), strict=True)
+        )
+        called = lines.line("n", f"call {_BOUNDS} @{INTERVALS}_{operation}.{len(operands)}({arguments})").text
+        parts = [f"extractvalue {_BOUNDS} {called}, {k}" for k in range(len(_PARTS))]
+        return Interval(*(lines.line(letter, part) for letter, part in zip("nnw", parts, strict=True)))
+
+    return of
+
+
+def interval_definitions(texts: Iterable[str]) -> str:
+    """Print the operations on intervals that some texts call."""
+    called = {name for text in texts for name in re.findall(rf"@{INTERVALS}_(\w+\.\d)\(", text)}
+    return "\n".join(map(_interval_definition, sorted(called)))
+
+
+@lru_cache(maxsize=64)
+def _interval_definition(name: str) -> str:
+    operation, _, count = name.partition(".")
+    lines = FunctionLines(1)
+    given = [
+        [LaneValue(lines, letter, f"%x{i}.{letter}{k}") for k, letter in enumerate("nnw")] for i in range(int(count))
+    ]
+    intervals = [Interval(*parts) for parts in given]
+    found = written_intervals(lines, rough=False).of(operation, *intervals)
+    if operation in BY_ZERO:
+        found = with_zeros(operation, found, *intervals)
+    aggregate = "poison"
+    for k, (kind, part) in enumerate(zip(_PARTS, map(lines.value, found), strict=True)):
+        aggregate = lines.line("n", f"insertvalue {_BOUNDS} {aggregate}, {kind} {part.text}, {k}").text
+    signature = ", ".join(f"{kind} {part.text}" for parts in given for kind, part in zip(_PARTS, parts, strict=True))
+    body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
+    return (
+        f"define internal {_BOUNDS} @{INTERVALS}_{name}({signature}) nounwind noinline {{\nentry:\n{body}\n"
+        f"  ret {_BOUNDS} {aggregate}\n}}"
+    )
 
 
 def written_double_doubles(lines: FunctionLines, width: Callable[[], str]) -> DoubleDoubles:

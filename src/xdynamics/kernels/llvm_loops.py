@@ -13,10 +13,11 @@ from xdynamics.elementary.bounds import Interval
 from xdynamics.elementary.double_double import DoubleDouble
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
 from xdynamics.elementary.numbers import choose
-from xdynamics.elementary.text import written_double_doubles, written_intervals
+from xdynamics.elementary.text import called_intervals, written_double_doubles, written_intervals
 from xdynamics.kernels.llvm_places import Index, Places
 from xdynamics.kernels.program import (
     DOUBLE_DOUBLE,
+    ENCLOSED,
     FLOAT,
     INTERVAL,
     OF_FLOAT,
@@ -76,6 +77,7 @@ class LoopText(ABC):
         self._lines = FunctionLines(runs)
         self._kinds = {
             INTERVAL: written_intervals(self._lines, rough=True).of,
+            ENCLOSED: called_intervals(self._lines),
             DOUBLE_DOUBLE: written_double_doubles(self._lines, self._width).of,
         }
         self._places = Places(program, self._lines, runs)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Container, Iterable
 
 from xdynamics.elementary import NAME
-from xdynamics.elementary.text import called_in, declarations, definition, definitions
+from xdynamics.elementary.text import INTERVALS, called_in, declarations, definition, definitions, interval_definitions
 from xdynamics.kernels.heap_arrays import DECLARED
 from xdynamics.kernels.jets.series import ORDER
 from xdynamics.kernels.llvm_program import ProgramText
@@ -51,10 +51,11 @@ def llvm_of(
     bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}
     if any("@malloc(" in body for body in bodies.values()):
         text.append(DECLARED)
-    used = {name: called_in(body) for name, body in bodies.items()}
+    intervals = interval_definitions(bodies.values())
+    used = {name: called_in(body) for name, body in (bodies | {INTERVALS: intervals}).items()}
     sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
     inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}
-    text.append(definitions(inner, lanes, math_functions))
+    text += [definitions(inner, lanes, math_functions), intervals]
     for name, part in parts.items():
         calls = sum(_calls(other, name) for other in parts.values())
         weight = size(part.body) + sum(sizes[function] * count for function, count in used[name].items())

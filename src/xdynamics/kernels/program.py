@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 Operand = str | float | int  # a value by its name, a number, or the number of a table
-# kinds of numbers: a value is one float, lies between two, or is the sum of two
-FLOAT, INTERVAL, DOUBLE_DOUBLE = "float", "interval", "double_double"
-OF_FLOAT = {INTERVAL: "point", DOUBLE_DOUBLE: "exact"}  # the operation that makes one of a float
+# kinds of numbers: a value is one float, lies between two (enclosed: by functions that are called), or is the sum of two
+FLOAT, INTERVAL, ENCLOSED, DOUBLE_DOUBLE = "float", "interval", "enclosed", "double_double"
+OF_FLOAT = {INTERVAL: "point", ENCLOSED: "point", DOUBLE_DOUBLE: "exact"}  # the operation that makes one of a float
 
 # what every program is given: pointers to numbers; in lanes, one number for each lane
 ARRAYS = ("at", "y", "p", "tables", "pieces", "z", "e", "samples", "w")

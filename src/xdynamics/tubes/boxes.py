@@ -29,7 +29,10 @@ def outward(ends: Box) -> Box:
 
 def point(values: Floats | float) -> Box:
     """Return intervals that are numbers."""
-    return np.stack([values, values]).astype(float)
+    numbers = np.asarray(values, float)
+    found = np.empty((2, *numbers.shape))
+    found[...] = numbers
+    return found
 
 
 def enclosed(exact: Fraction, half_width: Fraction = Fraction(0)) -> Box:
@@ -149,18 +152,12 @@ def common(a: Box, b: Box) -> Box:
     return np.stack([np.maximum(a[0], b[0]), np.minimum(a[1], b[1])])
 
 
-def horner(coefficients: Box, x: Box) -> Box:
-    """Evaluate polynomials, whose coefficients stand along the second index, at an interval."""
-    x = x.reshape(2, *(1,) * (coefficients.ndim - 2))
-    found = coefficients[:, -1]
-    for k in range(coefficients.shape[1] - 2, -1, -1):
-        found = add(coefficients[:, k], multiply(found, x))
-    return found
-
-
 def power(x: Box, n: int) -> Box:
-    """Multiply a positive interval n times."""
-    found = point(1.0)
-    for _ in range(n):
-        found = outward(found * x)
+    """Raise an interval without negative numbers to a power, by squares."""
+    found, square = point(1.0), x
+    while n:
+        if n % 2:
+            found = np.maximum(outward(found * square), 0.0)
+        n //= 2
+        square = np.maximum(outward(square * square), 0.0) if n else square
     return found

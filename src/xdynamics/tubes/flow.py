@@ -18,7 +18,8 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.interval_problem import IntervalProblem
-from xdynamics.tubes.series import UndefinedError, coefficients
+from xdynamics.tubes.polynomials import Polynomials
+from xdynamics.tubes.series import MotionSeries, UndefinedError
 from xdynamics.tubes.sets import Carried, Seen
 
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
@@ -37,10 +38,11 @@ class Proof:
     ----------
     begin, end : ndarray, shape (2,)
         Intervals that hold the times.
-    polynomial : ndarray, shape (2, p + 2, n)
-        Coefficients of the motion from the point of the set, the last of which is the remainder.
-    slopes : ndarray, shape (2, p + 1, n, n)
-        Coefficients of its derivatives by the start, for any state of the set.
+    polynomials : Polynomials
+        Evaluates polynomials of the flow.
+    coefficients : ndarray, shape (2, p + 2, n + n*n)
+        Of the motion from the point of the set, the last of which is the remainder, then of its derivatives by the start,
+        for any state of the set.
     set : Carried
         At the beginning.
     within : ndarray, shape (2, n)
@@ -53,8 +55,8 @@ class Proof:
 
     begin: Box
     end: Box
-    polynomial: Box
-    slopes: Box
+    polynomials: Polynomials
+    coefficients: Box
     set: Carried
     within: Box
     after: Box
@@ -63,10 +65,12 @@ class Proof:
     def mapped(self, time: Box) -> tuple[Box, Box]:
         """Return the image of the point of the set at a time within the step, and its derivatives for all of the set."""
         since = np.maximum(boxes.subtract(time, self.begin), 0.0)
-        image, jacobian = boxes.horner(self.polynomial, since), boxes.horner(self.slopes, since)
-        constant = slice(self.used, image.shape[1])  # uncertain constants stay what they are
+        n = self.set.point.size
+        found = self.polynomials.at(since, self.coefficients)
+        image, jacobian = found[:, :n], found[:, n:].reshape(2, n, n)
+        constant = slice(self.used, n)  # uncertain constants stay what they are
         image[:, constant] = self.set.point[constant]
-        jacobian[:, constant] = np.eye(image.shape[1])[constant]
+        jacobian[:, constant] = np.eye(n)[constant]
         return image, jacobian
 
     @np.errstate(all="ignore")
@@ -100,6 +104,10 @@ class Flow:
     def __init__(self, problem: IntervalProblem, order: int, tolerance: float) -> None:
         self.problem, self.order, self.tolerance = problem, order, tolerance
         self.reason = ""
+        numbers = problem.start.shape[1]
+        self._plain = MotionSeries(problem.motions, numbers, order + 1)
+        self._sloped = MotionSeries(problem.motions, numbers, order, derivatives=True)
+        self._polynomials = Polynomials(order + 1, numbers * (1 + numbers))
         self._largest = boxes.size(problem.start)
         self.set = Carried.of(problem.start, self._scales())
         self.box = problem.start
@@ -140,8 +148,8 @@ class Flow:
         p, used = self.order, self.problem.used
         # the theorem of the mean asks for derivatives between the point and every state of the set
         start = boxes.hull(self.box, boxes.point(self.set.point))
-        centre = self._expanded(boxes.point(self.set.point), p)
-        around = self._expanded(start, p, derivatives=True)
+        centre = self._expanded(self._plain, boxes.point(self.set.point))[:, : p + 1]
+        around = self._expanded(self._sloped, start)
         step = first = self._proposed(centre)
         while True:
             landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point(self.time[1] + step)
@@ -158,22 +166,24 @@ class Flow:
             else:
                 step = float(min(step, span[1])) * SHORTER
         self.reason = ""
-        polynomial = np.concatenate([centre[..., 0], remainder[:, None]], axis=1)
-        proof = Proof(self.time, landing, polynomial, around[..., 1:], self.set, within, self.box, used)
-        before, seen = self.set, proof.seen(landing)
+        n = start.shape[1]
+        whole = np.zeros((2, p + 2, n + n * n))
+        whole[:, :-1, :n], whole[:, -1, :n] = centre[..., 0], remainder
+        whole[:, :-1, n:] = around[..., 1:].reshape(2, p + 1, n * n)
+        proof = Proof(self.time, landing, self._polynomials, whole, self.set, within, self.box, used)
+        before, mapped = self.set, proof.mapped(landing)
         self._largest = np.maximum(self._largest, boxes.size(reached))
-        self.set = before.moved(*proof.mapped(landing), self._scales())
-        self.box = boxes.common(boxes.common(self.set.box(), reached), seen.box())
+        self.set = before.moved(*mapped, self._scales())
+        self.box = boxes.common(boxes.common(self.set.box(), reached), before.seen(*mapped).box())
         self.box[:, used:] = start[:, used:]
         if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
             raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")
         self.time = landing
         return replace(proof, after=self.box)
 
-    def _expanded(self, start: Box, degree: int, *, derivatives: bool = False) -> Box:
+    def _expanded(self, series: MotionSeries, start: Box) -> Box:
         """Return coefficients, with those of uncertain constants: their values, and nothing further."""
-        found = coefficients(self.problem.motions, self.time, start, degree, derivatives=derivatives)
-        return self._with_constants(found, start)
+        return self._with_constants(series.of(self.time, start), start)
 
     def _with_constants(self, found: Box, start: Box) -> Box:
         used, number = self.problem.used, start.shape[1]
@@ -200,7 +210,7 @@ class Flow:
     def _within(self, around: Box, span: Box) -> tuple[Box, Box, Box] | None:
         """Return a box that no motion leaves in a step, the coefficients of the remainder in it, and what is reached."""
         whole = np.array([0.0, span[1]])
-        reached, end = boxes.horner(around, whole), boxes.horner(around, span)
+        reached, end = self._polynomials.at(whole, around), self._polynomials.at(span, around)
         time = np.array([self.time[0], np.nextafter(self.time[1] + span[1], inf)])
         used = self.problem.used
         beyond = boxes.multiply(around[:, -1], boxes.power(span, self.order)[:, None])
@@ -211,7 +221,7 @@ class Flow:
             slack[used:] = 0.0
             candidate = np.stack([reached[0] - slack, reached[1] + slack])
             try:
-                found = coefficients(self.problem.motions, time, candidate, self.order + 1)
+                found = self._plain.of(time, candidate)
             except UndefinedError as error:
                 self.reason = str(error)
                 return None

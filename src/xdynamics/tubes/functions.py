@@ -9,15 +9,13 @@ import numpy as np
 from xdynamics.expressions import Node
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
-from xdynamics.kernels.program import AT, Compute, Load, Operand, Place, StoreTo
+from xdynamics.kernels.program import Compute, Load, Place, StoreTo
 from xdynamics.tubes import boxes, gradients
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.flow import Proof
-from xdynamics.tubes.gradients import Undefined, Value
+from xdynamics.tubes.gradients import StraightLines, Undefined, Value
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
-from xdynamics.tubes.series import seed
 
-NOW = Place("at", AT.index("t"))
 UNKNOWN = np.array([-np.inf, np.inf])
 
 
@@ -32,24 +30,14 @@ class Functions:
     """
 
     def __init__(self, problem: IntervalProblem, layout: Layout, trees: Sequence[Node]) -> None:
-        self._lines = values_of(layout, trees).body
-        self._constants, self._literals = problem.motions.constants, literals_of(self._lines)
+        lines = tuple(line for line in values_of(layout, trees).body if isinstance(line, Load | Compute | StoreTo))
+        self._straight = StraightLines(lines, problem.motions.straight.constants, literals_of(lines))
         self.count = len(trees)
 
-    @np.errstate(all="ignore")
     def over(self, time: Box, states: Box, *, derivatives: bool = False) -> list[Value]:
         """Return the values over a box, perhaps with their derivatives by the numbers of a set."""
-        count = states.shape[1]
-        given = [seed(states[:, i], i, count if derivatives else 0) for i in range(count)]
-        found, env = [Undefined("not computed")] * self.count, dict[str, Value]()
-        for line in self._lines:
-            if isinstance(line, Load):
-                env[line.target] = self._read(line.place, time, given)
-            elif isinstance(line, Compute):
-                env[line.target] = gradients.of(line.operation, *(self._operand(env, name) for name in line.arguments))
-            elif isinstance(line, StoreTo):
-                found[line.place.offset] = self._operand(env, line.value)
-        return found
+        found = self._straight.over(time, states, derivatives=derivatives)
+        return [found[Place("z", k)] for k in range(self.count)]
 
     @np.errstate(all="ignore")
     def within(self, proof: Proof, time: Box) -> Box:
@@ -75,17 +63,6 @@ class Functions:
         """Return bounds of the values over a box."""
         found = [_bounds(value) for value in self.over(time, states)]
         return np.stack(found, axis=1) if found else np.zeros((2, 0))
-
-    def _read(self, place: Place, time: Box, given: list[Box]) -> Value:
-        if place.array == "y":
-            return given[place.offset]
-        if place == NOW:
-            return time.reshape(2, 1)
-        value = self._constants[place]
-        return given[value] if isinstance(value, int) else value
-
-    def _operand(self, env: dict[str, Value], operand: Operand) -> Value:
-        return env[operand] if isinstance(operand, str) else self._literals.get(id(operand), operand)
 
 
 def _bounds(value: Value) -> Box:

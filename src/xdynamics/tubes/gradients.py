@@ -7,7 +7,7 @@ leaves it out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +17,11 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.bounds import Interval
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
+from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, StoreTo
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box
 
+NOW = Place("at", AT.index("t"))
 _INTERVALS = Intervals(FUNCTIONS)
 
 
@@ -56,6 +58,60 @@ def of(operation: str, *operands: Value) -> Value:
 
 def _chosen(truth: Value, yes: Value, no: Value) -> Value:
     return truth if isinstance(truth, Undefined) else yes if truth else no
+
+
+def seed(value: Box, place: int, derivatives: int) -> Box:
+    """Return a number of the start: its derivative by itself is 1."""
+    seed = np.zeros((2, 1 + derivatives))
+    seed[:, 0] = value
+    if derivatives:
+        seed[:, 1 + place] = 1.0
+    return seed
+
+
+@dataclass(frozen=True)
+class StraightLines:
+    """StraightLines lines of a program, and what they read besides the state.
+
+    Attributes
+    ----------
+    lines : sequence of Line
+    constants : mapping of Place to Value
+        What is read and does not change: a float, an interval, or the number of what is uncertain in it.
+    literals : mapping of int to Value
+        The exact values of the operands that are numbers and no floats, by their identity.
+    """
+
+    lines: Sequence[Line]
+    constants: Mapping[Place, Value]
+    literals: Mapping[int, Value]
+
+    @np.errstate(all="ignore")
+    def over(self, time: Box, states: Box, *, derivatives: bool = False) -> dict[Place, Value]:
+        """Return what is stored over a box, perhaps with the derivatives by the numbers of a set."""
+        numbers = states.shape[1]
+        given = [seed(states[:, i], i, numbers if derivatives else 0) for i in range(numbers)]
+        env, stored = dict[str, Value](), dict[Place, Value]()
+
+        def read(place: Place) -> Value:
+            if place.array == "y":
+                return given[place.offset]
+            if place == NOW:
+                return time.reshape(2, 1)
+            value = self.constants[place]
+            return given[value] if isinstance(value, int) else value
+
+        def operand(name: Operand) -> Value:
+            return env[name] if isinstance(name, str) else self.literals.get(id(name), name)
+
+        for line in self.lines:
+            if isinstance(line, Load):
+                env[line.target] = read(line.place)
+            elif isinstance(line, Compute):
+                env[line.target] = of(line.operation, *map(operand, line.arguments))
+            elif isinstance(line, StoreTo):
+                stored[line.place] = operand(line.value)
+        return stored
 
 
 # ---------------------------------------------------------------------------------------------------------- arithmetic

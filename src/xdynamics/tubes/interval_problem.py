@@ -17,7 +17,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
 from xdynamics.tubes.boxes import Box, enclosed, hull, point
-from xdynamics.tubes.gradients import Value
+from xdynamics.tubes.gradients import StraightLines, Value
 from xdynamics.tubes.series import Motions
 from xdynamics.units import CONSTANTS, Quantity, constant
 from xdynamics.units.rounded import exact_value
@@ -72,7 +72,7 @@ def interval_problem_of(model: Model) -> IntervalProblem:
             start.append(value)
         else:
             places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
-    motions = Motions(lines, motion, places, literals_of(lines))
+    motions = Motions(StraightLines(lines, places, literals_of(lines)), motion)
     return IntervalProblem(motions, (*used, *uncertain), time_box(model.initial["t"].si), np.stack(start, axis=1))
 
 

@@ -1,22 +1,23 @@
 """Taylor coefficients of a motion as intervals, by the recurrences of every operation, with their derivatives by the start.
 
-The recurrences are those of method `taylor`, which write programs; here the values that they are told of are numbers.
+The program is that of method `taylor`, printed for intervals; derivatives are series of their own, those of the tangents
+of its values, in a loop over the numbers of the start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from xdynamics.kernels.jets.coefficients import Coefficients, Env
+from xdynamics.kernels.jets.expansion import expansion
 from xdynamics.kernels.jets.motion import Motion
-from xdynamics.kernels.jets.series import Series
-from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, Program, StoreTo
-from xdynamics.tubes import boxes, gradients
-from xdynamics.tubes.boxes import Box
-from xdynamics.tubes.gradients import Undefined, Value
+from xdynamics.kernels.program import AT, Compute, Line, Load, Loop, Operand, Place, Program, StoreTo, T
+from xdynamics.tubes.boxes import Box, Floats
+from xdynamics.tubes.enclosed_programs import EnclosedProgram
+from xdynamics.tubes.gradients import NOW, StraightLines, Undefined, Value, number
+from xdynamics.tubes.tangents import SEED, with_tangents
 
 
 class UndefinedError(Exception):
@@ -25,234 +26,173 @@ class UndefinedError(Exception):
 
 @dataclass(frozen=True)
 class Motions:
-    """The lines of a program that a motion follows from, and what they read besides the state.
+    """The lines of a program that a motion follows from, and where it has its numbers."""
 
-    Attributes
-    ----------
-    lines : sequence of Line
-    motion : Motion
-    constants : mapping of Place to Value
-        What is read and does not change: a float, an interval, or the number of what is uncertain in it.
-    literals : mapping of int to Value
-        The exact values of the operands that are numbers, by their identity.
-    """
-
-    lines: Sequence[Line]
+    straight: StraightLines
     motion: Motion
-    constants: Mapping[Place, Value]
-    literals: Mapping[int, Value]
 
 
-class _Order:
-    """One order of series whose coefficients are numbers; see `kernels.jets.series.Order`."""
-
-    def __init__(self, rows: dict[int, Box], degree: int, derivatives: int) -> None:
-        self.k = 0
-        self.rows, self._shape = rows, (2, degree + 1, 1 + derivatives)
-        self._lacking: dict[int, Undefined] = {}  # why a series has no further coefficients
-        self.constants: Mapping[Place, Value] = {}
-
-    @property
-    def number(self) -> float:
-        """The order as a number."""
-        return float(self.k)
-
-    def compute(self, operation: str, *arguments: Value) -> Value:
-        """Compute one operation, unless what it gives is known: of zeros that series have beyond their ends."""
-        if len(arguments) == 2 and (float in (type(arguments[0]), type(arguments[1]))):
-            known = _known(operation, *arguments)
-            if known is not None:
-                return known
-        return gradients.of(operation, *arguments)
-
-    def first(self, series: Series) -> Value:
-        """Return the coefficient of order 0."""
-        return series.terms[0]
-
-    def second(self, series: Series) -> Value:
-        """Return the coefficient of order 1."""
-        return self._term(series, 1)
-
-    def now(self, series: Series) -> Value:
-        """Return the coefficient of this order."""
-        return self._term(series, self.k)
-
-    def _term(self, series: Series, k: int) -> Value:
-        return series.terms.get(k, 0.0) if series.constant else series.terms[k]
-
-    def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Value:
-        """Sum the products, ascending; those of a series with itself in pairs."""
-        k = self.k
-        first, last = min(skip, 1), k - (skip == 2)
-        if last < first:
-            return 0.0
-        for series in (a, b):
-            if (lacking := self._lacking.get(id(series))) is not None:
-                return lacking
-        if a.constant or b.constant or first == last == 0:
-            j = 0 if a.constant else k
-            return self.compute("multiply", self._term(a, j), self._term(b, k - j)) if first <= j <= last else 0.0
-        if a is b and first == k - last:
-            return self._square(a, first)
-        return _sum_of_products(self.rows[id(a)][:, first : last + 1], self.rows[id(b)][:, k - last : k - first + 1])
-
-    def _square(self, a: Series, first: int) -> Value:
-        k, row = self.k, self.rows[id(a)]
-        half = (k + 1) // 2
-        found: Value = 0.0
-        if half > first:
-            found = 2.0 * _sum_of_products(row[:, first:half], row[:, k - half + 1 : k - first + 1])
-        return found if k % 2 else self.compute("add", found, gradients.square(row[:, k // 2]))
-
-    def part(self, owner: Series, name: str) -> Series:
-        """Return a series that is computed along with another."""
-        return owner.parts.setdefault(name, Series())
-
-    def keep(self, series: Series, value: Value) -> None:
-        """Let a value be the coefficient of this order."""
-        series.terms[self.k] = value
-        if isinstance(value, Undefined):
-            self._lacking.setdefault(id(series), value)
-        elif not series.constant and not isinstance(value, bool):
-            row = self.rows.get(id(series))
-            if row is None:
-                row = self.rows[id(series)] = np.zeros(self._shape)
-            if isinstance(value, float):
-                row[:, self.k, 0] = value
-            else:
-                row[:, self.k, : value.shape[1]] = value
-
-    def knows(self, series: Series) -> bool:
-        """Whether the coefficient of this order is computed."""
-        return self.k in series.terms
-
-    def read(self, place: Place) -> Value:
-        """Return a number that does not change."""
-        return self.constants[place]
-
-
-def _known(operation: str, a: Value, b: Value) -> Value | None:
-    """Return what an operation with a zero or a one gives; None of others."""
-    of_a, of_b = type(a) is float, type(b) is float
-    match operation:
-        case "add" if of_a and a == 0.0:
-            return b
-        case "add" | "subtract" if of_b and b == 0.0:
-            return a
-        case "subtract" if of_a and a == 0.0:
-            return gradients.of("negative", b)
-        case "multiply" | "divide" if of_b and b == 1.0:
-            return a
-        case "multiply" if of_a and a == 1.0:
-            return b
-        case "multiply" if of_a and a == 0.0 and not isinstance(b, Undefined):
-            return 0.0
-        case "multiply" if of_b and b == 0.0 and not isinstance(a, Undefined):
-            return 0.0
-        case "divide" if of_a and of_b and a == 0.0 and b != 0.0:
-            return 0.0
-    return None
-
-
-def _sum_of_products(a: Box, b: Box) -> Box:
-    """Sum the products of the numbers of one row with those of another, which runs backwards."""
-    b = b[:, ::-1]
-    found = boxes.total(boxes.multiply(a[:, :, :1], b))
-    if a.shape[2] > 1:
-        found[:, 1:] = boxes.add(found[:, 1:], boxes.total(boxes.multiply(b[:, :, :1], a[:, :, 1:])))
-    return found
-
-
-class _Numbers(Coefficients):
-    """Series of a program's values, whose coefficients are numbers."""
-
-    def __init__(self, motions: Motions, degree: int, states: Sequence[Series], time: Series) -> None:
-        super().__init__(Program("", "", ()), motions.motion, degree, 0)
-        self._literals, self._states, self.time = motions.literals, states, time
-
-    def state(self, place: Place) -> Series:
-        """Return the series of a number of the state."""
-        return self._states[place.offset]
-
-    def value(self, env: Env, operand: Operand) -> Series:
-        """Return the series of an operand."""
-        if isinstance(operand, str):
-            return env[operand]
-        return Series(constant=True, terms={0: self._literals.get(id(operand), operand)})
-
-
-@np.errstate(all="ignore")  # what overflows is found at the end
-def coefficients(motions: Motions, time: Box, start: Box, degree: int, *, derivatives: bool = False) -> Box:
-    """Return the Taylor coefficients of the motions from every state of a set.
+class MotionSeries:
+    """Computes coefficients of motions from every state of a set.
 
     Parameters
     ----------
     motions : Motions
-    time : ndarray, shape (2,)
-    start : ndarray, shape (2, numbers)
-        Coordinates, velocities, states, then uncertain constants, which do not change.
+    numbers : int
+        Of a set: coordinates, velocities, states, then uncertain constants, which do not change.
     degree : int
     derivatives : bool
         Whether to add the derivatives by every number of the start.
-
-    Returns
-    -------
-    ndarray, shape (2, degree + 1, numbers of the state, 1 or 1 + numbers)
-
-    Raises
-    ------
-    UndefinedError
-        If one of them may not exist, or is beyond the range of floats.
     """
-    numbers, used = start.shape[1], motions.motion.used
-    n = numbers if derivatives else 0
-    given = [seed(start[:, i], i, n) for i in range(numbers)]
-    order = _Order({}, degree, n)
-    order.constants = {
-        place: given[value] if isinstance(value, int) else value for place, value in motions.constants.items()
-    }
-    clock, states = Series(), [Series() for _ in range(used)]
-    for order.k in range(degree + 1):
-        order.keep(clock, time.reshape(2, 1) if order.k == 0 else float(order.k == 1))
-    order.k = 0
-    for series, value in zip(states, given, strict=False):
-        order.keep(series, value)
-    write, env = _Numbers(motions, degree, states, clock), Env()
-    for k in range(degree):
-        order.k = k
-        raised = _raised(write, order, env, motions)
-        order.k = k + 1
-        for series, slope in zip(states, raised, strict=True):
-            if isinstance(slope, Undefined):
-                raise UndefinedError(slope.reason)
-            order.keep(series, order.compute("divide", slope, order.number))
-    found = np.stack([order.rows[id(series)] for series in states], axis=2)
-    if not np.isfinite(found).all():
-        raise UndefinedError("a number is beyond the range of floats")
-    return found
+
+    def __init__(self, motions: Motions, numbers: int, degree: int, *, derivatives: bool = False) -> None:
+        self._motions, self._degree = motions, degree
+        self._used, self._seeds = motions.motion.used, numbers if derivatives else 0
+        constants = _Constants(motions, numbers, self._seeds)
+        lines = tuple(_as_states(motions, constants, self._seeds))
+        motion = Motion(0, self._used * (1 + self._seeds))
+        whole = expansion(Program("forces", "", lines), motion, degree, written_out=False)
+        sizes = {"at": len(AT), "y": motion.used, "p": constants.count, "w": whole.memory}
+        self._program = EnclosedProgram(whole.program, sizes)
+        self._state, self._time = self._program.arrays["y"], self._program.arrays["at"][T]
+        self._uncertain = constants.fill(self._program.arrays["p"])
+        self._found = self._program.arrays["w"][: (degree + 1) * motion.used].reshape(degree + 1, motion.used, 3)
+        for i in range(self._used if self._seeds else 0):
+            self._state[self._used + i * self._seeds + i, :2] = 1.0
+
+    def of(self, time: Box, start: Box) -> Box:
+        """Return the coefficients.
+
+        Parameters
+        ----------
+        time : ndarray, shape (2,)
+        start : ndarray, shape (2, numbers)
+
+        Returns
+        -------
+        ndarray, shape (2, degree + 1, numbers of the state, 1 or 1 + numbers)
+
+        Raises
+        ------
+        UndefinedError
+            If one of them may not exist, or is beyond the range of floats.
+        """
+        used = self._used
+        self._time[:2], self._state[:used, :2] = time, start[:, :used].T
+        for i, place in self._uncertain:
+            place[:2] = start[:, i]
+        self._program.run()
+        if self._found[..., 2].any() or not np.isfinite(self._found).all():
+            raise UndefinedError(self._reason(time, start))
+        found = np.empty((2, self._degree + 1, used, 1 + self._seeds))
+        for end in range(2):
+            found[end, :, :, 0] = self._found[:, :used, end]
+            found[end, :, :, 1:] = self._found[:, used:, end].reshape(self._degree + 1, used, self._seeds)
+        return found
+
+    def _reason(self, time: Box, start: Box) -> str:
+        """Say what is not defined for some of the states."""
+        found = self._motions.straight.over(time, start, derivatives=True)
+        reasons = [value.reason for value in found.values() if isinstance(value, Undefined)]
+        return reasons[0] if reasons else "a number is beyond the range of floats"
 
 
-def seed(value: Box, place: int, derivatives: int) -> Box:
-    """Return a number of the start: its derivative by itself is 1."""
-    seed = np.zeros((2, 1 + derivatives))
-    seed[:, 0] = value
-    if derivatives:
-        seed[:, 1 + place] = 1.0
-    return seed
+class _Constants:
+    """Places in `p`: rows of derivatives of what is uncertain, then what lines read, and literals that no float is."""
+
+    def __init__(self, motions: Motions, numbers: int, seeds: int) -> None:
+        self._motions, self._seeds = motions, seeds
+        self._rows = (numbers - motions.motion.used) * seeds
+        self._values: list[Value] = []
+        self._places: dict[Place | int, Place] = {}
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self._rows + len(self._values)
+
+    def of(self, place: Place) -> Place:
+        """Return where a constant is."""
+        return self._at(place, self._motions.straight.constants[place])
+
+    def literal(self, operand: Operand) -> Place | None:
+        """Return where a literal is that no float is; None of another operand."""
+        value = self._motions.straight.literals.get(id(operand)) if isinstance(operand, float) else None
+        return None if value is None else self._at(id(operand), value)
+
+    def tangents(self, place: Place) -> Place | None:
+        """Return where the derivatives of a constant are; None of one that is certain."""
+        value = self._motions.straight.constants[place]
+        if not isinstance(value, int):
+            return None
+        return Place("p", (value - self._motions.motion.used) * self._seeds, ((SEED, 1),))
+
+    def _at(self, key: Place | int, value: Value) -> Place:
+        if key not in self._places:
+            self._places[key] = Place("p", self.count)
+            self._values.append(value)
+        return self._places[key]
+
+    def fill(self, array: Floats) -> list[tuple[int, Floats]]:
+        """Write what is certain; return the numbers of what is not, each with where it goes."""
+        for row in range(self._rows):
+            constant, seed = divmod(row, self._seeds)
+            array[row, :2] = float(seed == self._motions.motion.used + constant)
+        uncertain = []
+        for value, where in zip(self._values, array[self._rows :], strict=True):
+            if isinstance(value, int):
+                uncertain.append((value, where))
+            else:
+                where[:2] = number(value)[:, 0]
+        return uncertain
 
 
-def _raised(write: _Numbers, order: _Order, env: Env, motions: Motions) -> list[Value]:
-    """Compute what every number of the state rises by at one order."""
-    motion = motions.motion
-    n = motion.coordinates
-    raised: list[Value] = [order.now(write.state(Place("y", n + i))) for i in range(n)]
-    raised += [0.0] * (n + motion.states)
-    for line in motions.lines:
+def _as_states(motions: Motions, constants: _Constants, seeds: int) -> Iterator[Line]:
+    """Yield the lines of equations of first order, of all numbers of a state and of their derivatives."""
+    motion, used = motions.motion, motions.motion.used
+    rates = used * (1 + seeds)  # where in `z` they begin
+    lines: list[Line] = []
+    for i in range(motion.coordinates):
+        velocity = f"_velocity{i}"
+        lines += [Load(velocity, Place("y", motion.coordinates + i)), StoreTo(Place("z", rates + i), velocity)]
+    for line in motions.straight.lines:
         match line:
+            case Load() if line.place.array == "y" or line.place == NOW:
+                lines.append(line)
             case Load():
-                write.load(order, env, line)
+                lines.append(Load(line.target, constants.of(line.place)))
             case Compute():
-                write.compute(order, env, line)
+                lines += _with_literals(line, constants)
             case StoreTo():
-                raised[motion.raised_by(line.place.offset)] = order.now(write.value(env, line.value))
-    return raised
+                value = line.value
+                if (place := constants.literal(value)) is not None:
+                    value = f"_stored{len(lines)}"
+                    lines.append(Load(value, place))
+                lines.append(StoreTo(Place("z", rates + motion.raised_by(line.place.offset)), value))
+    yield from lines
+    if seeds:
+
+        def read(place: Place) -> Place | None:
+            if place.array == "y":
+                return Place("y", used + place.offset * seeds, ((SEED, 1),))
+            return uncertain.get(place)
+
+        uncertain = {constants.of(place): constants.tangents(place) for place in motions.straight.constants}
+
+        def stored(place: Place) -> Place:
+            return Place("z", rates + used + (place.offset - rates) * seeds, ((SEED, 1),))
+
+        yield Loop(SEED, seeds, with_tangents(lines, read, stored))
+
+
+def _with_literals(line: Compute, constants: _Constants) -> Iterator[Line]:
+    """Yield a line, after those that read its literals that no float is."""
+    given: list[Operand] = []
+    for operand in line.arguments:
+        if (place := constants.literal(operand)) is None:
+            given.append(operand)
+        else:
+            name = f"{line.target}.literal{len(given)}"
+            yield Load(name, place)
+            given.append(name)
+    yield Compute(line.target, line.operation, tuple(given))

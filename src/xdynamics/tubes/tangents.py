@@ -1,0 +1,193 @@
+"""Programs of motions with their derivatives by the start: lines whose values are followed by their tangents.
+
+A tangent is the derivative of a value by one number of the start; a loop over these numbers goes through the lines once
+more (Griewank and Walther, Evaluating Derivatives, 2nd ed., chapter 3). At a corner the choice of a side decides, which
+intervals cannot make where a corner is among the values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import count
+
+from xdynamics.kernels.jets.recurrences import CONSTANT
+from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
+
+SEED = "_seed"  # the index of the loop over numbers of the start
+ZERO = 0.0
+
+
+class Tangents:
+    """Writes the tangents of the values of some lines.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the place of the tangents of what is at a place; None of what does not depend on the start.
+    """
+
+    def __init__(self, read: Callable[[Place], Place | None]) -> None:
+        self.lines: list[Line] = []
+        self._read = read
+        self._tangents: dict[str, Operand] = {}
+        self._serial = count()
+
+    def of(self, operand: Operand) -> Operand:
+        """Return the tangent of a value."""
+        return self._tangents.get(operand, ZERO) if isinstance(operand, str) else ZERO
+
+    def follow(self, line: Load | Compute) -> None:
+        """Write the tangent of what a line computes."""
+        found: Operand = ZERO
+        if isinstance(line, Load):
+            if (place := self._read(line.place)) is not None:
+                found = self._named()
+                self.lines.append(Load(found, place))
+        elif line.operation not in CONSTANT and any(self.of(argument) != ZERO for argument in line.arguments):
+            found = RULES[line.operation](self, line.target, *line.arguments)
+        self._tangents[line.target] = found
+
+    def write(self, operation: str, *arguments: Operand) -> Operand:
+        """Write an operation, unless zeros and ones settle it."""
+        first, last = arguments[0], arguments[-1]
+        match operation:
+            case "add" if first == ZERO or last == ZERO:
+                return last if first == ZERO else first
+            case "subtract" if last == ZERO:
+                return first
+            case "subtract" if first == ZERO:
+                return self.write("negative", last)
+            case "multiply" if ZERO in (first, last):
+                return ZERO
+            case "divide" | "negative" if first == ZERO:
+                return ZERO
+        name = self._named()
+        self.lines.append(Compute(name, operation, arguments))
+        return name
+
+    def _named(self) -> str:
+        return f"_tangent{next(self._serial)}"
+
+
+Rule = Callable[..., Operand]  # of the tangents, a value by its name, and the arguments that it is computed from
+
+
+def _each(operation: str) -> Rule:
+    return lambda write, _, *arguments: write.write(operation, *map(write.of, arguments))
+
+
+def _product(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
+    return write.write("add", write.write("multiply", write.of(a), b), write.write("multiply", write.of(b), a))
+
+
+def _quotient(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
+    rest = write.write("subtract", write.of(a), write.write("multiply", write.of(b), value))
+    return write.write("divide", rest, b)
+
+
+def _times(factor: Callable[[Tangents, str, Operand], Operand]) -> Rule:
+    """Return the rule of a function by its derivative."""
+    return lambda write, value, a: write.write("multiply", write.of(a), factor(write, value, a))
+
+
+def _over(divisor: Callable[[Tangents, str, Operand], Operand], sign: float = 1.0) -> Rule:
+    """Return the rule of a function by what its derivative is one over, or minus one."""
+
+    def rule(write: Tangents, value: str, a: Operand) -> Operand:
+        found = write.write("divide", write.of(a), divisor(write, value, a))
+        return found if sign > 0.0 else write.write("negative", found)
+
+    return rule
+
+
+def _one_and_square(sign: str) -> Callable[[Tangents, str, Operand], Operand]:
+    return lambda write, value, _: write.write(sign, 1.0, write.write("multiply", value, value))
+
+
+def _arc(write: Tangents, _: str, a: Operand) -> Operand:
+    # (1 - a)*(1 + a) has the digits that 1 - a**2 loses near 1
+    product = write.write("multiply", write.write("subtract", 1.0, a), write.write("add", 1.0, a))
+    return write.write("sqrt", product)
+
+
+def _power(write: Tangents, value: str, a: Operand, exponent: Operand) -> Operand:
+    slope = write.write("divide", write.write("multiply", value, exponent), a)
+    return write.write("multiply", write.of(a), slope)
+
+
+def _of_length(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
+    both = write.write("add", write.write("multiply", write.of(a), a), write.write("multiply", write.of(b), b))
+    return write.write("divide", both, value)
+
+
+def _angle(write: Tangents, _: str, y: Operand, x: Operand) -> Operand:
+    turning = write.write("subtract", write.write("multiply", write.of(y), x), write.write("multiply", write.of(x), y))
+    squares = write.write("add", write.write("multiply", y, y), write.write("multiply", x, x))
+    return write.write("divide", turning, squares)
+
+
+def _abs(write: Tangents, _: str, a: Operand) -> Operand:
+    return write.write("choose", write.write("less", a, ZERO), write.write("negative", write.of(a)), write.of(a))
+
+
+def _extreme(comparison: str) -> Rule:
+    return lambda write, _, a, b: write.write("choose", write.write(comparison, a, b), write.of(a), write.of(b))
+
+
+def _choice(write: Tangents, _: str, truth: Operand, a: Operand, b: Operand) -> Operand:
+    return write.write("choose", truth, write.of(a), write.of(b))
+
+
+def _rest(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
+    turns = write.write("floor", write.write("divide", a, b))
+    return write.write("subtract", write.of(a), write.write("multiply", turns, write.of(b)))
+
+
+RULES: Mapping[str, Rule] = {
+    **{name: _each(name) for name in ("add", "subtract", "negative")},
+    "multiply": _product,
+    "divide": _quotient,
+    "sqrt": _over(lambda write, value, _: write.write("add", value, value)),
+    "exp": _times(lambda _, value, __: value),
+    "log": _over(lambda _, __, a: a),
+    "sin": _times(lambda write, _, a: write.write("cos", a)),
+    "cos": _times(lambda write, _, a: write.write("negative", write.write("sin", a))),
+    "tan": _times(_one_and_square("add")),
+    "asin": _over(_arc),
+    "acos": _over(_arc, -1.0),
+    "atan": _over(lambda write, _, a: write.write("add", 1.0, write.write("multiply", a, a))),
+    "sinh": _times(lambda write, _, a: write.write("cosh", a)),
+    "cosh": _times(lambda write, _, a: write.write("sinh", a)),
+    "tanh": _times(_one_and_square("subtract")),
+    "power": _power,
+    "hypot": _of_length,
+    "atan2": _angle,
+    "abs": _abs,
+    "least": _extreme("less"),
+    "greatest": _extreme("more"),
+    "choose": _choice,
+    "mod": _rest,
+    "positive": lambda write, _, a: write.of(a),
+}
+
+
+def with_tangents(
+    lines: Sequence[Line], read: Callable[[Place], Place | None], stored: Callable[[Place], Place]
+) -> tuple[Line, ...]:
+    """Return the lines that compute and store the tangents of what straight lines store.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+    read : callable
+        From the place of a number to that of its tangents; None of what does not depend on the start.
+    stored : callable
+        From the place where a value goes to that of its tangents.
+    """
+    write = Tangents(read)
+    for line in lines:
+        if isinstance(line, Load | Compute):
+            write.follow(line)
+        elif isinstance(line, StoreTo):
+            write.lines.append(StoreTo(stored(line.place), write.of(line.value)))
+    return tuple(write.lines)
