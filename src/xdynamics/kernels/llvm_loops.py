@@ -23,6 +23,7 @@ from xdynamics.kernels.program import (
     OF_FLOAT,
     Compute,
     Instruction,
+    Load,
     Loop,
     Operand,
     Program,
@@ -163,10 +164,37 @@ class LoopText(ABC):
             of, of_float = self._of(line.kind), OF_FLOAT[line.kind]
             pairs = zip(line.starts, totals, strict=True)
             totals = [value if isinstance(start, str) else of(of_float, value) for start, value in pairs]
+        begun, totals = self._begun_abreast(line, totals)
         totals = (
-            self._bounded(line, totals) if line.below or line.above else self._passes(line, 0, line.count, 1, totals)
+            self._bounded(line, totals)
+            if line.below or line.above
+            else self._passes(line, begun, line.count, 1, totals)
         )
         self._values.update(zip(line.totals, totals, strict=True))
+
+    def _begun_abreast(self, line: Reduction, totals: list[Value]) -> tuple[int, list[Value]]:
+        """Print the sum of neighbouring numbers side by side, where no order changes it; return where the rest begins.
+
+        One after the other, such sums were a seventh of the time of a step.
+        """
+        wide = self._abreast
+        if not line.in_any_order or wide <= self._runs or self._places.indices or self._reads_row(line):
+            return 0, totals
+        whole, lines = line.count // wide * wide, self._lines
+        if not whole:
+            return 0, totals
+        with self._side_by_side(wide):
+            sums = self._passes(line, 0, whole, wide, [*map(self._operand, line.starts)])
+            parts = [lines.value(part) for value in sums for part in parts_of(value)]
+            texts = [f"extractelement {lines.kind(part.letter)} {part.text}, i64" for part in parts]
+        for lane in range(wide):
+            totals = [total + lines.line("n", f"{text} {lane}") for total, text in zip(totals, texts, strict=True)]
+        return whole, totals
+
+    def _reads_row(self, line: Reduction) -> bool:
+        """Whether what is summed is part of a row of the log, whose elements are apart."""
+        read = {inner.place.array for inner in nested(line.body) if isinstance(inner, Load)}
+        return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in read)
 
     def _bounded(self, line: Reduction, totals: list[Value]) -> list[Value]:
         """Print the passes before, or after, the number of an index; of lanes with several numbers some by a mask."""

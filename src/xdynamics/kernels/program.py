@@ -183,6 +183,8 @@ class Reduction:
     kind : str
     below, above : str
         Index of a loop around it: only passes before its number are made, or only those after it.
+    in_any_order : bool
+        Whether it is a sum of numbers that are 0 or nan, so that no order of additions changes it.
 
     Notes
     -----
@@ -200,6 +202,7 @@ class Reduction:
     kind: str = FLOAT
     below: str = ""
     above: str = ""
+    in_any_order: bool = False
 
     @property
     def starts(self) -> tuple[Operand, ...]:
@@ -286,4 +289,4 @@ class Program:
 def soundness(array: str, first: int, count: int, total: str) -> Reduction:
     """Sum numbers less themselves: 0 if all are finite, else nan."""
     lines = Load("_number", element(array, first)), Compute("_nothing", "subtract", ("_number", "_number"))
-    return Reduction("i", count, lines, ("_nothing",), (total,))
+    return Reduction("i", count, lines, ("_nothing",), (total,), in_any_order=True)

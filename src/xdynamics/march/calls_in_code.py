@@ -13,7 +13,19 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from xdynamics.kernels.program import WORDS
-from xdynamics.march.run_in_code import LAWS, NOTHING, PLACES, POINTER, RUN, RUN_ARRAYS, WORD, data_of, marked, word_of
+from xdynamics.march.run_in_code import (
+    LAWS,
+    NOTHING,
+    PLACES,
+    POINTER,
+    RUN,
+    RUN_ARRAYS,
+    WORD,
+    data_of,
+    marked,
+    times_apart,
+    word_of,
+)
 
 
 def made(name: str) -> Any:
@@ -140,8 +152,10 @@ def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         address, run, y, row = arguments
-        rows = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * PLACES["log_rows"]))
-        _call(builder, address, [run, data_of(builder, y), builder.gep(rows, [row]), rows])
+        table = cgutils.gep_inbounds(builder, run, WORDS * PLACES["log_rows"])
+        rows = data_of(builder, table)
+        place = builder.gep(rows, [times_apart(builder, table, row)])
+        _call(builder, address, [run, data_of(builder, y), place, rows])
         return context.get_dummy_value()
 
     return types.void(address, run, y, row), generate

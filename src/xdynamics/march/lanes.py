@@ -212,7 +212,7 @@ def lacks_room(run: Run, lanes: int, standing: Whole, events: Any, keeping: Any)
     """Whether there is too little room for the events of some lanes, or for rows that the single march may write."""
     if standing[EVENTS] + lanes * run.log_events.shape[0] > events[0].shape[0]:
         return True
-    return keeping[0].shape[0] > 0 and standing[ROWS] + run.log_rows.shape[1] + 2 > keeping[1].shape[0]
+    return keeping[0].shape[0] > 0 and standing[ROWS] + run.log_flags.shape[1] + 2 > keeping[1].shape[0]
 
 
 @borrowing
@@ -244,7 +244,7 @@ def go_on(run: Run, march_at: Any, address: Any, member: int, standing: Whole, k
 
     Also after a step with an event: another is often near, and entering and leaving a lane costs five steps.
     """
-    now, first, room = run.now[0], run.now[0].rows, keeping[1].shape[0] - run.log_rows.shape[1]
+    now, first, room = run.now[0], run.now[0].rows, keeping[1].shape[0] - run.log_flags.shape[1]
     met = now.events
     march_by(march_at, address, 1)
     while now.status == RUNNING and (now.events > met or waits(run)) and has_room(run):

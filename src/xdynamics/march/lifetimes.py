@@ -7,11 +7,15 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 
 class ArrayKind(NamedTuple):
-    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart."""
+    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart.
+
+    With `either_order` the elements along the last dimension may be as far apart as the first one is long.
+    """
 
     name: str
     elements: Any
     dimensions: int = 1
+    either_order: bool = False
 
 
 class Lifetime(Enum):

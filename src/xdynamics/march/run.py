@@ -135,6 +135,7 @@ BASE = _record("", "rows trials events samples")
 
 Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
+LogRows = Annotated[NDArray[np.float64], ArrayKind("LogRows", "f8", 2, either_order=True)]
 Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
 Lists = Annotated[NDArray[np.int64], ArrayKind("Lists", "i8", 2)]
 Flags = Annotated[NDArray[np.int8], ArrayKind("Flags", "i1", 2)]
@@ -169,7 +170,7 @@ class Run:
     Parameters
     ----------
     **arrays : ndarray
-        All of the attributes below, contiguous.
+        All of the attributes below, contiguous; rows of the log in C order or, where they are wide, in Fortran's.
     """
 
     # given to laws, in the order of `program.TABLE`
@@ -183,7 +184,7 @@ class Run:
     samples: Passing[Floats]  # force evaluations of the trial, one after the other
     # vectors of an implicit method; of `march.implicit.radau` its stages' states and the derivatives; a step's polynomial
     w: Passing[Floats]
-    log_rows: Log[Columns]  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
+    log_rows: Log[LogRows]  # `Layout.row`: time, step_size, the state, energies, observables, errors, iterations
     # used by the march alone
     plan: Own[Plans]
     now: Nows
@@ -352,6 +353,8 @@ class Run:
             setattr(self, name, array)
         places = [_PLACES[name] for name in arrays]
         self._table[places] = [(address_of(block), block.shape[0], block.shape[-1]) for block in arrays.values()]
+        if "log_rows" in arrays and not arrays["log_rows"].flags.c_contiguous:
+            self._table[_PLACES["log_rows"], 2] = 1  # the distance of elements along the first dimension
 
 
 class Array(NamedTuple):

@@ -32,7 +32,7 @@ from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, KINDS
 
 LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
-SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "Links")  # kinds that programs read or write
+SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "LogRows", "Links")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
 WORD = ir.IntType(64)
@@ -114,7 +114,7 @@ class _OfArray(AttributeTemplate):
     key = ArrayType
 
     def resolve_shape(self, array: ArrayType) -> Any:
-        return types.UniTuple(types.intp, array.ndim)
+        return types.UniTuple(types.intp, _known_sizes(array))
 
 
 @infer_getattr
@@ -123,6 +123,11 @@ class _OfRow(AttributeTemplate):
 
     def generic_resolve(self, row: RowType, name: str) -> Any:  # type: ignore[override]
         return from_dtype(row.numpy.fields[name][0]) if name in row.numpy.fields else None
+
+
+def _known_sizes(array: ArrayType) -> int:
+    """Return how many sizes the table has: in place of the last one of an array of either order is a distance."""
+    return 1 if KINDS[array.kind].either_order else array.ndim
 
 
 def _index(array: ArrayType) -> Any:
@@ -162,10 +167,18 @@ def data_of(builder: Any, table: Any) -> Any:
     return builder.inttoptr(word_of(builder, table, 0), POINTER)
 
 
+def times_apart(builder: Any, table: Any, index: Any) -> Any:
+    """Return how far from the first element another one along the last dimension is, in an array of either order."""
+    length, apart = word_of(builder, table, 1), word_of(builder, table, 2)
+    by_rows = builder.icmp_signed("==", apart, ir.Constant(WORD, 1))  # also of a single row, which is the first
+    return builder.select(by_rows, builder.mul(index, length, flags=["nsw"]), index)
+
+
 def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
     """Return the address of an element."""
     if array.ndim == 2:
         row, column = cgutils.unpack_tuple(builder, index, 2)
+        column = times_apart(builder, table, column) if KINDS[array.kind].either_order else column
         index = builder.add(builder.mul(row, word_of(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
     if isinstance(array.element, RowType):
         words = ir.Constant(WORD, array.numpy.itemsize // 8)
@@ -181,8 +194,9 @@ def _array(_context: Any, builder: Any, _kind: Any, table: Any, name: str) -> An
 
 @lower_getattr(ArrayType, "shape")
 def _shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
-    words = [word_of(builder, table, 1 + k) for k in range(array.ndim)]
-    return context.make_tuple(builder, types.UniTuple(types.intp, array.ndim), words)
+    known = _known_sizes(array)
+    words = [word_of(builder, table, 1 + k) for k in range(known)]
+    return context.make_tuple(builder, types.UniTuple(types.intp, known), words)
 
 
 @lower_builtin(operator.getitem, ArrayType, types.intp)

@@ -22,7 +22,7 @@ from xdynamics.march.chattering import NOWHERE, chattering
 from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
-from xdynamics.march.log import Log, LogBlock, allocate, misplaced_events, most_recycled
+from xdynamics.march.log import Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
 from xdynamics.march.memory import arrays_of, put_back
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.run import BASE, NOW, Run
@@ -192,7 +192,8 @@ class March:
         sampled, settings = int(self.run.plan[0].samples), self.settings
         # what is left out row by row is chosen from whole rows
         kept = settings.keeps_samples or self.thinning is not None
-        return allocate(self.layout, rows, sampled=sampled, apart=settings.apart, samples_kept=kept)
+        form = {"apart": settings.apart, "samples_kept": kept, "by_rows": is_wide(self.layout)}
+        return allocate(self.layout, rows, sampled=sampled, **form)
 
     def rest(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""

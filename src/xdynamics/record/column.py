@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
@@ -112,7 +113,7 @@ class LineOf:
     def __call__(self, block: LogBlock) -> Array:
         """Take it of a block."""
         if not self.shape:
-            return self.taken(block, self.index)
+            return np.ascontiguousarray(self.taken(block, self.index))  # a copy where rows stand one after the other
         lines = self.taken(block, slice(self.index, self.index + math.prod(self.shape)))
         return lines.T.reshape(-1, *self.shape)
 

@@ -149,7 +149,8 @@ def _detectors(
     inside[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
     attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
     attributes |= flags(dict(enumerate(names)), "i4")
-    return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes)}
+    # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
+    return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes, fastpath=True)}
 
 
 def _dims_of_detectors(attributes: Mapping[Any, Any]) -> dict[str, tuple[str, ...]]:
