@@ -362,7 +362,9 @@ def test_contacts_of_many_links_are_refused() -> None:
     """Assert that a pile with a controller is refused in words, before anything is marched."""
     pile = xd.Model.from_toml(MODELS / "rough_pile.toml").to_toml()
     held = '[controllers.shaker]\nevery = "10 ms"\noutputs = { u = { unit = "1", start = "0", value = "1 - u" } }\n'
-    with pytest.raises(xd.InputError, match="has many links, which do not go with controllers, like 'shaker'"):
+    with pytest.raises(
+        xd.InputError, match="has many links, which do not go with controller 'shaker', which acts at times"
+    ):
         xd.simulate(xd.Model.from_text(pile + held), until="0.1 s")
 
 

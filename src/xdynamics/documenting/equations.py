@@ -158,6 +158,13 @@ def _occasions(model: Model) -> Iterator[Formula]:
             if isinstance(event.function, Function)
             else latex(event.function)
         )
+        if event.every is not None:
+            first, period = (str(part).replace(" ", r"\ ") for part in (event.phase or event.every, event.every))
+            yield Formula(
+                rf"t = t_0 + \mathrm{{{first}}} + k \cdot \mathrm{{{period}}}",
+                f"event {name}, periodic: {event.action}",
+            )
+            continue
         yield Formula(f"{body} = 0", f"event {name}, {event.direction}: {event.action}{_along(model, name)}")
     for name, contact in stated.contacts.items():
         about = f"contact {name}, restitution {_short(contact.restitution)}{_along(model, name)}"

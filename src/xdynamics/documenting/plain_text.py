@@ -97,7 +97,8 @@ def _factor(node: Node) -> str:
 def _occasions(model: Model) -> Iterator[str]:
     for name, event in model.events.items():
         body = event.function.name if isinstance(event.function, Function) else printed_simply(event.function)
-        yield f"event     {name}: {body} = 0, {event.direction}: {event.action}{f' to {event.to}' if event.to else ''}"
+        when = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
+        yield f"event     {name}: {when}: {event.action}{f' to {event.to}' if event.to else ''}"
     for name, contact in (model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}).items():
         yield (
             f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"

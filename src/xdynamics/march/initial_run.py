@@ -39,7 +39,7 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
-from xdynamics.model.controllers import actions, exact_ticks, exact_time, ticks
+from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, exact_time, ticks
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import in_si
@@ -59,8 +59,9 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
     scales, plan = settings.scales, planned(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = flattened(tables_of(model, scales))
-    instants, actions_there = _ticks_of(model, settings)
-    requested_nodes = np.append(np.array(settings.nodes) / scales.of(TIME), instants)
+    instants, actions_there = _ticks_of(actions(model.controllers), model, settings)
+    rings, alarms_there = _ticks_of(alarms(model.events), model, settings)
+    requested_nodes = np.concatenate([np.array(settings.nodes) / scales.of(TIME), instants, rings])
     nodes = np.union1d(nodes_of(model, scales), requested_nodes) if requested_nodes.size else nodes_of(model, scales)
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
@@ -86,6 +87,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
         nodes=nodes,
         ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
+        alarms=_ticks_at(rings, alarms_there, np.array([start, *nodes, end])),
         node_rests=_node_rests(model, settings, nodes),
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
@@ -239,12 +241,12 @@ def nodes_of(model: Model, scales: Scales) -> Floats:
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 
-def _ticks_of(model: Model, settings: Settings) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the times of the ticks of controllers, and the actions at each as bits of a number."""
-    if not model.controllers:
+def _ticks_of(acting: tuple[Action, ...], model: Model, settings: Settings) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the times at which something acts, and what acts at each as bits of a number."""
+    if not acting:
         return np.empty(0), np.empty(0, np.int64)
     first, last = exact_time(model.initial["t"]), exact_value(settings.until)
-    instants, actions_there = ticks(actions(model.controllers), first, last)
+    instants, actions_there = ticks(acting, first, last)
     return instants / settings.scales.of(TIME), actions_there
 
 
@@ -302,7 +304,10 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
         return np.empty(0)
     rests = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
     first, last = exact_time(model.initial["t"]), exact_value(settings.until)
-    rests |= {float(time): nearest(time).low for time in exact_ticks(actions(model.controllers), first, last)}
+    rests |= {
+        float(time): nearest(time).low
+        for time in exact_ticks((*actions(model.controllers), *alarms(model.events)), first, last)
+    }
     return np.array([rests.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
 
 

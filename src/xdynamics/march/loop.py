@@ -43,11 +43,12 @@ from xdynamics.march.run import (
     FIND_EVENTS,
     FIND_MEETING,
     LAND_ON_MEETING,
+    RING,
     TAKE_SIDES,
     Run,
 )
 from xdynamics.march.series import foresee
-from xdynamics.march.ticks import tick_at_end, tick_at_start
+from xdynamics.march.ticks import rings_at_end, tick_at_end, tick_at_start
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (
@@ -98,6 +99,9 @@ def march(address: Any, rows: int) -> None:
             entered_by(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
             reason = run.piece[0].verdict
         reason = landed(run, reason, together)
+        if reason == SOUND and rings_at_end(run):
+            entered_by(run.functions[EVENT_PHASE], run, 0.0, RING)
+            reason = run.piece[0].verdict
         if reason == SOUND:
             accept(run)
         elif reason != REASON_EVENT:

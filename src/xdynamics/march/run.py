@@ -113,7 +113,7 @@ ASSEMBLY = _record(
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
-BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS = range(3)  # what `events.dispatch` is to do
+BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING = range(4)  # what `events.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH = range(7)  # what `contacts.dispatch` is to do
 # what `assembly.dispatch` is to do
 BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, NOTE_LINKS, RELEASE_LINKS = range(6)
@@ -207,6 +207,7 @@ class Run:
     ticks: Given[
         Whole
     ]  # the actions of controllers at the start, at each node and at the end, as bits; none without any
+    alarms: Given[Whole]  # the periodic events there, in the same way
     piece: Passing[Pieces]
     near: Passing[Floats]  # states and event functions at the ends of a piece
     full: Passing[Floats]  # the state at the end of the trial in which events are looked for, `piece.full` long

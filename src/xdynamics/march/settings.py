@@ -24,7 +24,7 @@ from xdynamics.methods.scheme import (
 from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
-from xdynamics.model.controllers import exact_time, faults_of_ticks
+from xdynamics.model.controllers import actions, alarms, exact_time, faults_of_ticks
 from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES, regime_model
 from xdynamics.schema import sampled
@@ -257,13 +257,14 @@ class Settings:
             raise InputError(faults[0], tuple(faults))
 
     def _tick_faults(self, model: Model, start: float, second: str) -> list[str]:
-        if not (model.controllers and isfinite(self.until) and self.until > start):
+        acting = (*actions(model.controllers), *alarms(model.events))
+        if not (acting and isfinite(self.until) and self.until > start):
             return []
         if model.assemblies:
-            many, name = next(iter(model.assemblies)), next(iter(model.controllers))
-            goes = f"contact '{many}' has many links, which do not go with controllers, like '{name}'"
+            many = next(iter(model.assemblies))
+            goes = f"contact '{many}' has many links, which do not go with {acting[0].owner}, which acts at times of its own"
             return [f"{goes}; write single contacts, {MOST_REACTIONS} forces at most"]
-        return faults_of_ticks(model.controllers, exact_time(model.initial["t"]), exact_value(self.until), second)
+        return faults_of_ticks(acting, exact_time(model.initial["t"]), exact_value(self.until), second)
 
     def _faults_of_scales(self, model: Model) -> list[str]:
         faults = []

@@ -1,4 +1,4 @@
-"""Ticks of controllers: what they hold changes, all from what holds just before."""
+"""Ticks of controllers, where what they hold changes, all from what holds just before; nodes with periodic events."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from xdynamics.kernels.law import RESETS
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BOTH, AT_NODE
 from xdynamics.march.calls import called
+from xdynamics.march.events.zero_tests import CROSSED
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
+from xdynamics.model.detectors import PERIODIC
 
 State = NDArray[Any]
 
@@ -35,6 +37,25 @@ def tick_at_end(run: Run) -> bool:
     change(run, run.ticks[now.node + 1], trial.t, run.z)
     evaluate(run, trial.t, run.z)
     return True
+
+
+@shared
+def rings_at_end(run: Run) -> bool:
+    """Whether periodic events are met at the end of a trial."""
+    now = run.now[0]
+    landed = run.alarms.shape[0] > 0 and run.trial[0].landing in (AT_NODE, AT_BOTH)
+    return bool(landed and run.alarms[now.node + 1] != 0)
+
+
+@shared
+def ring(run: Run) -> None:
+    """Have the periodic events of the trial's end among those that it is noted with."""
+    due, number = run.alarms[run.now[0].node + 1], 0
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].role == PERIODIC:
+            if (due >> number) & 1 == 1:
+                run.watches[i].hit, run.watches[i].armed = CROSSED, -1
+            number += 1
 
 
 @shared

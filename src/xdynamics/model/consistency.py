@@ -131,6 +131,10 @@ def _check_event(
     """Check the function of an event, and that a position tolerance is in its unit."""
     if isinstance(event.function, Function):
         check_function(f"event '{name}'", event.function, statement, dimensions, ledger)
+    for key in ("every", "phase"):
+        value = getattr(event, key)
+        if value is not None and value.unit.dimension != statement.time_unit.dimension:
+            ledger.note(f"event '{name}': {key} is '{value}', needs a time in '{statement.time_unit.text}'")
     with ledger.entry(f"event '{name}'"):
         if isinstance(event.function, Function):
             dimension = event.unit.dimension if event.unit else NONE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Binary, Call, Name, Node, Number, expand, parse
 from xdynamics.expressions.corrections import with_unit_names
 from xdynamics.faults import InputError
-from xdynamics.model.parts import Controller, Output, State
+from xdynamics.model.parts import Controller, Event, Output, State
 from xdynamics.units import NONE, NUMBERS, Quantity, Unit
 from xdynamics.units.rounded import decimal_text, exact_value
 
@@ -39,9 +39,9 @@ class TickChange:
 
 @dataclass(frozen=True)
 class Action:
-    """When what is computed, or what was computed and delayed, takes effect; s after the start."""
+    """When something is done: what is computed, or was computed and delayed, takes effect; s after the start."""
 
-    controller: str
+    owner: str
     first: Fraction
     every: Fraction
 
@@ -132,10 +132,10 @@ def actions(controllers: Mapping[str, Controller]) -> tuple[Action, ...]:
     found = []
     for name, controller in controllers.items():
         every, first = exact_time(controller.every), exact_time(controller.phase) if controller.phase else Fraction(0)
-        found.append(Action(name, first, every))
+        found.append(Action(f"controller '{name}'", first, every))
         if controller.delay is not None:
             turns = len(pending(next(iter(controller.outputs)), controller)) - 1
-            found.append(Action(name, first + exact_time(controller.delay) - turns * every, every))
+            found.append(Action(f"controller '{name}'", first + exact_time(controller.delay) - turns * every, every))
     return tuple(found)
 
 
@@ -144,9 +144,19 @@ def exact_time(quantity: Quantity) -> Fraction:
     return exact_value(quantity.value) * quantity.unit.factor
 
 
-def faults_of_ticks(controllers: Mapping[str, Controller], start: Fraction, end: Fraction, second: str) -> list[str]:
-    """Return why the controllers cannot act in a run from one time to another, in `second`; none if they can."""
-    faults, found = [], actions(controllers)
+def alarms(events: Mapping[str, Event]) -> tuple[Action, ...]:
+    """Return when periodic events are met, in their order."""
+    found = []
+    for name, event in events.items():
+        if event.every is not None:
+            first = event.every if event.phase is None else event.phase
+            found.append(Action(f"event '{name}'", exact_time(first), exact_time(event.every)))
+    return tuple(found)
+
+
+def faults_of_ticks(found: Sequence[Action], start: Fraction, end: Fraction, second: str) -> list[str]:
+    """Return why something cannot act in a run from one time to another, in `second`; none if all can."""
+    faults = []
     for action in found:
         late = action.first > action.every and action.first > end - start
         if late or action.every > end - start:
@@ -156,13 +166,17 @@ def faults_of_ticks(controllers: Mapping[str, Controller], start: Fraction, end:
                 else f"acts every {float(action.every)!r}{second} from"
             )
             faults.append(
-                f"controller '{action.controller}' {what} the start, and the run takes {float(end - start)!r}{second}; march"
+                f"{action.owner} {what} the start, and the run takes {float(end - start)!r}{second}; march"
                 " longer, or have it act sooner"
             )
     count = sum(_count(action, start, end) for action in found)
     if count > MOST_TICKS:
-        faults.append(f"controllers act {count} times in the run, {MOST_TICKS} at most; have them tick less often")
+        faults.append(f"{_owners(found)} act {count} times in the run, {MOST_TICKS} at most; have them act less often")
     return faults
+
+
+def _owners(found: Sequence[Action]) -> str:
+    return " and ".join(dict.fromkeys(f"{action.owner.split()[0]}s" for action in found))
 
 
 def _count(action: Action, start: Fraction, end: Fraction) -> int:

@@ -19,7 +19,7 @@ from xdynamics.units import NONE, Dimension, Quantity
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
 # slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there; the gaps of many links,
 # which `march.assembly` looks for
-OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS = range(9)
+OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS, PERIODIC = range(10)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Detector:
         For a switch inside a `where`: the function where the switch has an effect, and 1, which has no zero, elsewhere.
     role : int
     event : Event
-        The event of the model, where the role is `OCCASION`.
+        The event of the model, where the role is `OCCASION` or `PERIODIC`.
     reaction : int
         The number of the reaction that it watches, else -1.
     at_zero : int
@@ -74,12 +74,14 @@ def detectors(model: Model) -> tuple[Detector, ...]:
     for name, event in model.events.items():
         sampled = isinstance(event.function, Function)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
-        place = event.position_tolerance
+        place, role = event.position_tolerance, OCCASION
+        if event.every is not None:
+            tree, role = ONE, PERIODIC
         all_detectors.append(
             Detector(
                 name,
                 tree,
-                OCCASION,
+                role,
                 event.time_tolerance,
                 event.direction,
                 event,
@@ -221,6 +223,7 @@ __all__ = [
     "KINK",
     "LIMIT",
     "OCCASION",
+    "PERIODIC",
     "PULL",
     "SLIP",
     "SWITCH",

@@ -14,6 +14,7 @@ from xdynamics.model.instruments import KEYS as READING_KEYS
 from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import (
+    DIRECTIONS,
     Contact,
     Controller,
     Drive,
@@ -34,6 +35,7 @@ from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity
 
 COULOMB = "coulomb"
 _OF_COULOMB = ("slip", "friction", "static")
+_OF_SEARCHES = ("function", "direction", "root_state", "unit", "time_tolerance", "position_tolerance")
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other takes
 
 
@@ -158,6 +160,15 @@ def event(**values: Any) -> Event:
             raise InputError(f"action '{action}' needs the key '{key}'")
         if action != needed and key in values:
             raise InputError(f"key '{key}' is for action '{needed}': '{action}' does not take it")
+    if "every" in values:
+        if wrong := [key for key in _OF_SEARCHES if values.get(key, DIRECTIONS[-1]) != DIRECTIONS[-1]]:
+            raise InputError(
+                f"every and {wrong[0]} are both given; an event is periodic, or a function's zero is located"
+            )
+    elif "function" not in values:
+        raise InputError("key 'function' is missing; give an expression whose zeros are located, or every = \"10 ms\"")
+    elif "phase" in values:
+        raise InputError("key 'phase' is for a periodic event; give every too")
     if "unit" in values and not isinstance(values["function"], Function):
         raise InputError("key 'unit' is for a function written in Python: an expression has its own")
     if action == "record" and values.get("count", 1) > 1:

@@ -102,7 +102,9 @@ READING = (
     Key("decimal", words(".", ","), "decimal mark", "found", kept=False),
 )
 OF_EVENTS = (
-    Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", NEEDED),
+    Key("function", COMPONENT.of("any unit"), "what passes through zero; also a numba function. Beyond zero and back by less than four times what the step is estimated to err by is no passage: a smaller tolerance or step shows whether it is one", "needed without every", "searched"),
+    Key("every", DURATION, "in its place: how often a periodic event is met, at exact multiples after the start; each is a node of the march", "none"),
+    Key("phase", WAIT, "how long after the start a periodic event is first met", "one period"),
     Key("direction", words(*DIRECTIONS), "which passages count", "either; of impacts falling"),
     Key("action", words(*ACTIONS, STRIKE), "what is done there; impact takes the keys of a contact too", "record"),
     Key("to", name_of("a regime"), "that a switch goes on in", "needed by switch", omitted=""),
@@ -258,7 +260,8 @@ SECTIONS: dict[str, Section] = {
         '[events.turn]\nfunction = "v_x"\ndirection = "falling"\ntime_tolerance = "1 ns"\nposition_tolerance = "1 um s-1"\n'
         '[events.release]\nfunction = "t - 2*second"\naction = "switch"\nto = "free"\ndescription = "the string is cut"\n'
         '[events.wall]\nfunction = "2*metre - x"\ndirection = "falling"\naction = "reset"\nset = { v_x = "-0.9*v_x" }\nroot_state = "interpolant"\n'
-        '[events.third]\nfunction = "theta"\naction = "stop"\ncount = 3\n',
+        '[events.third]\nfunction = "theta"\naction = "stop"\ncount = 3\n'
+        '[events.push]\nevery = "0.5 s"\nphase = "0.2 s"\naction = "reset"\nset = { v_x = "v_x + 0.1*metre/second" }\n',
         make=entries.event, apart=True,
     ),
     "contacts": Section(

@@ -147,10 +147,11 @@ class Event:
 
     Its attributes are the keys of `[events]`; `reset` is the key `set`. A touch counts in the direction from which the
     function approaches zero. A function in Python has no derivative and no bounds: it is sampled, and slopes are
-    differences.
+    differences. A periodic event has no function whose zeros are looked for: it is met `every` so often, the first time
+    `phase` after the start, or one period.
     """
 
-    function: Node | Function
+    function: Node | Function = CLOCK
     direction: str = "either"
     action: str = "record"
     time_tolerance: Quantity | None = None
@@ -161,6 +162,13 @@ class Event:
     root_state: str = "reintegrate"
     unit: Unit | None = None
     position_tolerance: Quantity | None = None
+    every: Quantity | None = None
+    phase: Quantity | None = None
+
+    @property
+    def searched(self) -> Node | Function | None:
+        """The function whose zeros are looked for; none of a periodic event."""
+        return self.function if self.every is None else None
 
 
 @dataclass(frozen=True)

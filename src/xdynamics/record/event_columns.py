@@ -22,6 +22,7 @@ from xdynamics.model.detectors import (
     LIMIT,
     LINKS,
     OCCASION,
+    PERIODIC,
     PULL,
     SLIP,
     SWITCH,
@@ -29,7 +30,7 @@ from xdynamics.model.detectors import (
     labels,
 )
 from xdynamics.model.lazy_trees import own_mass
-from xdynamics.model.parts import Contact, Friction
+from xdynamics.model.parts import Contact, Event, Friction
 from xdynamics.record.assembly_columns import assembly_columns, impact_laws
 from xdynamics.record.column import About, Column, event_of, times
 from xdynamics.record.element_attributes import of_whole
@@ -195,7 +196,7 @@ def _detectors(about: About) -> dict[str, str]:
         "friction_": shaped.frictions,
     }
     entries: list[tuple[str, str, Callable[[Any], Any]]] = [
-        ("", "functions", lambda element: _text(element.function)),
+        ("", "functions", _searched),
         ("", "directions", lambda element: element.direction),
         ("", "actions", lambda element: element.action),
         ("contact_", "gaps", lambda element: text_of(element.gap)),
@@ -204,10 +205,7 @@ def _detectors(about: About) -> dict[str, str]:
         ("contact_", "tangential_rules", _tangential),
         ("contact_", "rest_heights", lambda element: element.rest_height or "1e-9 of the largest gap so far"),
         ("friction_", "rules", _rule),
-        *(
-            (kind, "time_tolerances", lambda element: element.time_tolerance or "solver_time_tolerance")
-            for kind in elements
-        ),
+        *((kind, "time_tolerances", _time_tolerance) for kind in elements),
         *(
             (kind, "position_tolerances", lambda element: element.position_tolerance or TIME_LEAVES)
             for kind in ("", "contact_")
@@ -235,6 +233,20 @@ def _rule(friction: Friction) -> str:
     return f"slip {text_of(friction.slip)}, kinetic {text_of(friction.kinetic)}, static {text_of(friction.static)}"
 
 
+def _time_tolerance(element: Event | Contact | Friction) -> str:
+    """Return how well an event is located in time; a periodic one is not searched for."""
+    if isinstance(element, Event) and element.every is not None:
+        return "none: a node"
+    return str(element.time_tolerance or "solver_time_tolerance")
+
+
+def _searched(event: Event) -> str:
+    """Say whose zeros are located, or how often a periodic event is met."""
+    if event.every is None:
+        return _text(event.function)
+    return f"every {event.every}" + (f" from {event.phase} after the start" if event.phase else "")
+
+
 def _text(function: Node | Function) -> str:
     if isinstance(function, Function):
         return (
@@ -247,6 +259,7 @@ def _text(function: Node | Function) -> str:
 # what is watched of a contact or friction element
 _WATCHED = {
     OCCASION: "",
+    PERIODIC: "",
     GAP: " (gap)",
     LINKS: " (gap)",
     PULL: " (normal force)",

@@ -138,6 +138,9 @@ def _faults(model: Model) -> Iterator[str]:
         if names:
             yield f"{kind} '{next(iter(names))}' ends the smooth motion; enclose a model without it, from one impact to the next"
     for name, event in model.shaped.events.items():
+        if event.every is not None:
+            yield f"event '{name}' is periodic; give the times at which bounds are wanted as at"
+            break
         if event.action != "record":
             yield (
                 f"event '{name}' has action = '{event.action}', and bounds hold for one smooth motion; let it record, and"

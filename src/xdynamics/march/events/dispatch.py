@@ -17,12 +17,12 @@ from xdynamics.march.events.arming import arm, forget
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import arrives, isolate, quiet
 from xdynamics.march.events.switch_sides import take_sides
-from xdynamics.march.events.transition import hand_over
+from xdynamics.march.events.transition import hand_over, ring_alone
 from xdynamics.march.events.zero_tests import resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
-from xdynamics.march.run import BEGIN_EVENTS, TAKE_SIDES, Run
+from xdynamics.march.run import BEGIN_EVENTS, RING, TAKE_SIDES, Run
 from xdynamics.march.trial_step import keep, look, substep, take
 from xdynamics.model.detectors import OCCASION
 from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
@@ -38,13 +38,15 @@ def watch(address: Any, _number: float, command: int) -> None:
     command : int
         `BEGIN_EVENTS`: determine on which side of zero every event function is at the start. `TAKE_SIDES`: set the
         switches hidden in forces to the sides of the march's state. `FIND_EVENTS`: find the first event of the trial
-        and go on after it.
+        and go on after it. `RING`: act as periodic events at the trial's end say.
     """
     run = run_at(address)
     if command == TAKE_SIDES:
         take_sides(run)
     elif command == BEGIN_EVENTS:
         begin(run)
+    elif command == RING:
+        ring_alone(run)
     else:
         find(run)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
@@ -11,8 +13,10 @@ from xdynamics.march.events.zero_tests import NONE, uncertainty
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import first_of_group
 from xdynamics.march.run import NO_LINK, Run
-from xdynamics.model.detectors import GRIP, PULL, SLIP
+from xdynamics.model.detectors import GRIP, PERIODIC, PULL, SLIP
+from xdynamics.schema import CROSSING
 
+_CROSSING = np.int64(CROSSING)  # no literal: numba compiles a copy of a function for each
 STATE = 2  # of a row of the log, after time and step
 
 
@@ -51,6 +55,9 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
         event.direction, event.link = -watch.armed, NO_LINK
         event.rest = rest_to_root(run, i) if run.plan[0].doubled > 0 else 0.0
+        if run.detectors[i].role == PERIODIC:  # at a time that was known before
+            event.left, event.residual, event.slope, event.uncertainty = trial.t, 0.0, 1.0, 0.0
+            event.interpolation, event.murk, event.kind, event.rest = 0.0, 0.0, _CROSSING, trial.rest
         watch.seen += 1
         for k in range(run.log_rates.shape[0]):
             run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]

@@ -16,6 +16,7 @@ from xdynamics.march.calls import called, entered_by
 from xdynamics.march.control import grow
 from xdynamics.march.events.actions import act
 from xdynamics.march.events.arming import forget, rearm
+from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
 from xdynamics.march.events.root_finding import is_plain, locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
@@ -46,7 +47,7 @@ from xdynamics.march.run import (
     WEIGH,
     Run,
 )
-from xdynamics.march.ticks import tick_at_end
+from xdynamics.march.ticks import ring, rings_at_end, tick_at_end
 from xdynamics.march.trial_step import copy, look, propose_apart
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
@@ -71,23 +72,45 @@ def hand_over(run: Run) -> int:
     if reason != SOUND:
         forget(run)
         return reason
-    row_before = now.rows
+    if reached and rings_at_end(run):
+        ring(run)
+    note_both_sides(run, reached)
+    return REASON_EVENT
+
+
+@shared
+def ring_alone(run: Run) -> None:
+    """Act as periodic events at the end of a trial say, where nothing else happens."""
+    run.piece[0].verdict, run.piece[0].substeps = REASON_EVENT, 0
+    look(run)
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].hit = NONE
+    ring(run)
+    if run.plan[0].adaptive:
+        grow_apart(run, run.trial[0].h, run.trial[0].landing != AT_GRID)
+    note_both_sides(run, True)
+    end_region(run)
+
+
+@shared
+def note_both_sides(run: Run, reached: bool) -> None:
+    """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
+    row_before = run.now[0].rows
     if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
         end(run, NONFINITE_OBSERVABLE)
-        return REASON_EVENT
+        return
     note_samples_apart(run, row_before)
     note_events(run, row_before, run.piece[0].substeps)
     if not cross(run, row_before):
-        return REASON_EVENT
+        return
     if reached and tick_at_end(run) and not finite_state(run):
         break_off(run, row_before)
         end(run, nonfinite(run))
-        return REASON_EVENT
+        return
     if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)
-        return REASON_EVENT
+        return
     go_on(run, reached)
-    return REASON_EVENT
 
 
 @shared
