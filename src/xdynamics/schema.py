@@ -378,15 +378,11 @@ FIRST_PASSED = Variable(
     "smooth_switches_first_passed", (SMOOTH_SWITCH,), "f8", SECONDS.text, "time of the first accepted state behind the switch; nan where it was not passed", "switch"
 )  # fmt: skip
 SIDES = {-1: "negative", 0: "elsewhere", 1: "positive"}
-ERROR_NORM = Variable(
-    "error_norm",
-    (STEPS,),
-    "f8",
-    "1",
-    "scaled local error norm of the step to this state; 1 is what the tolerances allow",
-    "error",
-)
+_ERROR_NORM = "scaled local error norm of the step to this state; 1 is what the tolerances allow"
+ERROR_NORM = Variable("error_norm", (STEPS,), "f8", "1", _ERROR_NORM, "error")
 NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
+_OFF = "largest deviation from 1 of the length of a quaternion after the step, before it is brought back to 1"
+DEVIATION = Variable("attitude_deviation", (STEPS,), "f8", "1", _OFF, "error")
 FIXED = (*FIXED_STEPS, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
 TIMES = {
     variable.name

@@ -28,6 +28,9 @@ def test_the_examples_are_one_model_and_march() -> None:
     model = xd.Model.from_text(WHOLE)
     assert xd.Model.from_text(model.to_toml()).to_toml() == model.to_toml()
     bare = {key: load for key, load in tomllib.loads(WHOLE).items() if key not in ("contacts", "frictions")}
+    bare["run"] = {
+        key: value for key, value in bare["run"].items() if key != "precision"
+    }  # which goes with fewer words
     run = xd.simulate(xd.Model(**bare), until="0.1 s")
     assert run.attrs["run_outcome"] == "completed"
     assert run["speed_of_it"].attrs["units"] == "km h-1"

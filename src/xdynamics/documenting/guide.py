@@ -7,6 +7,7 @@ from functools import partial
 
 from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+from xdynamics.documenting.bodies_page import bodies_page
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.folding import folded
 from xdynamics.documenting.json_page import JSON_PAGE
@@ -272,6 +273,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "json": JSON_PAGE.splitlines,
         "stores": STORES_PAGE.splitlines,
         **{name: partial(_section, name) for name in SECTIONS},
+        "bodies": lambda: bodies_page(_section("bodies")),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
@@ -53,9 +54,11 @@ _REMEDIES = {
     "'": "; no sign stands for a derivative: the velocity of x is v_x, and its acceleration follows from the forces",
 }
 _COMPARED = ("<", "<=", ">", ">=", "==", "!=")
+LIST = "list"  # the call that three values in brackets are, for functions of a model alone
+OwnFunctions = Mapping[str, Callable[[list[Node]], Node]]
 
 
-def parse(text: str) -> Node:
+def parse(text: str, own: OwnFunctions | None = None) -> Node:
     """Read one expression of the language.
 
     Parameters
@@ -63,6 +66,9 @@ def parse(text: str) -> Node:
     text : str
         ASCII, with at most 40 nested levels of parentheses, functions and signs; sums and products may have any length.
         Exponents are constant and at most 16 in size.
+    own : mapping of str to callable, optional
+        Functions of a model, which return the tree of a call from its arguments; among these there may be lists, as in
+        ``point(frame, [x, y, z])``.
 
     Raises
     ------
@@ -83,14 +89,14 @@ def parse(text: str) -> Node:
         raise InputError(f"expression {text!r} is no text")
     source = text.strip()
     try:
-        return _read(source)
+        return _read(source, own)
     except InputError as error:
         raise InputError(f"{error}{correction(source, _is_readable)}") from None
 
 
-def _read(source: str) -> Node:
+def _read(source: str, own: OwnFunctions | None = None) -> Node:
     _check_raw(source)
-    return _Reader(source).whole()
+    return _Reader(source, own or {}).whole()
 
 
 def _is_readable(source: str) -> bool:
@@ -130,8 +136,9 @@ class _Token:
 class _Reader:
     """Parses by operator precedence (V. R. Pratt, Top down operator precedence, 1973), chains in a loop."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, own: OwnFunctions) -> None:
         self.source = source
+        self.own = own
         self.level = 0
         self.position = 0
         self.next = self._token()
@@ -197,6 +204,8 @@ class _Reader:
             return Number(self._finite(token), token.column)
         if token.kind == "word":
             return self._word(token)
+        if token.text == "[" and self.own:
+            return self._list(token)
         if token.text != "(":
             raise self._unreadable(
                 "the expression ends too early" if not token.text else f"{token.text!r} is out of place", token
@@ -205,6 +214,16 @@ class _Reader:
         inner = self._compared()
         self._close(")")
         return inner
+
+    def _list(self, token: _Token) -> Node:
+        """Read values in brackets."""
+        self._enter(token.column)
+        values = [self._expression(self._compared())]
+        while self.next.text == ",":
+            self._take()
+            values.append(self._expression(self._compared()))
+        self._close("]")
+        return Call(LIST, tuple(values), token.column)
 
     def _word(self, token: _Token) -> Node:
         if len(token.text) > LONGEST_WORD:
@@ -271,6 +290,8 @@ class _Reader:
 
     def _called(self, token: _Token, arguments: list[Node]) -> Node:
         function, column = token.text, token.column
+        if function in self.own:
+            return self.own[function](arguments)
         if function in ALONG and function not in FUNCTIONS:
             return self._along(token, arguments)
         if function not in FUNCTIONS:
@@ -288,6 +309,8 @@ class _Reader:
         """Refuse a comparison where a number is needed."""
         if isinstance(node, Compare):
             raise self._fault(node.column, "there is something that is no part of the language")
+        if isinstance(node, Call) and node.function == LIST:
+            raise self._fault(node.column, f"a list in brackets stands in {', '.join(self.own)} alone")
         return node
 
     def _check_exponent(self, node: Node, column: int) -> None:

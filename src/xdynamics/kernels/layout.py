@@ -15,6 +15,7 @@ from xdynamics.expressions import Binary, Name, Node, Number, free_names
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
+from xdynamics.model.bodies import unit_quaternions
 from xdynamics.model.controllers import TickChange, changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.lazy_trees import Lazy, own_mass
@@ -252,6 +253,7 @@ class Layout:
             + self.computed
             + self.errors
             + self.effort
+            + self.deviations
             + self.rests
         )
 
@@ -268,6 +270,19 @@ class Layout:
         if not self.is_doubled:
             return Blocks(())
         return Blocks.of("rest", (schema.rest("time"),)) + self.used.renamed("rest", schema.rest)
+
+    @cached_property
+    def attitudes(self) -> tuple[tuple[int, ...], ...]:
+        """The places among the used variables of the four parts of every unit quaternion."""
+        return tuple(
+            tuple(self.used.place(part) for part in parts)
+            for parts in unit_quaternions(self.model.shaped.bodies, self.model.shapes)
+        )
+
+    @property
+    def deviations(self) -> Blocks:
+        """How far the length of a quaternion was from 1 before it was brought back."""
+        return Blocks.of("deviation", (schema.DEVIATION.name,) if self.attitudes else ())
 
     @property
     def effort(self) -> Blocks:

@@ -271,6 +271,9 @@ def row(layout: Layout, memory: int) -> Program:
     if layout.effort:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
         first += layout.effort.size
+    if layout.deviations:
+        lines.store(Place("z", first), lines.load(Place("at", AT.index("deviation"))))
+        first += layout.deviations.size
     if layout.rests:
         rest = layout.used.size + layout.evaluation.size
         lines.store(Place("z", first), lines.load(Place("at", len(AT) + AT.index("t"))))

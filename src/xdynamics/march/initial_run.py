@@ -19,6 +19,7 @@ from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.assembly_arrays import assembled
+from xdynamics.march.attitudes import PARTS
 from xdynamics.march.engine import pressing
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import Log, allocate
@@ -85,6 +86,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         tables=tables,
         places=places,
         of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
+        attitudes=np.array(law.layout.attitudes, np.int64).reshape(-1, PARTS),
         nodes=nodes,
         ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
         alarms=_ticks_at(rings, alarms_there, np.array([start, *nodes, end])),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import NORM, TURNS, UNSOUND, H, T
+from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import entered_by, noted
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
@@ -144,6 +144,7 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     row = now.rows - run.base[0].rows
     reached = h > 0.0  # by a step, so that there is an error
     at[H], at[NORM], at[TURNS] = h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
+    at[DEVIATION] = run.trial[0].deviation if reached else 0.0
     set_time(run, T, t)
     noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime

@@ -46,8 +46,9 @@ NOW = _record(
     "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
-# where its state is finite, and `unsound_events` where its event functions are, else nan.
-TRIAL = _record("t h unsound unsound_events rest", "landing iterations")
+# where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
+# the length of a quaternion was, see `attitudes`.
+TRIAL = _record("t h unsound unsound_events rest deviation", "landing iterations")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
@@ -283,6 +284,7 @@ class Run:
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
     swing: Scratch[Floats]  # what forces of links do to all coordinates
     of_time: Given[Whole]  # drives of time
+    attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion
     atol: Own[Floats]
     followers: Given[Whole]  # 1 where the tolerance follows the size of its variable
     kinds: Given[Whole]  # kind of each variable; coordinates, velocities, states of one dimension share one

@@ -37,7 +37,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
     solved = solver_of(method).in_lanes(law, settings)
     plain = solved and method.stepper.locates and law.scheme.steps == 1 and not isinstance(settings.step, tuple)
     plain = plain and not (layout.model.python_functions or layout.model.assemblies or layout.model.controllers)
-    plain = plain and not any(event.every for event in layout.model.events.values())
+    plain = plain and not (layout.attitudes or any(event.every for event in layout.model.events.values()))
     if not plain or PLAINLY or layout.is_doubled or not can_be_watched(layout):
         return 1
     if asked is not None:

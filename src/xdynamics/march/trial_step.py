@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import T1, UNSOUND, H, T
+from xdynamics.march.attitudes import hold_attitudes
 from xdynamics.march.calls import called, entered_by, run_at, stepped_by
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
@@ -31,6 +32,8 @@ def propose(run: Run, t1: float, h: float) -> None:
         double(run, t1, h)
     else:
         advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
+    if run.attitudes.shape[0] > 0 and run.at[UNSOUND] == 0.0:
+        hold_attitudes(run, t1)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
         entered_by(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
     if run.plan[0].assemblies > 0 and run.at[UNSOUND] == 0.0:
@@ -149,6 +152,7 @@ def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     origin, copied = source[0], target[0]
     copied.t, copied.h, copied.landing, copied.iterations = origin.t, origin.h, origin.landing, origin.iterations
     copied.unsound, copied.unsound_events, copied.rest = origin.unsound, origin.unsound_events, origin.rest
+    copied.deviation = origin.deviation
 
 
 @shared

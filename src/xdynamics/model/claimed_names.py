@@ -37,6 +37,7 @@ OTHER_NAMES = (
     "event_substeps",
     "error_norm",
     "newton_iterations",
+    "attitude_deviation",
     "given_step_size",
     "end_memory",
     STEP_NUMBER.name,
@@ -102,6 +103,7 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             for variable_name in claimed(name):
                 yield variable_name, f"{section.removesuffix('s')} '{name}'"
     yield from _of_dimensions(parts)
+    yield from ((name, f"body '{name}'") for name in parts["bodies"])
     for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
         for name in parts[section]:
             yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"

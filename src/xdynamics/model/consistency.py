@@ -17,6 +17,7 @@ from xdynamics.expressions import (
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.controllers import EVERY, starts
@@ -72,7 +73,11 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     ledger.raise_faults()
     dimensions = _declared(statement, ledger)
     ledger.raise_faults()
+    check_constants(statement, dimensions, ledger)
+    ledger.raise_faults()
     _define(statement, dimensions, ledger)
+    ledger.raise_faults()
+    check_bodies(statement, dimensions, ledger)
     ledger.raise_faults()
     _check_initial(statement, dimensions, ledger)
     if energies := statement.lagrangian:

@@ -15,6 +15,7 @@ from xdynamics.expressions import Along, Node, free_names, shown
 from xdynamics.expressions.calculus import ZERO, negative
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
 from xdynamics.model.drives import Table
 from xdynamics.model.elementwise import Elementwise, Numbers, always
@@ -166,7 +167,15 @@ class Elements:
             )
             return Diagonal(entries.names, entries)
         places = [(i, place) for i, name in enumerate(names) for _, place in self._placed(name)]
-        return tuple(tuple(self._between(old.mass[i][j], here, there) for j, there in places) for i, here in places)
+        products = products_of_inertia(old.bodies)
+
+        def entry(i: int, j: int, here: Place, there: Place) -> Node:
+            product = products.get((names[i], here[AXIS], there[AXIS])) if i == j and AXIS in here else None
+            if product is not None:
+                return self._between(product, {**here, AXIS: 0}, {**there, AXIS: 0})
+            return self._between(old.mass[i][j], here, there)
+
+        return tuple(tuple(entry(i, j, here, there) for j, there in places) for i, here in places)
 
     def _between(self, entry: Node, here: Place, there: Place) -> Node:
         """Return the mass between two elements of one or two quantities; 0 where they differ in a dimension of both."""
@@ -196,7 +205,8 @@ class Elements:
         """Return what a force term is for every coordinate, with dimensions; of a potential, its negative gradient."""
         if force.potential is not None:
             tree = expanded(force.potential, self.statement.definitions, self.shapes)
-            return dict(gradient(negative(tree), self.statement.coordinates, self.shapes))
+            found = dict[str, Node | Function](gradient(negative(tree), self.statement.coordinates, self.shapes))
+            return found | torques_of_potential(tree, self.statement.bodies, self.shapes)
         return {
             name: self._onto(name, tree, force.over) if force.over and not isinstance(tree, Function) else tree
             for name, tree in force.components.items()

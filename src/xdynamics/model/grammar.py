@@ -6,7 +6,7 @@ Reading, writing and the help follow from these declarations: no key can be read
 from __future__ import annotations
 
 from xdynamics.keywords import KEYWORDS
-from xdynamics.model import entries
+from xdynamics.model import body_sections, entries
 from xdynamics.model.closed_forms import BOUND
 from xdynamics.model.controller_sections import MEMORY, OUTPUT, entries_of
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
@@ -164,6 +164,16 @@ SECTIONS: dict[str, Section] = {
         '[relations.pair]\nof = "bead"\ndescription = "every two"\n[relations.spring]\nof = "site"\nneighbours = 1\nring = true\n'
         '[relations.hung]\nfrom = "bead"\nto = "site"\ntable = "hung.csv"\ncsv = "first,second\\nleft,0\\nright,3\\n"\n',
         full=links_table, make=links, apart=True,
+    ),
+    "bodies": Section(
+        "rigid bodies that turn: each stands for coordinates, states, masses, definitions and forces", "body",
+        body_sections.KEYS,
+        '[bodies.frame]\nmass = "2 kg"\ninertia = ["0.1 kg m2", "0.2 kg m2", "0.25 kg m2"]\nattitude = "quaternion"\ndims = ["site"]\n'
+        'points = { tip = ["0 m", "0 m", "0.3 m"] }\nforces = { weight = { force = ["0 N", "0 N", "-9.81*newton"], at = "tip", axes = "space" } }\n'
+        'torques = { motor = { torque = ["0 N m", "0 N m", "0.1 N m"], axes = "body" } }\ndescription = "four of them"\n'
+        '[bodies.frame.initial]\nposition = ["0 m", "0 m", "index(site)*metre"]\nattitude = { axis = [1, 0, 0], angle = "30 degree" }\nangular_velocity = ["0 rad s-1", "0 rad s-1", "9 rad s-1"]\n'
+        '[bodies.gyroscope]\npivot = ["0 m", "0 m", "0 m"]\ninertia = [\n  ["2 g m2", "0 g m2", "0 g m2"],\n  ["0 g m2", "2 g m2", "0 g m2"],\n  ["0 g m2", "0 g m2", "1 g m2"],\n]\n',
+        make=body_sections.Body, apart=True,
     ),
     "coordinates": Section(
         "what moves; the velocity of x is v_x, its acceleration a_x", "coordinate",

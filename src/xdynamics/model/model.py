@@ -12,6 +12,7 @@ from typing import Any
 from xdynamics.expressions import free_names
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
+from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check, check_made, check_written
 from xdynamics.model.csv_sheet import normal
 from xdynamics.model.drive_arguments import CLOCK
@@ -51,8 +52,8 @@ class Model(ModelTrees):
     Parameters
     ----------
     **statement
-        The sections of a model file by name (`name`, `description`, `coordinates`, `parameters`, `mass`, `definitions`,
-        `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
+        The sections of a model file by name (`name`, `description`, `bodies`, `coordinates`, `parameters`, `mass`,
+        `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
         `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping with the keys of the file. A
         force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
         returns SI floats.
@@ -321,6 +322,8 @@ class Model(ModelTrees):
         ledger.raise_faults()
         statement, dimensions = derived(Elements(whole, shapes).whole()), dimensions_of(units, shapes)
         check_made(statement, dimensions, motion=whole.lagrangian is not None)
+        check_bodies_made(statement, shapes, ledger)
+        ledger.raise_faults()
         self._hold(statement, dimensions, shapes, whole)
 
     def _hold(

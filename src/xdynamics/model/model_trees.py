@@ -10,6 +10,7 @@ from xdynamics.expressions import Name, Node, derivative, derivatives, expand, f
 from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import ModelError
 from xdynamics.model import toml
+from xdynamics.model.body_sections import Body
 from xdynamics.model.drive_arguments import place_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.lagrangian import Lagrangian
@@ -57,6 +58,7 @@ class ModelTrees:
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
     assemblies: dict[str, Contact]
+    bodies: dict[str, Body]
     regimes: dict[str, Regime]
     regime: str
     observables: dict[str, Node]

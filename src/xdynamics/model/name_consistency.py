@@ -46,6 +46,7 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
     sections = (
         "extents",
         "relations",
+        "bodies",
         "coordinates",
         "parameters",
         "arrays",
@@ -94,4 +95,4 @@ def _fault_of(section: str, name: str) -> str:
     return ""
 
 
-_CALLED = {"extents": "dimension", "arrays": "parameter"}
+_CALLED = {"extents": "dimension", "arrays": "parameter", "bodies": "body"}

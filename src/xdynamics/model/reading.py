@@ -11,6 +11,7 @@ from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
+from xdynamics.model.body_reading import with_bodies
 from xdynamics.model.controllers import check_controllers, held
 from xdynamics.model.controllers import starts as first_values
 from xdynamics.model.file_access import FileAccess
@@ -46,6 +47,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
     for key in statement:
         if key not in (*(head.name for head in HEAD), *SECTIONS):
             ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
+    statement = with_bodies(statement, Source(functions, access), ledger)
     tables = {key: _table(statement, key, ledger) for key in SECTIONS}
     tables["events"], impacts = _without_impacts(tables["events"], tables["contacts"], ledger)
     start = tables["initial"]

@@ -9,6 +9,7 @@ from typing import Any, get_args
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import Ledger, ModelError
+from xdynamics.model.body_sections import Body
 from xdynamics.model.given_values import Values
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
@@ -74,6 +75,7 @@ class Statement:
     relations: dict[str, Links] = field(default_factory=dict)
     arrays: dict[str, Values] = field(default_factory=dict)  # parameters with dimensions
     starting: dict[str, Values] = field(default_factory=dict)  # values at the start with dimensions, or by expressions
+    bodies: dict[str, Body] = field(default_factory=dict)  # what they stand for is among coordinates, states and so on
     assemblies: dict[str, Contact] = field(default_factory=dict)  # contacts of many links, each as it is of the first
 
     @cached_property
@@ -122,7 +124,9 @@ class Statement:
 
     @cached_property
     def mass_is_full(self) -> bool:
-        """Whether an entry off the diagonal is not a literal zero."""
+        """Whether an entry off the diagonal is not a literal zero; of bodies with products of inertia, one of elements."""
+        if any(body.has_products for body in self.bodies.values()):
+            return True
         return not isinstance(self.mass, Diagonal) and any(i != j for i, j in self.mass_entries)
 
 

@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
+from xdynamics.model.body_reading import made_by
 from xdynamics.model.controllers import held, starting_from
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.given_values import Values, written_values
@@ -49,6 +50,8 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
     part = getattr(statement, section.field or title)
     if not section.entry:
         return {} if part is None else section.write(part, statement.time_unit)
+    if statement.bodies and (made := made_by(statement.bodies, title)):
+        part = {name: entry for name, entry in part.items() if name not in made}
     if title == "parameters":
         part = part | statement.arrays
     if any(isinstance(entry, Values) for entry in part.values()):
@@ -71,7 +74,7 @@ def _initial(statement: Statement) -> dict[str, Any]:
 
 
 def _states(statement: Statement) -> dict[str, Any]:
-    own = held(statement.controllers, statement.time_unit)
+    own = {*held(statement.controllers, statement.time_unit), *made_by(statement.bodies, "states")}
     section = SECTIONS["states"]
     return {
         name: section.write(part, statement.time_unit) for name, part in statement.states.items() if name not in own
@@ -101,14 +104,15 @@ def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
 def _mass(statement: Statement) -> dict[str, Any]:
     if statement.lagrangian:
         return {}
-    own = {name: text_of(statement.mass[i][i]) for i, name in enumerate(statement.coordinates)}
-    if not statement.mass_is_full:
-        return own
-    coupled = {i for pair in statement.mass_entries if pair[0] != pair[1] for i in pair}
-    alone = {i for i, part in enumerate(statement.coordinates.values()) if part.dims and i not in coupled}
-    square = [i for i in range(len(own)) if i not in alone]
-    matrix = [[text_of(statement.mass[i][j]) for j in square] for i in square]
-    return {"matrix": matrix} | {name: own[name] for i, name in enumerate(statement.coordinates) if i in alone}
+    of_bodies = made_by(statement.bodies, "mass")
+    own = {i: name for i, name in enumerate(statement.coordinates) if name not in of_bodies}
+    coupled = (
+        {i for pair in statement.mass_entries if pair[0] != pair[1] for i in pair} if statement.mass_is_full else set()
+    )
+    alone = {i for i, name in own.items() if i not in coupled and (not coupled or statement.coordinates[name].dims)}
+    square = [i for i in own if i not in alone]
+    matrix = {"matrix": [[text_of(statement.mass[i][j]) for j in square] for i in square]} if square else {}
+    return matrix | {name: text_of(statement.mass[i][i]) for i, name in own.items() if i in alone}
 
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key

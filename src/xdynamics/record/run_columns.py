@@ -22,6 +22,7 @@ from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
+from xdynamics.record.effort_columns import effort_columns
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
 from xdynamics.record.element_names import Names, expanded
 from xdynamics.record.event_columns import event_columns
@@ -208,10 +209,7 @@ def _steps(about: About) -> list[Column]:
         collected.append(Column(schema.REST_TIME, row_of(layout.row.place(schema.REST_TIME.name), units.time)))
         rests = zip(layout.used.blocks, layout.rests.blocks[1:], strict=True)
         collected += [rest_column(about, own, rest) for own, rest in rests]
-    if layout.effort:
-        index = layout.row.place(layout.effort[0])
-        collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
-    return collected
+    return collected + effort_columns(layout)
 
 
 def _regime(about: About) -> Column:

@@ -1,0 +1,119 @@
+"""Checks of bodies: units of what they are made of, inertias that a body can have, attitudes of unit length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import pi
+
+import numpy as np
+
+from xdynamics.expressions import Node, expand, free_names
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.bodies import position, turn, unit_quaternions
+from xdynamics.model.body_reading import UNIT
+from xdynamics.model.body_sections import AXES, Body
+from xdynamics.model.motion_consistency import check_dimension
+from xdynamics.model.statement import Statement
+from xdynamics.shapes import Shapes
+from xdynamics.units import Dimension, constant, parse_unit
+
+ROUNDING = 1e-12  # of the largest moment
+Part = tuple[str, Node, str]  # what it is, its expression, the unit that it needs
+
+
+def _parts(what: str, trees: Iterable[Node], unit: str) -> Iterator[Part]:
+    for axis, tree in zip(AXES, trees, strict=False):
+        yield f"{what}, {axis}", tree, unit
+
+
+def _constant_parts(name: str, body: Body) -> Iterator[Part]:
+    """Yield what does not change as a body moves."""
+    if body.mass is not None:
+        yield f"mass of body '{name}'", body.mass, "kg"
+    for row in body.inertia:
+        yield from _parts(f"inertia of body '{name}'", row, "kg m2")
+    yield from _parts(f"pivot of body '{name}'", body.pivot or (), "m")
+    for key, point in body.points.items():
+        yield from _parts(f"point '{key}' of body '{name}'", point, "m")
+
+
+def _acting_parts(name: str, body: Body) -> Iterator[Part]:
+    """Yield what acts on a body, and where."""
+    for key, push in body.forces.items():
+        yield from _parts(f"force '{key}' of body '{name}'", push.force, "N")
+        if isinstance(push.at, tuple):
+            yield from _parts(f"force '{key}' of body '{name}': at", push.at, "m")
+    for key, torque in body.torques.items():
+        yield from _parts(f"torque '{key}' of body '{name}'", torque.torque, "N m")
+
+
+def check_constants(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check that what has to be constant in a body is, and the units of what reads no definition."""
+    constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
+    for name, body in statement.bodies.items():
+        for what, tree, unit in _constant_parts(name, body):
+            read = free_names(tree)
+            if moving := sorted(read & dimensions.keys() - constants):
+                ledger.note(f"{what} reads '{moving[0]}'; a rigid body's is of parameters alone")
+            elif not read & statement.definitions.keys():
+                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+
+
+def check_bodies(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check the units of what acts on bodies as it is written, and of what else reads definitions."""
+    constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
+    for name, body in statement.bodies.items():
+        for what, tree, unit in _acting_parts(name, body):
+            check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+        for what, tree, unit in _constant_parts(name, body):
+            if free_names(tree) & statement.definitions.keys():
+                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+                if moving := sorted(free_names(expand(tree, statement.definitions)) - constants):
+                    ledger.note(f"{what} reads '{moving[0]}' by a definition; a rigid body's is of parameters alone")
+
+
+def check_bodies_made(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
+    """Check the numbers of bodies, on a statement of single numbers: mass, inertia, attitude."""
+    known = {name: part.quantity.si for name, part in statement.parameters.items()} if statement.bodies else {}
+    known |= {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": pi}
+    rows = {name: i for i, name in enumerate(statement.coordinates)}
+
+    def mass(one: str, other: str) -> float:
+        return evaluate(expand(statement.mass[rows[one]][rows[other]], statement.definitions), known)
+
+    for name, body in statement.bodies.items():
+        with ledger.entry(f"body '{name}'"):
+            for element in shapes.elements(position(name))[:: len(AXES)] if body.mass is not None else ():
+                if not mass(element, element) > 0.0:
+                    raise InputError(f"mass is {mass(element, element)!r} kg, needs to be positive")
+            turns = shapes.elements(turn(name))
+            for first in range(0, len(turns), len(AXES)):
+                axes = turns[first : first + len(AXES)]
+                _check_inertia(np.array([[mass(one, other) for other in axes] for one in axes]))
+            for parts in unit_quaternions({name: body}, shapes):
+                _check_attitude([statement.initial[part].si for part in parts])
+
+
+def _check_inertia(matrix: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
+    """Refuse an inertia that no distribution of mass has."""
+    if not np.isfinite(matrix).all():
+        raise InputError(f"inertia is {matrix.tolist()} kg m2, needs finite numbers")
+    least, middle, largest = sorted(np.linalg.eigvalsh(matrix).tolist())
+    said = ", ".join(f"{moment:.6g}" for moment in (least, middle, largest))
+    if not least > 0.0:
+        raise InputError(f"inertia has the principal moments {said} kg m2, needs positive ones")
+    if largest > (least + middle) * (1.0 + ROUNDING):
+        raise InputError(
+            f"inertia has the principal moments {said} kg m2, and none is larger than the sum of the others: of a flat"
+            " body it is that sum"
+        )
+
+
+def _check_attitude(quaternion: list[float]) -> None:
+    length = float(np.sqrt(np.sum(np.square(quaternion))))
+    if not length > 0.0:
+        raise InputError(f"attitude is {quaternion} at the start, of length 0; without a turn it is [1, 0, 0, 0]")
+    if abs(length - 1.0) > UNIT:
+        unit = [part / length for part in quaternion]
+        raise InputError(f"attitude is {quaternion} at the start, of length {length!r}, needs length 1: write {unit}")

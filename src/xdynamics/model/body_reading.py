@@ -1,0 +1,258 @@
+"""Reading of bodies: what they stand for is put among the entries of a model, before these are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import hypot
+from typing import Any
+
+from xdynamics.expressions import Name, Node, parse, text_of
+from xdynamics.faults import InputError, Ledger
+from xdynamics.model.bodies import (
+    AXIS,
+    GYROSCOPIC,
+    position,
+    scalar_part,
+    tables_of_body,
+    turn,
+    vector,
+    vector_part,
+)
+from xdynamics.model.body_functions import with_functions
+from xdynamics.model.body_sections import AXES, CENTRE, Body, triple
+from xdynamics.model.given_values import is_expression
+from xdynamics.model.grammar import SECTIONS
+from xdynamics.model.kinds import LIMIT, Source
+from xdynamics.model.table_keys import keys, near
+from xdynamics.schema import velocity
+from xdynamics.units import parse_quantity
+
+UNIT = 1e-12  # how far from 1 the length of a quaternion may be that is written in decimals
+LONGEST_NAME = 20
+OWN_NAMES = ("r", "turn", "q0", "q", "inertia", "spin")
+_STARTS = ("position", "velocity", "attitude", "angular_velocity")
+_PARTS = ("x", "y", "z"), (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
+
+
+def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
+    """Return a statement with what its bodies stand for among the entries of its sections.
+
+    Quantities of mass and inertia become parameters, and values at the start those of `[initial]`. What is wrong is noted.
+    """
+    tables: dict[str, Any] = {
+        title: dict(section) if isinstance(section, Mapping) else section for title, section in statement.items()
+    }
+    given = tables.get("bodies")
+    if not isinstance(given, dict) or not given:
+        return tables
+    if tables.get("lagrangian"):
+        ledger.note("[lagrangian] stands beside [bodies], whose mass is no part of it; write [mass] and [forces]")
+    for title in ("dimensions", "coordinates", "parameters", "mass", "definitions", "forces", "states", "initial"):
+        if not isinstance(tables.setdefault(title, {}), dict):
+            return tables  # said where it is read
+    if tables["dimensions"].setdefault(AXIS, [*AXES]) not in ([*AXES], AXES):
+        ledger.note(f"dimension '{AXIS}' is {tables['dimensions'][AXIS]!r}; of bodies it is {[*AXES]}: rename yours")
+    tables |= with_functions(tables, source, ledger)
+    bodies = dict[str, Body]()
+    for name, entry in tables["bodies"].items():
+        with ledger.entry(f"body '{name}'"):
+            _check_name(name)
+            plain = _parametrised(name, entry, tables["parameters"])
+            start = plain.pop("initial", {})
+            body = bodies[name] = SECTIONS["bodies"].read(name, plain, source)
+            _check_keys(body)
+            _start(name, body, start, tables["initial"], source)
+            tables["bodies"][name] = plain
+    ledger.raise_faults()
+    for name, body in bodies.items():
+        _put(name, body, tables, ledger)
+    tables["regimes"] = _with_forces(tables.get("regimes", {}), sorted(made_by(bodies, "forces")))
+    return tables
+
+
+def _with_forces(regimes: Any, forces: list[str]) -> Any:
+    """Return regimes in all of which those forces of bodies act that none names, and so what bodies do by turning."""
+    if not isinstance(regimes, Mapping):
+        return regimes
+    lists = [entry["forces"] for entry in regimes.values() if isinstance(entry, Mapping) and "forces" in entry]
+    named = {force for names in lists if isinstance(names, list) for force in names}
+    return {
+        name: {**entry, "forces": [*entry["forces"], *(force for force in forces if force not in named)]}
+        if isinstance(entry, Mapping) and isinstance(entry.get("forces"), list)
+        else entry
+        for name, entry in regimes.items()
+    }
+
+
+def _put(name: str, body: Body, tables: dict[str, Any], ledger: Ledger) -> None:
+    """Put what a body stands for into the sections, where nothing has its names."""
+    for title, entries in tables_of_body(name, body).items():
+        for key, entry in entries.items():
+            if key in tables[title]:
+                called = SECTIONS[title].entry or title
+                ledger.note(f"body '{name}' makes a {called} '{key}', and there is one; rename the body, or the other")
+            tables[title][key] = entry
+
+
+def made_by(bodies: Mapping[str, Body], title: str) -> set[str]:
+    """Return the entries of a section that bodies stand for."""
+    return {key for name, body in bodies.items() for key in tables_of_body(name, body).get(title, ())}
+
+
+def _check_name(name: str) -> None:
+    if not (name.isascii() and name.isidentifier() and name[0] != "_" and len(name) <= LONGEST_NAME):
+        raise InputError(
+            f"a body's name is a letter, then letters, digits and underscores, {LONGEST_NAME} at most: those of its"
+            " coordinates begin with it"
+        )
+
+
+def _check_keys(body: Body) -> None:
+    """Refuse what keys do not go together, and points that there are not."""
+    if (body.mass is None) == (body.pivot is None):
+        raise InputError(
+            "has a mass and a pivot; about a fixed point its inertia alone counts, so leave mass out"
+            if body.pivot
+            else "key 'mass' is missing; a body needs it unless it turns about a pivot"
+        )
+    if CENTRE in body.points:
+        raise InputError(f"point '{CENTRE}' is what the origin of the body is called; choose another name")
+    for kind, names, taken in (
+        ("point", body.points, OWN_NAMES),
+        ("force", body.forces, (GYROSCOPIC,)),
+        ("torque", body.torques, (GYROSCOPIC,)),
+    ):
+        if clashing := [name for name in names if name in taken]:
+            raise InputError(f"{kind} '{clashing[0]}' has the name of something that every body has; rename it")
+    for name, push in body.forces.items():
+        if isinstance(push.at, Name) and push.at.name not in (CENTRE, *body.points):
+            raise InputError(
+                f"force '{name}' acts at '{push.at.name}', no point of it{near(push.at.name, _known(body))}"
+            )
+        if body.pivot and push.at == Name(CENTRE):
+            raise InputError(f"force '{name}' acts at the pivot, and moves nothing; write at = … where it acts")
+    if twice := sorted({*body.forces} & {*body.torques}):
+        raise InputError(f"has a force and a torque '{twice[0]}'; rename one")
+
+
+def _known(body: Body) -> tuple[str, ...]:
+    return (CENTRE, *body.points)
+
+
+def _parametrised(name: str, entry: Any, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return the entry of a body with parameters in the places of its quantities, which are put among the others."""
+    keys(entry, SECTIONS["bodies"].known, ("inertia",))
+    plain = dict(entry)
+
+    def parameter(value: Any, key: str) -> Any:
+        called = f"{name}_{key}"
+        if not isinstance(value, Mapping) and (isinstance(value, list | tuple) or is_expression(value)):
+            return value
+        if called in parameters and parameters[called] != value:
+            raise InputError(f"makes a parameter '{called}', and there is one; rename the body, or the parameter")
+        parameters[called] = value
+        return called
+
+    if "mass" in plain:
+        plain["mass"] = parameter(plain["mass"], "mass")
+    if isinstance(rows := plain.get("inertia"), list | tuple) and len(rows) == len(AXES):
+        principal, products = _PARTS
+        _check_symmetry(rows)
+        plain["inertia"] = [
+            parameter(row, f"inertia_{part}")
+            if not isinstance(row, list | tuple)
+            else [parameter(value, f"inertia_{key}") for value, key in zip(row, parts, strict=False)]
+            if len(row) == len(AXES)
+            else row
+            for row, part, parts in zip(rows, principal, products, strict=True)
+        ]
+    return plain
+
+
+def _check_symmetry(rows: Sequence[Any]) -> None:
+    for i, row in enumerate(rows):
+        for j, other in enumerate(rows[:i]):
+            whole = all(isinstance(part, list | tuple) and len(part) == len(AXES) for part in (row, other))
+            if whole and row[j] != other[i]:
+                below, above = AXES[i] + AXES[j], AXES[j] + AXES[i]
+                raise InputError(f"inertia is not symmetric: {above} is {other[i]!r}, {below} is {row[j]!r}")
+
+
+def _start(name: str, body: Body, start: Any, initial: dict[str, Any], source: Source) -> None:
+    """Put the start of a body among the initial values, unless they have it already."""
+    keys(start, _STARTS, ())
+    if body.pivot and (moved := [key for key in ("position", "velocity") if key in start]):
+        raise InputError(f"initial has a {moved[0]}, and the body has a pivot, which is at rest")
+    places = {
+        "position": position(name),
+        "velocity": velocity(position(name)),
+        "angular_velocity": velocity(turn(name)),
+    }
+    made: dict[str, Any] = {places[key]: _values(start[key], key, body, source) for key in places if key in start}
+    if "attitude" in start:
+        made |= dict(
+            zip((scalar_part(name), vector_part(name)), _attitude(start["attitude"], body, source), strict=True)
+        )
+    for key in made:
+        if key in initial:
+            raise InputError(f"initial has what [initial] has as '{key}'; leave one out")
+    initial |= made
+    rest = {turn(name): "0 rad"} if body.pivot else {position(name): "0 m", turn(name): "0 rad"}
+    if not {scalar_part(name), vector_part(name)} & {*initial}:
+        rest |= {scalar_part(name): "1", vector_part(name): "0"}
+    for key, value in rest.items():
+        initial.setdefault(key, value)
+
+
+def _values(value: Any, key: str, body: Body, source: Source) -> Any:
+    """Return three values at the start as an entry: a list of quantities, or an expression."""
+    tree = vector(triple(value, key, source))
+    if body.dims or any(is_expression(entry) for entry in value):
+        return text_of(tree)
+    quantities = [parse_quantity(entry) for entry in value]
+    units = {quantity.unit.text for quantity in quantities}
+    return (
+        text_of(tree) if len(units) > 1 else {"value": [float(part.value) for part in quantities], "unit": units.pop()}
+    )
+
+
+def _attitude(value: Any, body: Body, source: Source) -> tuple[Any, Any]:
+    """Return the two parts of a quaternion, from four numbers or from an axis and an angle.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or no unit quaternion.
+    """
+    if isinstance(value, Mapping):
+        keys(value, ("axis", "angle"), ("axis", "angle"))
+        axis = _normalised(_numbers(value["axis"], "axis", len(AXES)), "axis")
+        half = f"({text_of(LIMIT.read(value['angle'], 'angle', source))})/2"
+        return f"cos({half})", f"sin({half})*({text_of(_direction(axis))})"
+    numbers = _numbers(value, "attitude", 1 + len(AXES))
+    unit, length = _normalised(numbers, "attitude"), hypot(*numbers)
+    if abs(length - 1.0) > UNIT:
+        raise InputError(f"attitude is {numbers}, of length {length!r}; a unit quaternion is needed: write {unit}")
+    return repr(unit[0]), text_of(_direction(unit[1:])) if body.dims else {"value": unit[1:]}
+
+
+def _direction(numbers: list[float]) -> Node:
+    x, y, z = (parse(repr(number)) for number in numbers)
+    return vector((x, y, z))
+
+
+def _numbers(value: Any, key: str, count: int) -> list[float]:
+    plain = isinstance(value, list | tuple) and all(
+        isinstance(entry, int | float) and not isinstance(entry, bool) for entry in value
+    )
+    if not plain or len(value) != count:
+        form = '[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }' if count > len(AXES) else "[x, y, z]"
+        raise InputError(f"{key} is {value!r}, needs numbers {form}")
+    return [float(entry) for entry in value]
+
+
+def _normalised(numbers: list[float], key: str) -> list[float]:
+    length = hypot(*numbers)
+    if not 0.0 < length < float("inf"):
+        raise InputError(f"{key} is {numbers}, of length {length!r}, and says nothing of directions")
+    return [entry / length for entry in numbers]
