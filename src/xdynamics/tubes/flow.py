@@ -20,7 +20,7 @@ from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.interval_problem import IntervalProblem
 from xdynamics.tubes.polynomials import Polynomials
 from xdynamics.tubes.series import MotionSeries, UndefinedError
-from xdynamics.tubes.sets import Carried, Seen
+from xdynamics.tubes.sets import Carried, Seen, carried
 
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
 TRIALS = 3  # of wider candidates, before a step is shortened
@@ -171,10 +171,10 @@ class Flow:
         whole[:, :-1, :n], whole[:, -1, :n] = centre[..., 0], remainder
         whole[:, :-1, n:] = around[..., 1:].reshape(2, p + 1, n * n)
         proof = Proof(self.time, landing, self._polynomials, whole, self.set, within, self.box, used)
-        before, mapped = self.set, proof.mapped(landing)
+        seen = proof.seen(landing)
         self._largest = np.maximum(self._largest, boxes.size(reached))
-        self.set = before.moved(*mapped, self._scales())
-        self.box = boxes.common(boxes.common(self.set.box(), reached), before.seen(*mapped).box())
+        self.set = carried(seen, self._scales())
+        self.box = boxes.common(boxes.common(self.set.box(), reached), seen.box())
         self.box[:, used:] = start[:, used:]
         if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
             raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")

@@ -57,22 +57,25 @@ def _apart(direction: Floats, axes: Floats) -> Floats | None:
     return np.asarray(left / remaining)
 
 
-def solved(frame: Floats, right: Box) -> Box:
-    """Enclose frame**-1 times a vector or a matrix, of a frame that is orthogonal but for rounding.
+def solved(frame: Floats, off: float, right: Box) -> Box:
+    """Enclose frame**-1 times some columns, of a frame that is orthogonal but for rounding.
 
     With E = I - Q^T Q, whose norm is s, Q**-1 = (I - E)**-1 Q^T, and (I - E)**-1 w differs from w by at most
     s/(1 - s) of the largest of w.
+
+    Parameters
+    ----------
+    frame : ndarray, shape (n, n)
+    off : float
+        A bound of s, below a half.
+    right : ndarray, shape (2, n, m)
     """
-    turned = boxes.point(frame.T)
-    lacking = boxes.size(boxes.subtract(boxes.point(np.eye(len(frame))), boxes.product(turned, boxes.point(frame))))
-    rows = boxes.total(boxes.point(lacking))[1]
-    s = float(rows.max())
-    near = boxes.product(turned, right)
-    beside = np.nextafter(2.0 * s * boxes.size(near).max(axis=0), np.inf)
-    return boxes.add(near, np.stack([np.broadcast_to(end, near.shape[1:]) for end in (-beside, beside)]))
+    near = boxes.product(boxes.point(frame.T), right)
+    beside = np.nextafter(2.0 * off * boxes.size(near).max(axis=0), np.inf)
+    return boxes.outward(near + np.array([-beside, beside])[:, None])
 
 
-def is_orthogonal(frame: Floats) -> bool:
-    """Whether `solved` holds for a frame: whether s is below a half, with much to spare."""
+def off_orthogonal(frame: Floats) -> float:
+    """Return a bound of how far a frame is from orthogonal: of the norm of I - Q^T Q by sums of rows."""
     lacking = boxes.subtract(boxes.point(np.eye(len(frame))), boxes.product(boxes.point(frame.T), boxes.point(frame)))
-    return bool(boxes.total(boxes.point(boxes.size(lacking)))[1].max() < FAR)
+    return float(boxes.total(boxes.point(boxes.size(lacking)))[1].max())

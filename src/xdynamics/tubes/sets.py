@@ -8,7 +8,7 @@ import numpy as np
 
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
-from xdynamics.tubes.frames import is_orthogonal, orthogonal, solved
+from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solved
 
 
 @dataclass(frozen=True)
@@ -88,29 +88,26 @@ class Carried:
         by_start = boxes.product(jacobian, boxes.point(self.spread))
         return Seen(image, by_start, self.start, boxes.product(jacobian, frame), self.rest)
 
-    def moved(self, image: Box, jacobian: Box, scales: Floats) -> Carried:
-        """Return the image of the set under a map.
 
-        Parameters
-        ----------
-        image : ndarray, shape (2, n)
-            Of the point.
-        jacobian : ndarray, shape (2, n, n)
-            The derivatives of the map in a convex set that holds this one.
-        scales : ndarray, shape (n,)
-        """
-        point = boxes.middle(image)
-        spread_image = boxes.product(jacobian, boxes.point(self.spread))
-        spread = boxes.middle(spread_image)
-        lost = boxes.product(boxes.subtract(spread_image, boxes.point(spread)), self.start)
-        lost = boxes.add(lost, boxes.subtract(image, boxes.point(point)))
-        turned = boxes.product(jacobian, boxes.point(self.scales[:, None] * self.frame))
-        # by powers of two, which is exact, but for numbers below the least normal one
-        turned, lost = boxes.outward(turned / scales[:, None]), boxes.outward(lost / scales)
-        directions = boxes.middle(turned)
-        lengths = boxes.size(boxes.multiply(turned, boxes.point(boxes.width(self.rest)[None, :]))).max(axis=0)
-        frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])
-        if not is_orthogonal(frame):
-            frame = np.eye(len(frame))
-        rest = boxes.add(boxes.product(solved(frame, turned), self.rest), solved(frame, lost))
-        return Carried(point, spread, self.start, scales, frame, rest)
+def carried(seen: Seen, scales: Floats) -> Carried:
+    """Return the image of a set under a map, as it is seen, to be carried on.
+
+    Parameters
+    ----------
+    seen : Seen
+    scales : ndarray, shape (n,)
+        Of the new set.
+    """
+    point, spread = boxes.middle(seen.image), boxes.middle(seen.by_start)
+    lost = boxes.product(boxes.subtract(seen.by_start, boxes.point(spread)), seen.start)
+    lost = boxes.add(lost, boxes.subtract(seen.image, boxes.point(point)))
+    # by powers of two, which is exact, but for numbers below the least normal one
+    turned, lost = boxes.outward(seen.by_rest / scales[:, None]), boxes.outward(lost / scales)
+    directions = boxes.middle(turned)
+    lengths = boxes.size(turned).max(axis=0) * boxes.width(seen.rest)  # an order of columns, which proves nothing
+    frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])
+    if (off := off_orthogonal(frame)) >= FAR:
+        frame, off = np.eye(len(frame)), 0.0
+    both = solved(frame, off, np.concatenate([turned, lost[:, :, None]], axis=2))
+    rest = boxes.add(boxes.product(both[:, :, :-1], seen.rest), both[:, :, -1])
+    return Carried(point, spread, seen.start, scales, frame, rest)
