@@ -13,6 +13,7 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
 from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, space
+from xdynamics.figures.attitudes import Turning
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
@@ -29,6 +30,7 @@ KINDS = (
     "plane",
     "trajectory",
     "velocity",
+    "attitude",
     "state",
     "profile",
     "space",
@@ -50,6 +52,7 @@ FIRST = (
     "space",
     "map",
     "trajectory",
+    "attitude",
     "section",
     "energy",
     "contact",
@@ -151,6 +154,7 @@ def _chosen(panels: list[Keyed]) -> list[Keyed]:
 def _wanted(run: xr.Dataset, only: Sequence[str]) -> list[str]:
     """Return kinds of panels and names of variables, of a quantity with dimensions those of its elements."""
     drawable = {name for _, names, _ in _panels(run, Beside()) for name in names} | {*_others(run)}
+    drawable |= {name for name in Turning(run).unseen if _drawn(run, name)}
     elements: dict[str, list[str]] = {}
     for name in sorted(drawable):
         elements.setdefault(parted(name)[0], []).append(name)
@@ -184,18 +188,23 @@ def _panels(
 
 def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
     """Yield coordinates, velocities, first-order states, and variables asked for by name."""
-    coordinates = _with_role(run, "coordinate")
+    coordinates, turning = _with_role(run, "coordinate"), Turning(run)
     moving = [velocity(name) for name in coordinates if _drawn(run, velocity(name))]
     states, observables = _with_role(run, "state"), _with_role(run, "observable")
     if wanted is None and not coordinates and observables and not any(np.ptp(run[name].values) for name in states):
         states, wanted = [], observables  # nothing moves, and what is computed was asked for
-    outputs, others = _held(run), _others(run)
-    kinds = {"trajectory": coordinates, "velocity": moving, "state": states, "controller": outputs, "other": others}
-    titles = {"state": "first-order state", "controller": "held between ticks"}
-    for kind, names in kinds.items():
+    if wanted is None:
+        coordinates, moving, states = map(turning.shown, (coordinates, moving, states))
+    kinds = [("trajectory", "trajectory", coordinates)]
+    kinds += [("velocity", title, names) for title, names in turning.parted(moving)]
+    kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held(run))]
+    for kind, title, names in (*kinds, ("other", "", _others(run))):
         for group in _by_unit(run, _wanted_names(kind, names, wanted)):
-            what = str(run[group[0]].attrs["role"]).replace("_", " ") if kind == "other" else titles.get(kind, kind)
+            what = title or str(run[group[0]].attrs["role"]).replace("_", " ")
             yield kind, group, partial(line_panels.against_time, run, group, what, beside)
+    for parts in turning.attitudes:
+        if wanted is None or "attitude" in wanted:
+            yield "attitude", parts, partial(line_panels.against_time, run, parts, "attitude, a quaternion", beside)
     for names, panel in lattice.profiles(run):
         yield "profile", names, panel
 
@@ -214,7 +223,9 @@ def _of_forces(
         yield "drive", names, partial(line_panels.driven, run, names, beside)
     for view in plane.of_states(run):
         yield "phase", [], partial(plane.draw, run, view, beside)
-    for names in _by_unit(run, [name for name in coordinates if _drawn(run, velocity(name))]):
+    turning = Turning(run)
+    alone = [name for name in turning.shown(coordinates) if name not in turning.places]
+    for names in _by_unit(run, [name for name in alone if _drawn(run, velocity(name))]):
         if len(names) <= line_panels.MOST_LINES:
             yield "phase", [], partial(line_panels.phase, run, names, beside)
             if _is_driven(run):
