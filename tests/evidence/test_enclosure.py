@@ -165,16 +165,13 @@ def force(x: float) -> float:
     return -4.0 * x
 
 
-def test_python_forces_are_refused() -> None:
-    """Assert that a force in Python is refused by its name."""
-    model = xd.Model(
-        name="in Python",
-        coordinates={"x": {"unit": "m"}},
-        parameters={"m": "1 kg"},
-        mass={"x": "m"},
-        forces={"spring": {"x": force}},
-        initial={"x": "1 m"},
-    )
+@pytest.mark.parametrize(
+    "section", [{"forces": {"spring": {"x": force}}}, {"events": {"met": {"function": force, "unit": "m"}}}]
+)
+def test_python_functions_are_refused(section: dict[str, object]) -> None:
+    """Assert that a force or an event function in Python is refused by its name."""
+    known: dict[str, object] = {"coordinates": {"x": {"unit": "m"}}, "parameters": {"m": "1 kg"}, "mass": {"x": "m"}}
+    model = xd.Model(name="in Python", **known, initial={"x": "1 m"}, **section)
     with pytest.raises(xd.InputError, match="nothing is known of the Python function force between two of its values"):
         xd.enclose(model, until="1 s")
 

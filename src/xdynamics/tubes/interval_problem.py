@@ -131,7 +131,7 @@ def unbounded(model: Model) -> list[str]:
 
 def _faults(model: Model) -> Iterator[str]:
     """Yield what no bounds are proven of, and what to do about it."""
-    if functions := model.python_forces:
+    if functions := model.python_functions:
         named = ", ".join(function.name for function in functions)
         yield f"nothing is known of the Python function {named} between two of its values; write it as an expression"
     for kind, names in (("contact", model.shaped.contacts), ("friction", model.shaped.frictions)):
