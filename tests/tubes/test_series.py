@@ -9,7 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from cases.smooth_models import of_rate
+from cases.smooth_models import of_rate, oscillator
 from xdynamics.tubes import interval_problem_of
 from xdynamics.tubes.series import MotionSeries, UndefinedError
 
@@ -105,3 +105,19 @@ def test_quotients_and_roots_of_literals_are_intervals() -> None:
     found = expanded("(1/49)*49 - 1 + (sqrt(2)*sqrt(2) - 2)", "0.7", derivatives=False)[:, 1, 0, 0]
     assert found[0] <= 0.0 <= found[1]
     assert found[1] - found[0] < 1e-14
+
+
+def test_a_literal_is_the_number_that_is_written() -> None:
+    """Assert that the float next to 0.1, which is more than that, is not taken for as much."""
+    nearest = "0.1000000000000000055511151231257827021181583404541015625"
+    with pytest.raises(UndefinedError, match="a comparison is not decided"):
+        expanded("where(a > 0.1, 1, -1)", nearest, derivatives=False)
+
+
+def test_uncertain_constants_are_intervals() -> None:
+    """Assert that coefficients over a set hold those of any stiffness within its half width, ends included."""
+    problem = interval_problem_of(oscillator({"value": "4 N m-1", "half_width": "1 N m-1"}))
+    found = MotionSeries(problem.motions, 3, 4).of(problem.time, problem.start)[..., 0]
+    for k in (3.0, 4.0, 5.0):
+        exact = np.array([1.0, 0.0, -k / 2.0, 0.0, k * k / 24.0])
+        assert ((found[0, :, 0] <= exact) & (exact <= found[1, :, 0])).all(), k
