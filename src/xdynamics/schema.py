@@ -264,31 +264,6 @@ def scale(kind: str, name: str) -> str:
     return f"{kind}_scale_{name}"
 
 
-def contact_force(name: str) -> str:
-    """Name the normal force of a contact."""
-    return f"contact_force_{name}"
-
-
-def contact_gap(name: str) -> str:
-    """Name the gap of a contact."""
-    return f"contact_gap_{name}"
-
-
-def contact_state(name: str) -> str:
-    """Name the state of a contact."""
-    return f"contact_state_{name}"
-
-
-def friction_force(name: str) -> str:
-    """Name the friction force of a contact or of a friction element."""
-    return f"friction_force_{name}"
-
-
-def friction_state(name: str) -> str:
-    """Name the state of friction."""
-    return f"friction_state_{name}"
-
-
 def side_of(name: str) -> str:
     """Name the variable for the side of a switch; switches are named like ``drag.abs``."""
     return f"side_{name.replace('.', '_')}"

@@ -304,7 +304,7 @@ def _of_whole_run(quantity: str, at: Any, event: Any) -> str:
 def _extremes_of(model: Model) -> tuple[str, ...]:
     """Return the names of all extremes of a run, as in `diagnose`."""
     layout = layout_of(model)
-    names = (*observables_of(model), *layout.forces, *layout.reactions)
+    names = (*observables_of(model), *layout.loads)
     return tuple(f"{word}_{name}" for name in names for word in (LARGEST, LEAST))
 
 

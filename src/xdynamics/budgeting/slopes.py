@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
 from xdynamics.dynamics.saltation import FlowStates, Met
-from xdynamics.dynamics.variational import LARGEST, Equations, NotVariedError, Variations, gauss, refuse_ticks, touches
+from xdynamics.dynamics.variational import (
+    LARGEST,
+    Equations,
+    NotVariedError,
+    Variations,
+    gauss,
+    refuse_unvaried,
+    touches,
+)
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
@@ -43,7 +51,7 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
-    refuse_ticks(model)
+    refuse_unvaried(model)
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
     if read := sorted(model.read_at_start.intersection(inputs)):

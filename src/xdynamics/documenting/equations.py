@@ -169,6 +169,11 @@ def _occasions(model: Model) -> Iterator[Formula]:
     for name, contact in stated.contacts.items():
         about = f"contact {name}, restitution {_short(contact.restitution)}{_along(model, name)}"
         yield Formula(rf"{latex(contact.gap)} \geq 0", about)
+    for name, constraint in stated.constraints.items():
+        about = (
+            f"constraint {name}{_along(model, name)}, kept by the force constraint_force_{name} along its derivative"
+        )
+        yield Formula(f"{latex(constraint.condition)} = 0", about)
     for name, friction in stated.frictions.items():
         yield Formula(
             rf"\left|F\right| \leq {latex(friction.kinetic)}", f"friction {name}, slipping with {_short(friction.slip)}"

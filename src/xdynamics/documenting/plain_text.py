@@ -10,9 +10,11 @@ from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import switches
+from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.units import unit_suffix
 
@@ -25,6 +27,7 @@ COUNTED = (
     "events",
     "contacts",
     "frictions",
+    "constraints",
     "controllers",
     "regimes",
     "observables",
@@ -67,6 +70,11 @@ def _motion(model: Model) -> Iterator[str]:
             if (i, j) in model.statement.mass_entries
         ]
         acting = [term for term, components in model.force_components.items() if name in components]
+        acting += [
+            f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
+            for condition in conditions(model)
+            if name in condition.row
+        ]
         yield f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
     for term, components in model.force_components.items():
         for name, component in components.items():
@@ -104,6 +112,9 @@ def _occasions(model: Model) -> Iterator[str]:
             f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
             f" {contact.tangential}"
         )
+    for name, constraint in model.constraints.items():
+        word = "rolls" if constraint.holds is None else "holds"
+        yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0"
     for name, friction in model.frictions.items():
         yield (
             f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"

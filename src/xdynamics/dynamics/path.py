@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
-from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, refuse_ticks, touches
+from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, refuse_unvaried, touches
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
@@ -26,9 +26,10 @@ from xdynamics.model import Model
 from xdynamics.model.derivatives import jacobian
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
 from xdynamics.model.switches import STEPPED_OVER, switch_inputs, switches, watched_by
+from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import acceleration, contact_state, friction_state, rate, velocity
+from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,7 +94,7 @@ class RunPath:
             raise NotVariedError("no time passes in the run")
         if not np.isfinite(self.states).all():
             raise NotVariedError("a state is no number")
-        refuse_ticks(model)
+        refuse_unvaried(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
         if model.assemblies:

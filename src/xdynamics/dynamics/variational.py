@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
+from xdynamics import reaction_names
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary.arrays import applied, product, solved
 from xdynamics.expressions import Name, Node, derivatives
@@ -45,8 +45,8 @@ class NotVariedError(Exception):
     """A run whose changes these equations do not describe; the message names the obstacle."""
 
 
-def refuse_ticks(model: Model) -> None:
-    """Refuse a model that is changed at ticks, of which variational equations know nothing.
+def refuse_unvaried(model: Model) -> None:
+    """Refuse a model that is changed at ticks, or kept by constraints, of which variational equations know nothing.
 
     Raises
     ------
@@ -54,6 +54,8 @@ def refuse_ticks(model: Model) -> None:
     """
     if model.controllers:
         raise NotVariedError(f"controller '{next(iter(model.controllers))}' changes what it holds at its ticks")
+    if model.constraints:
+        raise NotVariedError(f"constraint '{next(iter(model.constraints))}' moves what is varied")
 
 
 def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
@@ -271,7 +273,7 @@ def touches(run: xr.Dataset) -> dict[str, int]:
     """Return the first row at which each contact or friction element holds or slips, without those that never do."""
     first_rows: dict[str, int] = {}
     for name in map(str, run.data_vars):
-        if name.startswith((schema.contact_state(""), schema.friction_state(""))):
+        if name.startswith((reaction_names.contact_state(""), reaction_names.friction_state(""))):
             rows = np.flatnonzero(np.asarray(run[name]))
             first_rows |= {name: int(rows[0])} if rows.size else {}
     return first_rows

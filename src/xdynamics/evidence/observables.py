@@ -35,7 +35,7 @@ Rows = NDArray[np.int64]
 def observables_of(model: Model) -> tuple[str, ...]:
     """Name what can be observed at any time: coordinates, velocities, states, energies, declared observables."""
     layout = layout_of(model)
-    return (*layout.used, *(name for name in layout.derived if name not in layout.gaps))
+    return (*layout.used, *(name for name in layout.derived if name not in layout.gaps and name not in layout.kept))
 
 
 def comparable(model: Model) -> tuple[str, ...]:

@@ -209,6 +209,26 @@ def chain(node: Node) -> tuple[Node, list[Binary]]:
     return node, links
 
 
+def summands(tree: Node) -> list[Node]:
+    """Return the terms that an expression is the sum of, for the size of what cancels in it.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse, text_of
+    >>> [text_of(term) for term in summands(parse("(x**2 - l**2)/2 - y"))]
+    ['x**2/2', 'l**2/2', 'y']
+    """
+    match tree:
+        case Negative():
+            return summands(tree.operand)
+        case Binary(operator="+" | "-"):
+            return summands(tree.left) + summands(tree.right)
+        case Binary(operator="*" | "/"):
+            return [Binary(tree.operator, term, tree.right) for term in summands(tree.left)]
+        case _:
+            return [tree]
+
+
 def every(node: Node) -> Iterator[Node]:
     """Yield a node and all below it, in no particular order."""
     waiting = [node]

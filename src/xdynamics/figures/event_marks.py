@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from xdynamics.figures.lattice import shapes_of
 from xdynamics.figures.marks import INK, words
 from xdynamics.figures.placing import EVENT
+from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.record.flag_words import words_of
 from xdynamics.record.partial_records import is_whole
-from xdynamics.schema import at_event, contact_force, friction_force
+from xdynamics.schema import at_event
 from xdynamics.shapes import parted
 
 if TYPE_CHECKING:

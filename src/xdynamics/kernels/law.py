@@ -16,6 +16,7 @@ from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
+from xdynamics.kernels.constraint_programs import constraining
 from xdynamics.kernels.double_double import doubled
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.lane_step import STRIDE, stride
@@ -89,7 +90,7 @@ class Law:
             if not curve_degree(layout)
             else (step_programs.polynomial(layout, self.steps.memory - curve_size(layout)),)
         )
-        programs = (*own, step_programs.inside(layout, self.scheme), *self.steps.programs)
+        programs = (*own, step_programs.inside(layout, self.scheme), *self.steps.programs, *self.constraining[-1:])
         return (*self._in_precision(programs), *curves)
 
     def _in_precision(self, programs: Sequence[Program]) -> tuple[Program, ...]:
@@ -116,7 +117,12 @@ class Law:
         """Every program, each after those that it calls."""
         by_elements = any(equation.state < 0 for equation in self.steps.equations)
         inner = (model_programs.linearised(self.layout),) if by_elements else ()
-        return (self.entries[0], *inner, *self.entries[1:])
+        return (self.entries[0], *self.constraining[:-1], *inner, *self.entries[1:])
+
+    @cached_property
+    def constraining(self) -> tuple[Program, ...]:
+        """The programs that put the result of a step where constraints hold."""
+        return constraining(self.layout)
 
     @cached_property
     def printed(self) -> Printed:
@@ -239,13 +245,13 @@ class Law:
 
     def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
         step = stride(self.layout, self.steps.programs, adaptive=adaptive, followers=followers)
-        programs = (self.entries[0], *step)
+        programs = (self.entries[0], *self.constraining, *step)
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 
     def parting(self, lanes: int) -> tuple[int, int]:
         """Return the addresses of a force evaluation and of a step in that many lanes, compiled."""
-        programs = (self.entries[0], *self.steps.programs)
+        programs = (self.entries[0], *self.constraining, *self.steps.programs)
         names = (programs[0].name, self.entries[PROPOSE - FORCES].name)
         with _LOCK:
             if lanes not in self._parts:

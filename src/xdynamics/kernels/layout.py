@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
+from xdynamics import reaction_names, schema
 from xdynamics.expressions import Binary, Name, Node, Number, free_names
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
 from xdynamics.model.bodies import unit_quaternions
+from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.lazy_trees import Lazy, own_mass
@@ -24,6 +26,7 @@ from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.model.whole import acting, energies_of_wholes, has_wholes, shapes_of, written_out
+from xdynamics.reaction_names import PROJECTION, RANK
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes, at
 from xdynamics.shapes.blocks import Blocks
@@ -110,6 +113,21 @@ class Layout:
         return Blocks.of("reaction", (reaction.name for reaction in reactions(self.model)))
 
     @cached_property
+    def standing(self) -> Blocks:
+        """Rank and projection of constraints, where there are any."""
+        return Blocks.of("constraint", (RANK.name, PROJECTION.name) if self.model.constraints else ())
+
+    @cached_property
+    def multipliers(self) -> Blocks:
+        """The multipliers of constraints."""
+        return Blocks.of("multiplier", map(reaction_names.constraint_force, self.model.constraints))
+
+    @cached_property
+    def loads(self) -> Blocks:
+        """What acts: force components, multipliers of constraints, forces of contacts and friction elements."""
+        return self.forces + self.multipliers + self.reactions
+
+    @cached_property
     def drives(self) -> Blocks:
         """Names of the drives."""
         return Blocks.of("drive", self.model.drives)
@@ -146,12 +164,12 @@ class Layout:
     @cached_property
     def state(self) -> Blocks:
         """What a row of the log keeps of a state, and the next step starts from."""
-        return self.used + self.accelerations + self.rates + self.forces + self.reactions
+        return self.used + self.accelerations + self.rates + self.standing + self.loads
 
     @cached_property
     def evaluation(self) -> Blocks:
         """What a force evaluation gives."""
-        return self.accelerations + self.rates + self.forces + self.reactions + self.drives
+        return self.accelerations + self.rates + self.standing + self.loads + self.drives
 
     @cached_property
     def carried(self) -> Blocks:
@@ -170,7 +188,7 @@ class Layout:
     def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
         observables = {name: partial(self._observed, name) for name in self.model.observables}
-        return Lazy(self._energies() | observables | self.gaps)
+        return Lazy(self._energies() | observables | self.gaps | self.kept)
 
     def _observed(self, name: str) -> Node:
         return self.model.expanded(self.model.observables[name])
@@ -180,15 +198,27 @@ class Layout:
         """The blocks of `derived`."""
         if self._shapes is None:
             return Blocks.of("derived", self.derived)
-        return Blocks.of("derived", self.wholes, self._shapes) + Blocks.of("derived", self.gaps)
+        return Blocks.of("derived", self.wholes, self._shapes) + Blocks.of("derived", (*self.gaps, *self.kept))
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
         """The gap of each contact."""
         return {
-            schema.contact_gap(reaction.owner): reaction.gap
+            reaction_names.contact_gap(reaction.owner): reaction.gap
             for reaction in reactions(self.model)
             if reaction.sort == NORMAL
+        }
+
+    @cached_property
+    def kept(self) -> dict[str, Node]:
+        """What is zero where constraints hold: residuals of positions, and rates."""
+        residuals = {
+            reaction_names.constraint_residual(condition.name): condition.residual
+            for condition in conditions(self.model)
+            if condition.residual != ZERO
+        }
+        return residuals | {
+            reaction_names.constraint_rate(condition.name): condition.rate for condition in conditions(self.model)
         }
 
     @cached_property
@@ -315,7 +345,7 @@ class Layout:
     @cached_property
     def sample(self) -> Blocks:
         """The float columns of a logged force sample."""
-        evaluated = self.used + self.forces + self.reactions + self.drives
+        evaluated = self.used + self.loads + self.drives
         return Blocks.of("step", ("time", "step", "stage")) + evaluated
 
     @property

@@ -61,7 +61,7 @@ def forces(layout: Layout) -> Program:
 
 def forces_by_elements(layout: Layout) -> Program:
     """Write the forces of a model element by element."""
-    lines = _moved(layout, motion(layout.model))
+    lines = assigned(layout, motion(layout.model))
     for name in layout.evaluation:
         lines.store(Place("z", layout.record.place(name)), lines.named(name))
     return Program("forces", "", tuple(lines.lines))
@@ -69,7 +69,7 @@ def forces_by_elements(layout: Layout) -> Program:
 
 def has_loops(model: Model) -> bool:
     """Whether the law of a model with dimensions is printed in loops; else its elements are written out."""
-    written_out = model.contacts or model.frictions or model.python_functions or watched_by(model)
+    written_out = model.contacts or model.frictions or model.constraints or model.python_functions or watched_by(model)
     return has_wholes(model) and not written_out
 
 
@@ -127,7 +127,7 @@ def expanded(layout: Layout, degree: int) -> Expansion:
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
     """Write the forces with their exact derivatives, which go to `e`, or to another array from `first` on."""
     model = layout.model
-    lines = _moved(layout, (*motion(model), *slopes(model)))
+    lines = assigned(layout, (*motion(model), *slopes(model)))
     for name in layout.evaluation:
         lines.store(Place("z", layout.record.place(name)), lines.named(name))
     for i, name in enumerate(jacobian(model).values()):
@@ -302,8 +302,14 @@ def _returning(
     return Program(name, about, tuple(lines.lines), sound=(0, count))
 
 
-def _moved(layout: Layout, assignments: Iterable[Assignment]) -> Assignments:
-    lines = Assignments(_Names(layout, layout.used))
+def assigned(
+    layout: Layout, assignments: Iterable[Assignment], *, state: str = "y", time: str = "t", prefix: str = "_"
+) -> Assignments:
+    """Write assignments, whose expressions read what is in a state, constants and tables besides each other.
+
+    They read the state from one of the arrays, and the time from one of the numbers of `at`.
+    """
+    lines = Assignments(_Names(layout, layout.used, None, state, time), prefix)
     for assignment in assignments:
         if isinstance(assignment.value, Function):
             lines.name(assignment.name, _called(lines, assignment.value))
@@ -323,7 +329,15 @@ class _Names:
     Any other name is computed where it first occurs, from the assignments `inner`.
     """
 
-    def __init__(self, layout: Layout, known: Blocks, inner: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        known: Blocks,
+        inner: Mapping[str, Any] | None = None,
+        state: str = "y",
+        time: str = "t",
+    ) -> None:
+        self._state, self._time = state, time
         self._layout = layout
         self._known = known
         self._inner = inner or {}
@@ -334,9 +348,9 @@ class _Names:
     def place(self, name: str) -> Place | None:
         """Return where a number is, or the first of a quantity with dimensions."""
         if name in ("t", REGIME_NUMBER):
-            return Place("at", AT.index("t" if name == "t" else "regime"))
+            return Place("at", AT.index(self._time if name == "t" else "regime"))
         if name not in self._drives and (found := self._known.find(name)) is not None:
-            return Place("y", found)
+            return Place(self._state, found)
         return Place("p", self._constants[name]) if name in self._constants else None
 
     def first(self, name: str) -> Place:

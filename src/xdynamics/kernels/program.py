@@ -245,6 +245,8 @@ def arrays_of(line: Instruction) -> set[str]:
             return {line.place.array}
         case ProgramCall():
             return {line.at, line.y, line.z, line.e}
+        case When() | While():
+            return {line.place.array} | arrays_of(line.call)
         case _:
             return set()
 

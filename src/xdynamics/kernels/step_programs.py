@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from xdynamics.expressions import Node, parse
-from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.line_writing import LineWriter
 from xdynamics.kernels.model_programs import changes, expanded, linearised
-from xdynamics.kernels.newton_matrix import Coupling, NewtonSystem
 from xdynamics.kernels.program import (
-    AT,
-    Instruction,
-    Load,
-    Loop,
-    Operand,
-    Place,
     Program,
-    ProgramCall,
-    StoreTo,
-    arrays_of,
-    element,
-    nested,
 )
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
-from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.steppers import EXACT
-from xdynamics.methods.summation import Update
 
 
 @dataclass(frozen=True)
@@ -45,8 +28,8 @@ class _StepWriting:
     def by_lines(self) -> Steps:
         """Write the lines of the method, and those of its estimate."""
         layout, scheme = self.layout, self.scheme
-        write = _Stepping(layout, sampled=self.sampled, working=bool(scheme.method.solves))
-        write.walk(scheme.method.statements)
+        write = LineWriter(layout, sampled=self.sampled, working=bool(scheme.method.solves))
+        write.walk(scheme.method.lines(layout.model))
         write.end()
         write.walk(scheme.error_lines)
         if scheme.error_lines:
@@ -80,7 +63,7 @@ def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
 
     It takes the states at the step's ends in `y` and `z`, and those of its stages in `w` from `stages` on.
     """
-    write, scheme = _Stepping(layout, sampled=False, working=False), layout.scheme
+    write, scheme = LineWriter(layout, sampled=False, working=False), layout.scheme
     assert scheme is not None  # noqa: S101 - a layout of steps has one
     write.ends_given()
     write.stages_given(stages)
@@ -92,306 +75,13 @@ def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
 
 def inside(layout: Layout, scheme: Scheme) -> Program:
     """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
-    write = _Stepping(layout, sampled=False, working=False)
+    write = LineWriter(layout, sampled=False, working=False)
     if scheme.interpolant.given:
         write.ends_given()
         write.stages_given()
     else:
-        write.walk(scheme.method.statements)
+        write.walk(scheme.method.lines(layout.model))
         write.end()
     write.walk(scheme.interpolant.lines)
     write.out("e", [f"{letter}s" for letter in "qvx"], layout.used)
     return write.finished("inside", f"The state inside a step by {scheme.method.name}.").programs[0]
-
-
-class _Stepping(Walker):
-    """Writes lines as they come; vectors are arrays, and a line of vectors becomes a line for each component."""
-
-    def __init__(self, layout: Layout, *, sampled: bool, working: bool) -> None:
-        self.layout = layout
-        self.sampled = sampled
-        self.working = working  # whether vectors live in `w`, so that the next program has them too
-        self.stage = 0
-        self._memory = 0
-        self._views: dict[str, tuple[str, int, int]] = {}
-        self._local: dict[str, int] = {}
-        self._bodies: list[list[Instruction]] = []
-        self._equations: list[NewtonSystem] = []
-        self._changes: tuple[Program, ...] = ()
-        self._derivatives = 0  # where those of a matrix found group by group are
-        self._last = ""
-        self._begin()
-        first = 0
-        for name, count in zip("qvxar", map(self._count, "qvxar"), strict=True):
-            self._views[name] = ("y", first, count)
-            first += count
-        assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
-        self._updates = layout.scheme.compensated
-        self._carry: dict[str, str] = {}
-        first = layout.used.size + layout.evaluation.size
-        for name in "qvx" if self._updates else "":
-            self._carry[name] = f"{name}_carried"
-            self._views[self._carry[name]] = ("y", first, self._count(name))
-            first += self._count(name)
-
-    # ------------------------------------------------------------------------------------------------ kinds of line
-
-    def assign(self, line: VectorStatement) -> None:
-        """Write one vector from others."""
-        self._vector(line.target)
-        if line.target in self._updates:
-            self._update(line.target, self._updates[line.target])
-        else:
-            self._each(line.target, line.expression)
-
-    def evaluate(self, line: Evaluation) -> None:
-        """Evaluate the forces at a state that is assembled for it."""
-        self._evaluation(line, "forces")
-
-    def expand(self, line: TaylorSeries) -> None:
-        """Take the coefficients of the motion as given in `w`."""
-        used = self.layout.used.size
-        for i in range(line.degree + 1):
-            for name in "qvx":
-                _, first, count = self._views[name]
-                self._views[f"{name}_{i}"] = ("w", i * used + first, count)
-
-    def solve(self, line: Solve) -> None:
-        """Write one iteration of Newton's method as a separate program, and go on after it."""
-        self._begin()
-        self.walk(line.definitions)
-        grouped = self._in_groups(line)
-        slopes = [self._evaluation(part, "forces" if grouped else "linearised") for part in line.evaluations]
-        residuals = self._memory
-        for part in line.equations:
-            target = f"b_{part.target}"
-            self._vector(target, self._count(part.target))
-            self._each(target, part.expression, taken_from=part.target)
-        places = tuple((self._views[name][1], *self._start(name, 0), self._count(name)) for name in line.unknowns)
-        system = NewtonSystem(len(line.evaluations), residuals, places)
-        coupling = Coupling(self.layout, line, slopes, self.coefficient)
-        if grouped:
-            system = self._grouped(system, line, coupling)
-        else:
-            system = replace(system, entries=self._entries(line, coupling))
-        self._equations.append(system)
-        self._begin()
-        self.walk(line.definitions)
-
-    def _in_groups(self, line: Solve) -> bool:
-        """Whether the matrix is one of accelerations and rates at a single state, so that it has the model's pattern."""
-        single = len(line.evaluations) == 1 and [name[0] for name in line.unknowns] == ["v", "x"]
-        return single and is_compressed(self.layout)
-
-    def _entries(self, line: Solve, coupling: Coupling) -> tuple[tuple[int, int, int, int], ...]:
-        """Return what is subtracted from the unit matrix, entry by entry."""
-        targets = [(part.target, i) for part in line.equations for i in range(self._count(part.target))]
-        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
-        return tuple(
-            entry
-            for row, target in enumerate(targets)
-            for column, unknown in enumerate(unknowns)
-            for entry in coupling.entries(row, column, target, unknown)
-        )
-
-    def _grouped(self, system: NewtonSystem, line: Solve, coupling: Coupling) -> NewtonSystem:
-        """Write the coefficients of all entries, and make room for derivatives, their direction and the time."""
-        (evaluation,), (_, state, _) = line.evaluations, self._views[f"f{self.stage}"]
-        weights, entries = coupling.weights(), pattern_of(self.layout).rows.size
-        if not self._changes:
-            self._derivatives = self._memory
-            self._changes = (changes(self.layout, self._derivatives + entries),)
-            self._memory += entries + self.layout.used.size + 1
-        time = self._derivatives + entries + self.layout.used.size
-        self._scalars.store(Place("w", time), self._scalars.value(parse(evaluation.time)))
-        return replace(system, state=state, weights=weights, derivatives=self._derivatives)
-
-    # ------------------------------------------------------------------------------------------------------- ends
-
-    def end(self) -> None:
-        """Write the new state to `z`: the result of the step, and of its last force evaluation."""
-        self.out("z", ["q1", "v1", "x1", "a1", "r1"], self.layout.used + self.layout.accelerations + self.layout.rates)
-        first = self.layout.used.size + self.layout.accelerations.size + self.layout.rates.size
-        last = self.layout.used.size + self.layout.evaluation.size
-        self._copy(Place("z", first), Place(self._last, first), last - first)
-        for name in "qvx" if self._updates else "":
-            self._copy(Place("z", last), Place(self._carry[name]), self._count(name))
-            last += self._count(name)
-
-    def ends_given(self) -> None:
-        """Take the state at the end of the step as given in `z`."""
-        for name in "qvxar":
-            self._views[f"{name}1"] = ("z", *self._views[name][1:])
-
-    def stages_given(self, begin: int = 0) -> None:
-        """Take the states of two stages as given in `w`."""
-        for k, stage in enumerate("23"):
-            for name in "qvx":
-                _, first, count = self._views[name]
-                self._views[f"{name}{stage}"] = ("w", begin + k * self.layout.used.size + first, count)
-
-    def out(self, array: str, vectors: Iterable[str], names: Sequence[str], begin: int = 0) -> None:
-        """Copy vectors, one after another, into a given array."""
-        first = begin
-        for name in vectors:
-            self._copy(Place(array, first), Place(name), self._count(name))
-            first += self._count(name)
-        assert first == begin + len(names)  # noqa: S101 - vectors and names are two spellings of one order
-
-    def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
-        """Return the programs written; the last answers for the part `answered` of `z`."""
-        self._flush()
-        programs = []
-        for i, body in enumerate(self._bodies):
-            label = name if not i else f"{name}{i // 2}" if i % 2 == 0 else f"iterate{i // 2}"
-            description = (
-                about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
-            )
-            used = {array for line in nested(body) for array in arrays_of(line)}
-            views = {key: view for key, view in self._views.items() if key in used}
-            used |= {array for array, _, _ in views.values()}
-            local = {key: count for key, count in self._local.items() if key in used}
-            # the result of a step follows the last equations
-            sound = answered if i == len(self._bodies) - 1 else None
-            programs.append(Program(label, description, tuple(body), views, local, sound))
-        return Steps((*programs, *self._changes), tuple(self._equations), self._memory)
-
-    # ---------------------------------------------------------------------------------------------------- in parts
-
-    def coefficient(self, weight: Node, inside: Node | None = None) -> int:
-        """Compute a number of the matrix that all components share, and return its place in `w`."""
-        value = self._scalars.value(weight)
-        if inside is not None:
-            value = self._scalars.compute("multiply", value, self._scalars.value(inside))
-        place = self._memory
-        self._memory += 1
-        self._scalars.store(Place("w", place), value)
-        return place
-
-    def _begin(self) -> None:
-        """Begin a program."""
-        if self._bodies:
-            self._flush()
-        self._bodies.append([])
-        self._scalars = Assignments(lambda lines, name: lines.load(Place("at", AT.index(name)), name), "_")
-
-    def _flush(self) -> None:
-        self._bodies[-1] += self._scalars.lines
-        self._scalars.lines.clear()
-
-    def _update(self, target: str, update: Update) -> None:
-        """Add to every component of a vector, and keep the rounding error of the sum.
-
-        The last update of the step puts it back; until then forces may be evaluated a rounding error beside the sum, so
-        that no evaluation waits for it.
-        """
-        letter, lines = target[0], self._component()
-        last = target == f"{letter}1"
-        before, added = lines.load(element(update.before)), lines.value(update.added)
-        carried = lines.load(element(self._carry[letter]))
-        if last:
-            added = lines.compute("add", added, carried)
-        total = lines.compute("add", before, added)
-        lost = lines.compute("subtract", added, lines.compute("subtract", total, before))
-        self._carry[letter] = self._array(f"{target}_carried", self._count(target))
-        lines.store(element(target), total)
-        lines.store(element(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
-        self._flush()
-        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
-
-    def _component(self) -> Assignments:
-        """Begin the lines of one component of vectors."""
-
-        def find(lines: Assignments, name: str) -> Operand:
-            return self._scalars.named(name) if name in SCALARS else lines.load(element(name))
-
-        return Assignments(find, f"_{len(self._bodies[-1])}_")
-
-    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
-        """Compute an expression for every component of a vector, or the difference of `taken_from` from it."""
-        lines = self._component()
-        value = lines.value(expression)
-        if taken_from:
-            value = lines.compute("subtract", lines.load(element(taken_from)), value)
-        lines.store(element(target), value)
-        self._flush()
-        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
-
-    def _copy(self, target: Place, source: Place, count: int) -> None:
-        """Copy elements; both places are those of the first."""
-        self._flush()
-        name = f"_{len(self._bodies[-1])}_"
-        self._bodies[-1].append(
-            Loop(
-                "i",
-                count,
-                (Load(name, element(source.array, source.offset)), StoreTo(element(target.array, target.offset), name)),
-            )
-        )
-
-    def _evaluation(self, line: Evaluation, program: str) -> int:
-        """Call the forces at a state; return the place of the derivatives by `linearised`."""
-        self.stage += 1
-        record, at = (
-            self._array(f"f{self.stage}", self.layout.record.size),
-            self._array(f"at{self.stage}", len(AT), own=True),
-        )
-        first = 0
-        for name in (line.position, line.velocity, line.state):
-            self._copy(Place(record, first), Place(name), self._count(name))
-            first += self._count(name)
-        time = self._scalars.value(parse(line.time))
-        self._scalars.store(Place(at, AT.index("t")), time)
-        self._scalars.store(
-            Place(at, AT.index("regime")), self._scalars.load(Place("at", AT.index("regime")), "regime")
-        )
-        self._flush()
-        slopes = self._memory
-        if program == "linearised":
-            self._array(f"j{self.stage}", len(self.layout.jacobian))
-        self._bodies[-1].append(
-            ProgramCall(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e")
-        )
-        for name, count in zip((line.acceleration, line.rate), map(self._count, "ar"), strict=True):
-            self._part(name, record, first, count)
-            first += count
-        self._last = record
-        if self.sampled:
-            self._sample(time, record)
-        return slopes
-
-    def _sample(self, time: Operand, record: str) -> None:
-        """Keep time, state, force components and drives of an evaluation."""
-        layout = self.layout
-        n, sample, width = layout.used.size, f"sample{self.stage}", layout.sample_width
-        forces = width - 1 - n
-        self._views[sample] = ("samples", (self.stage - 1) * width, width)
-        self._bodies[-1].append(StoreTo(Place(sample), time))
-        self._copy(Place(sample, 1), Place(record), n)
-        self._copy(Place(sample, 1 + n), Place(record, n + layout.evaluation.size - forces), forces)
-
-    def _vector(self, name: str, count: int | None = None) -> None:
-        if name not in self._views and name not in self._local:
-            self._array(name, self._count(name) if count is None else count)
-
-    def _array(self, name: str, count: int, *, own: bool = False) -> str:
-        """Make room for an array, local to the program or in the working memory."""
-        if self.working and not own:
-            self._views[name] = ("w", self._memory, count)
-            self._memory += count
-        else:
-            self._local[name] = count
-        return name
-
-    def _part(self, name: str, array: str, first: int, count: int) -> None:
-        outer, start, _ = self._views.get(array, (array, 0, 0))
-        self._views[name] = (outer, start + first, count)
-
-    def _start(self, name: str, i: int) -> tuple[int, int]:
-        """Return the places of value and slope of an unknown's component at the start of the step."""
-        value, slope = ("x", "r") if name[0] == "x" else ("v", "a")
-        return self._views[value][1] + i, self._views[slope][1] + i
-
-    def _count(self, name: str) -> int:
-        letter = name.removeprefix("b_")[0]
-        return self.layout.states.size if letter in "xr" else self.layout.coordinates.size

@@ -35,6 +35,8 @@ def judge(run: Run) -> int:
 def nonfinite(run: Run) -> int:
     """Return why a state is not finite: nan means that a function or table was evaluated outside its domain."""
     undefined = False
+    if run.plan[0].held > 0 and np.isnan(run.z[run.plan[0].moved]) and np.isfinite(run.z[0]):
+        return REASON_NEWTON  # to where constraints hold
     for i in range(run.plan[0].state):
         undefined = undefined or np.isnan(run.z[i])
     return REASON_DOMAIN if undefined and run.plan[0].limited else REASON_NONFINITE

@@ -85,7 +85,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read["force_samples"] == "all",
         scales,
         jacobian,
-        read.get("summation") or _summation(method, read.get("precision")),
+        read.get("summation") or _summation(method, model, read.get("precision")),
         _nodes(model, read.get("nodes")),
         _switches(model, read.get("switches") or LOCATED),
         _time_tolerance(model, read),
@@ -274,8 +274,8 @@ def _switches(model: Model, choice: str) -> str:
     return STEPPED_OVER if choice == LOCATED and not watched else choice
 
 
-def _summation(method: Method, precision: str | None) -> str:
+def _summation(method: Method, model: Model, precision: str | None) -> str:
     """Return the default summation: compensated where rounding is what is left of the error, in long runs and tight ones."""
-    if precision == DOUBLE_DOUBLE:
+    if precision == DOUBLE_DOUBLE or (model.constraints and method.kept):
         return PLAIN
     return COMPENSATED if (method.symplectic or method.stepper.compensates) and updates(method) else PLAIN

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.law import FORCES
-from xdynamics.kernels.program import T
+from xdynamics.kernels.program import H, T
 from xdynamics.march.calls import called
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
@@ -22,6 +22,15 @@ def evaluate(run: Run, t: float, state: State) -> None:
     """Evaluate the forces at a state; they are stored after it in the same array."""
     set_time(run, T, t)
     called(run.law[FORCES], run, state, state, 0)
+    run.now[0].evaluations += 1
+
+
+@shared
+def settle_constraints(run: Run, t: float, state: State) -> None:
+    """Put a state where constraints hold, and evaluate the forces there."""
+    set_time(run, T, t)
+    run.at[H] = 0.0
+    called(run.law[run.plan[0].held], run, state, state, 0)
     run.now[0].evaluations += 1
 
 
@@ -45,7 +54,7 @@ def slope_of(run: Run, state: State, i: int) -> float:
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
     """Store a force evaluation of the trial, from place `first` of its samples on."""
     used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
-    forces = 2 * used - run.plan[0].coordinates  # after accelerations and rates
+    forces = used + run.plan[0].evaluated - evaluated  # the last of them
     if run.plan[0].samples == 0:
         return
     samples[first] = t

@@ -14,6 +14,7 @@ from xdynamics.elementary.rounding_margins import EPS, LEAST, LEAST_OF_0_2
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY, keys_of
+from xdynamics.kernels.constraint_programs import CONSTRAIN
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import AT
@@ -48,6 +49,7 @@ from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import switch_inputs
 from xdynamics.model.whole import acting, has_wholes, written_out
+from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
 from xdynamics.units.rounded import exact_value
 
@@ -208,6 +210,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "together": together(model),
         **_left_polynomial(law),
         **_rests_of_grid(model, layout, single),
+        **_held(model, law),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
@@ -224,6 +227,14 @@ def _left_polynomial(law: Law) -> dict[str, int]:
     """Return the degree of the polynomial that a step leaves, where its coefficients begin, the number of their program."""
     program = FORCES + len(law.printed.names) - 1
     return {"degree": curve_degree(law.layout), "curve": law.curve, "polynomial": program}
+
+
+def _held(model: Model, law: Law) -> dict[str, int]:
+    """Return the number of the program for constraints, where a state has what it did, whether it moves the start."""
+    if not model.constraints:
+        return {"held": 0, "moved": 0, "consistent": 0}
+    moved = law.layout.record.place(PROJECTION.name)
+    return {"held": FORCES + law.printed.names.index(CONSTRAIN), "moved": moved, "consistent": int(model.consistent)}
 
 
 def floor_of(rtol: float, unit: float = EPS) -> float:

@@ -23,9 +23,10 @@ from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import quiet
 from xdynamics.march.events.zero_tests import enclose_constants
 from xdynamics.march.exact_times import grid_rest, set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
 from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
+    CONSTRAINT_VIOLATED,
     NONFINITE_OBSERVABLE,
     RUNNING,
     SOUND,
@@ -61,6 +62,7 @@ from xdynamics.schema import (
     STEP,
 )
 
+CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 _INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 note_apart = apart(note)
 
@@ -142,6 +144,8 @@ def start(run: Run) -> None:
         entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if plan.assemblies > 0:
         entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
+    if plan.held > 0:
+        begin_constraints(run)
     evaluate(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     set_time(run, T, now.t)
@@ -166,6 +170,18 @@ def start(run: Run) -> None:
         now.first_step = now.step
     if plan.follows:
         settle_tolerances(run)
+
+
+@shared
+def begin_constraints(run: Run) -> None:
+    """Put the start where constraints hold, if that was asked for; else end a run that begins elsewhere."""
+    now, plan = run.now[0], run.plan[0]
+    copy(run.y, run.z)
+    settle_constraints(run, now.t, run.z)
+    if plan.consistent > 0 and finite_state(run):
+        copy(run.z, run.y)
+    elif not run.z[plan.moved] <= CONSISTENT:
+        now.status = CONSTRAINT_VIOLATED
 
 
 @compiled

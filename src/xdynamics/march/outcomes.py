@@ -27,7 +27,8 @@ SOUND, RUNNING = -1, -1
     CONTACT_PENETRATED,
     SLIDING_MODE,
     CONTACT_INCONSISTENT,
-) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 10)
+    CONSTRAINT_VIOLATED,
+) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 11)
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ OUTCOMES: dict[int, Outcome] = {
     REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
     CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t}: {cause}"),
     CONTACT_INCONSISTENT: Outcome("contact_inconsistent", _ACCEPTED),
+    CONSTRAINT_VIOLATED: Outcome("constraint_violated", "at t = {t}: {cause}"),
     SLIDING_MODE: Outcome("sliding_mode", "at t = {t}: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),
 }

@@ -16,9 +16,17 @@ def precision_faults(settings: Any, model: Model) -> list[str]:
     if settings.precision not in PRECISIONS:
         return [f"precision is {settings.precision!r}; there are {', '.join(map(repr, PRECISIONS))}"]
     if settings.precision != DOUBLE_DOUBLE:
-        return []
+        return _of_sums(settings, model)
     faults = [why for holds, why in _beyond_float64(settings, model) if holds]
     return [f"precision = 'double_double' does not go with {why}" for why in faults]
+
+
+def _of_sums(settings: Any, model: Model) -> list[str]:
+    """Refuse to carry rounding errors along where impulses of constraints are added to sums as they are made."""
+    if settings.summation != COMPENSATED or not (model.constraints and settings.method.kept):
+        return []
+    owner = f"constraints under '{settings.method.name}', whose impulses change what is summed"
+    return [f"summation = 'compensated' does not go with {owner}; leave it out"]
 
 
 def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
@@ -54,6 +62,10 @@ def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
                 "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
                 " action = 'reset'"
             ),
+        ),
+        (
+            bool(model.constraints),
+            f"constraints ({', '.join(model.constraints)}), which are held to 1e-12; take float64",
         ),
         (
             bool(on_interpolant),

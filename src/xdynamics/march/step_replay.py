@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits_domain, parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
-from xdynamics.methods import Evaluation, Solve, VectorStatement
+from xdynamics.methods import ConstraintImpulse, Evaluation, Solve, VectorStatement
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import TaylorSeries
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
@@ -116,6 +116,9 @@ class _Retrace(Walker):
             ):
                 numbers = self._left[[i * (2 * n + m) + place for place in places[letter]]]
                 self._vectors[f"{letter}_{i}"] = dict(zip(owners, numbers.tolist(), strict=True))
+
+    def keep(self, line: ConstraintImpulse) -> None:
+        """Change nothing: there are no constraints here."""
 
     def solve(self, line: Solve) -> None:
         """Make the first iteration; anything after it would start from unsolved equations."""

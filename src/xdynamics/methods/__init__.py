@@ -1,7 +1,7 @@
 """Named methods, with their update equations as data. A new family takes one file and one line here."""
 
 from xdynamics.methods import composition, euler, implicit, midpoint, moreau, nystrom, runge_kutta, taylor, verlet
-from xdynamics.methods.lines import Evaluation, Solve, VectorStatement
+from xdynamics.methods.lines import ConstraintImpulse, Evaluation, Solve, VectorStatement
 from xdynamics.methods.method import Method, method_named, unknown_method
 from xdynamics.methods.table import Methods
 
@@ -15,4 +15,14 @@ def method_of(name: str, order: int) -> Method:
     return taylor.of_order(order) if method.has_orders else method
 
 
-__all__ = ["METHODS", "Evaluation", "Method", "Solve", "VectorStatement", "method_named", "method_of", "unknown_method"]
+__all__ = [
+    "METHODS",
+    "ConstraintImpulse",
+    "Evaluation",
+    "Method",
+    "Solve",
+    "VectorStatement",
+    "method_named",
+    "method_of",
+    "unknown_method",
+]

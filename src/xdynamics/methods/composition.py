@@ -17,11 +17,17 @@ _WORDS = (
 )
 
 
-def update_of(text: str) -> str:
+def composed(text: str) -> dict[str, str]:
+    """Write rows of ``kick`` and ``drift`` coefficients as lines, for models without constraints and with them."""
+    return {"update": update_of(text), "kept": update_of(text, keeping=True)}
+
+
+def update_of(text: str, *, keeping: bool = False) -> str:
     """Write rows of ``kick`` and ``drift`` coefficients as update lines, beginning with the row that comes first.
 
     A kick moves v and x with the newest forces, a drift moves q and the time with the newest velocity. Forces are
-    evaluated after each drift; the last ones, at the end of the step, serve the next step.
+    evaluated after each drift; the last ones, at the end of the step, serve the next step. With `keeping`, each drift ends
+    where constraints hold.
 
     Examples
     --------
@@ -46,7 +52,7 @@ def update_of(text: str) -> str:
             number = "1" if i + 1 == counts[name] else str(i + 2)
             if name == "drift":
                 time += Fraction(rows[name][i])
-                lines += _drift(newest, number, rows[name][i], time)
+                lines += _drift(newest, number, rows[name][i], time, keeping=keeping)
             else:
                 lines += _kick(newest, number, rows[name][i])
     return "\n".join(lines)
@@ -59,10 +65,16 @@ def _kick(newest: dict[str, str], number: str, part: str) -> list[str]:
     return lines
 
 
-def _drift(newest: dict[str, str], number: str, part: str, time: Fraction) -> list[str]:
+def _drift(newest: dict[str, str], number: str, part: str, time: Fraction, *, keeping: bool) -> list[str]:
     """Move q, then evaluate the forces there."""
+    own = ["v0 = v"] if keeping and newest["v"] == "v" else []  # which impulses of constraints change
+    newest |= {"v": "v0"} if own else {}
+    distance = "h" if part == "1" else f"{part}*h"
+    kept = [f"keep q{number}, {newest['v']} at {_at(number, time)} over {distance}"] if keeping else []
     lines = [
+        *own,
         f"q{number} = {_sum(newest['q'], part, newest['v'])}",
+        *kept,
         f"a{number}, r{number} = f({_at(number, time)}, q{number}, {newest['v']}, {newest['x']})",
     ]
     newest |= {letter: letter + number for letter in "qar"}
@@ -90,7 +102,7 @@ def _printed(number: Fraction) -> str:
         return format(Decimal(number.numerator) / number.denominator, "f")
 
 
-def verlet_composed(text: str) -> str:
+def verlet_composed(text: str) -> dict[str, str]:
     """Write out composed steps of velocity Verlet, from the first half of a symmetric sequence and its middle.
 
     The last kick of one step and the first of the next are merged: one force evaluation for each.
@@ -103,7 +115,7 @@ def verlet_composed(text: str) -> str:
             [Fraction(0), *coefficients], [*coefficients, Fraction(0)], strict=True
         )
     ]
-    return update_of(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, coefficients))}")
+    return composed(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, coefficients))}")
 
 
 POSITION_VERLET = Method(
@@ -113,7 +125,7 @@ POSITION_VERLET = Method(
     symplectic=True,
     symmetric=True,
     evaluations=2,
-    update=update_of("""
+    **composed("""
         drift  1/2  1/2
         kick    1
     """),
@@ -143,7 +155,7 @@ RUTH3 = Method(
         "Ruth 1983, IEEE Trans. Nucl. Sci. 30, 2669, doi:10.1109/TNS.1983.4332919; Hairer, Norsett, Wanner I, section"
         " II.16"
     ),
-    refuses=REFUSES,
+    refuses=(*REFUSES, Trait.CONSTRAINTS),
 )
 
 # theta = 1/(2 - 2**(1/3)) and 1 - 2 theta
@@ -154,7 +166,7 @@ FOREST_RUTH = Method(
     symplectic=True,
     symmetric=True,
     evaluations=3,
-    update=verlet_composed("""
+    **verlet_composed("""
          1.351207191959657634047688
         -1.702414383919315268095376
     """),
@@ -180,7 +192,7 @@ PEFRL = Method(
     """),
     words=_WORDS.format("drift") + ", then the force",
     reference="Omelyan, Mryglod, Folk 2002, Comput. Phys. Commun. 146, 188, doi:10.1016/S0010-4655(02)00451-4",
-    refuses=REFUSES,
+    refuses=(*REFUSES, Trait.CONSTRAINTS),
 )
 
 YOSHIDA6 = Method(
@@ -190,7 +202,7 @@ YOSHIDA6 = Method(
     symplectic=True,
     symmetric=True,
     evaluations=7,
-    update=verlet_composed("""
+    **verlet_composed("""
          0.78451361047755726381949763
          0.23557321335935813368479318
         -1.17767998417887100694641568
@@ -208,7 +220,7 @@ KAHAN_LI6 = Method(
     symplectic=True,
     symmetric=True,
     evaluations=9,
-    update=verlet_composed("""
+    **verlet_composed("""
          0.39216144400731413927925056
          0.33259913678935943859974864
         -0.70624617255763935980996482
@@ -229,7 +241,7 @@ YOSHIDA8 = Method(
     symplectic=True,
     symmetric=True,
     evaluations=15,
-    update=verlet_composed("""
+    **verlet_composed("""
          0.74167036435061295344822780
         -0.40910082580003159399730010
          0.19075471029623837995387626
@@ -255,7 +267,7 @@ KAHAN_LI8 = Method(
     symplectic=True,
     symmetric=True,
     evaluations=17,
-    update=verlet_composed("""
+    **verlet_composed("""
          0.13020248308889008087881763
          0.56116298177510838456196441
         -0.38947496264484728640807860

@@ -31,6 +31,13 @@ EULER_CROMER = Method(
         x1 = x + h*r
         a1, r1 = f(t1, q1, v1, x1)
     """,
+    kept="""
+        v1 = v + h*a
+        q1 = q + h*v1
+        keep q1, v1 at t1 over h
+        x1 = x + h*r
+        a1, r1 = f(t1, q1, v1, x1)
+    """,
     words="velocity with the old acceleration, position with the new velocity, then the force",
     reference="Cromer 1981, Am. J. Phys. 49, 455, doi:10.1119/1.12478; Hairer, Lubich, Wanner, section I.1.2",
     refuses=(Trait.NO_COORDINATES,),

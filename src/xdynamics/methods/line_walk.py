@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from xdynamics.methods.lines import Evaluation, Line, Solve, TaylorSeries, VectorStatement
+from xdynamics.methods.lines import ConstraintImpulse, Evaluation, Line, Solve, TaylorSeries, VectorStatement
 
 
 class Walker(ABC):
@@ -20,6 +20,8 @@ class Walker(ABC):
                 self.solve(line)
             elif isinstance(line, TaylorSeries):
                 self.expand(line)
+            elif isinstance(line, ConstraintImpulse):
+                self.keep(line)
             else:
                 self.assign(line)
 
@@ -34,6 +36,10 @@ class Walker(ABC):
     @abstractmethod
     def expand(self, line: TaylorSeries) -> None:
         """Handle the coefficients of the motion from the start of the step on."""
+
+    @abstractmethod
+    def keep(self, line: ConstraintImpulse) -> None:
+        """Handle impulses of constraints."""
 
     @abstractmethod
     def solve(self, line: Solve) -> None:

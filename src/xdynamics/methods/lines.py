@@ -30,6 +30,7 @@ _HERMITE = """
 
 _EVALUATION = re.compile(r"(a\w*), (r\w*) = f\((.+), (q\w*), (v\w*), (x\w*)\)")
 _SOLVE = re.compile(r"solve (.+):")
+_KEEP = re.compile(r"keep (q\w*), (v\w*) at (.+) over (.+)")
 _SERIES = re.compile(r"expand .+, i = 1 \.\.\. (\d+)")
 _SUM = re.compile(r"sum\((i\*)?(h|\(s\*h\))\*\*(i|\(i - 1\))\*(\w)_i, i = 1 \.\.\. (\d+)\)")
 _SPREAD = (("q", "v"), ("v", "a"), ("x", "r"))
@@ -91,6 +92,24 @@ class TaylorSeries:
 
 
 @dataclass(frozen=True)
+class ConstraintImpulse:
+    """``keep q1, v2 at t1 over h``: q1 += h*u and v2 += u by impulses of constraints, which hold at q1 and t1 then.
+
+    The impulses act along the gradients at the last force evaluation (Andersen 1983, J. Comput. Phys. 52, 24,
+    doi:10.1016/0021-9991(83)90014-1; Hairer, Lubich, Wanner, section VII.1.4: RATTLE).
+    """
+
+    position: str
+    velocity: str
+    time: str
+    distance: str
+
+    def text(self, *, motion: bool, states: bool) -> str:  # noqa: ARG002
+        """Print it, or nothing if the model has no such vectors."""
+        return f"keep {self.position}, {self.velocity} at {self.time} over {self.distance}" if motion else ""
+
+
+@dataclass(frozen=True)
 class Solve:
     """``solve v2, x2:`` and the indented equations for these unknowns, solved simultaneously by Newton's method.
 
@@ -131,7 +150,7 @@ class Solve:
         return f"solve {', '.join(unknowns)}: {{{'; '.join(line for line in lines if line)}}}"
 
 
-Line = VectorStatement | Evaluation | TaylorSeries | Solve
+Line = VectorStatement | Evaluation | TaylorSeries | Solve | ConstraintImpulse
 
 
 @dataclass(frozen=True)
@@ -195,6 +214,9 @@ def read_lines(text: str) -> tuple[Line, ...]:
         line = lines.pop(0)
         if match := _SERIES.fullmatch(line):
             statements.append(TaylorSeries(int(match.group(1))))
+            continue
+        if match := _KEEP.fullmatch(line):
+            statements.append(ConstraintImpulse(*match.groups()))
             continue
         if not (match := _SOLVE.fullmatch(line)):
             statements.append(_read(line))

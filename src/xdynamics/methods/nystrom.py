@@ -112,7 +112,13 @@ DPRKN6 = Method(
         'Dormand, Prince 1987, "Runge-Kutta-Nystrom triples", Comput. Math. Appl. 13, 937,'
         " doi:10.1016/0898-1221(87)90066-6"
     ),
-    refuses=(Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES),
+    refuses=(
+        Trait.CONSTRAINTS,
+        Trait.VELOCITY_DEPENDENT,
+        Trait.COUPLED_MASS,
+        Trait.COUPLED_STATES,
+        Trait.NO_COORDINATES,
+    ),
     estimate=_estimate(_read(_ROWS)),
     estimate_order=4,
     interpolant=Interpolant(

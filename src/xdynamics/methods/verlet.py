@@ -1,5 +1,6 @@
 """Velocity Verlet: for forces of position and time."""
 
+from xdynamics.methods.composition import update_of
 from xdynamics.methods.method import Method
 from xdynamics.model import Trait
 
@@ -16,6 +17,13 @@ VELOCITY_VERLET = Method(
         v1 = v + h/2*(a + a1)
         x1 = x + h/2*(r + r1)
     """,
+    kept=update_of(
+        """
+        kick   1/2  1/2
+        drift   1
+    """,
+        keeping=True,
+    ),
     words=(
         "position with the old velocity and acceleration, the force at the new position, velocity with the mean of both"
         " accelerations"

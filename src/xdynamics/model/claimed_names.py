@@ -5,6 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from xdynamics.reaction_names import (
+    PROJECTION,
+    RANK,
+    constraint_force,
+    constraint_rate,
+    constraint_residual,
+    contact_force,
+    contact_gap,
+    contact_state,
+    friction_force,
+    friction_state,
+)
 from xdynamics.schema import (
     CLOSED_LINKS,
     DIMENSIONS,
@@ -15,14 +27,9 @@ from xdynamics.schema import (
     PASSED,
     STEP_NUMBER,
     acceleration,
-    contact_force,
-    contact_gap,
-    contact_state,
     end_of,
     error,
     force,
-    friction_force,
-    friction_state,
     label_of,
     rate,
     sampled,
@@ -42,6 +49,8 @@ OTHER_NAMES = (
     "end_memory",
     STEP_NUMBER.name,
     PASSED.name,
+    RANK.name,
+    PROJECTION.name,
     FIRST_PASSED.name,
     *ENERGIES,
     *DIMENSIONS,
@@ -77,6 +86,11 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
         *_of_friction(name),
     ),
     "frictions": _of_friction,
+    "constraints": lambda name: (
+        constraint_residual(name),
+        constraint_rate(name),
+        *_of_reaction(constraint_force(name)),
+    ),
 }
 
 
@@ -91,12 +105,19 @@ def _of_dimensions(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 yield variable_name, f"{called} '{name}'"
 
 
+def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
+    """Whether a name is one of every record, or of those of a model like this."""
+    if name == CLOSED_LINKS:
+        return bool(parts["extents"])
+    return bool(parts["constraints"]) if name in (RANK.name, PROJECTION.name) else True
+
+
 def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, each with what claims it."""
     for variable in (*FIXED, *EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
-        if name != CLOSED_LINKS or parts["extents"]:  # of models with dimensions alone
+        if _is_used(name, parts):
             yield name, "the record"
     for section, claimed in _CLAIMED.items():
         for name in parts[section]:

@@ -19,6 +19,7 @@ from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
+from xdynamics.model.constraint_consistency import check_constraints
 from xdynamics.model.contact_consistency import check_contacts
 from xdynamics.model.controllers import EVERY, starts
 from xdynamics.model.given_values import unit_of
@@ -121,6 +122,7 @@ def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion
     ledger.raise_faults()
     with ledger.entry("contacts"):
         check_contacts(statement, dimensions, ledger)
+    check_constraints(statement, dimensions, ledger)
     ledger.raise_faults()
 
 

@@ -48,7 +48,7 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
                 f"force '{term}' is written in Python, and contacts and friction need forces that can be"
                 " differentiated; write it as an expression"
             )
-    power = _power(statement, known)
+    power = one_power(statement, known)
     for name, contact in contacts.items():
         with ledger.entry(f"contact '{name}'"):
             _check_contact(contact, statement, known)
@@ -142,7 +142,7 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
 
 def _check_start(gap: Node, statement: Statement) -> None:
     """Refuse a motion that starts with one body inside another, by more than rounding."""
-    values = _values(statement) | {name: quantity.si for name, quantity in statement.initial.items()}
+    values = values_of(statement) | {name: quantity.si for name, quantity in statement.initial.items()}
     if free_names(gap) - set(values):
         return  # a missing value has been reported already
     distance = evaluate(gap, values)
@@ -172,11 +172,11 @@ def _value_text(key: str, node: Node, size: float) -> str:
 
 def _number(node: Node, statement: Statement) -> float | None:
     """Return the value of an expression of parameters alone; None if it reads anything else."""
-    tree, values = expand(node, statement.definitions), _values(statement)
+    tree, values = expand(node, statement.definitions), values_of(statement)
     return None if free_names(tree) - set(values) else evaluate(tree, values)
 
 
-def _values(statement: Statement) -> dict[str, float]:
+def values_of(statement: Statement) -> dict[str, float]:
     """Return parameters and constants in SI units."""
     constants = {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": math.pi}
     return constants | {name: parameter.quantity.si for name, parameter in statement.parameters.items()}
@@ -185,9 +185,8 @@ def _values(statement: Statement) -> dict[str, float]:
 def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dimension:
     """Check that a slip is linear in velocities, and return its dimension."""
     dimension = dimension_of(slip, dimensions)
-    tree, velocities = expand(slip, statement.definitions), set(map(velocity, statement.coordinates))
-    if not free_names(tree) & velocities:
-        raise InputError(f"slip depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
+    tree = expand(slip, statement.definitions)
+    check_velocity("slip", tree, statement)
     for input_name in sorted(free_names(tree) & set(statement.states)):
         raise InputError(
             f"slip reads the state '{input_name}', and may read coordinates, velocities, time and parameters"
@@ -199,12 +198,25 @@ def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dim
                 f"slip reads the drive '{input_name}', {drive.interpolation} in {text_of(drive.argument)}; it may be one of t"
                 " that is linear"
             )
+    return dimension
+
+
+def check_velocity(what: str, tree: Node, statement: Statement) -> None:
+    """Check that an expression is linear in velocities.
+
+    Raises
+    ------
+    InputError
+        Naming what it is, and the velocity in which it is not.
+    """
+    velocities = set(map(velocity, statement.coordinates))
+    if not free_names(tree) & velocities:
+        raise InputError(f"{what} depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
     if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):
-        raise InputError("slip depends on no velocity: no factor of one is other than zero")
+        raise InputError(f"{what} depends on no velocity: no factor of one is other than zero")
     for name in sorted(velocities):
         if free_names(derivative(tree, {name: ONE})) & velocities:
-            raise InputError(f"slip is not linear in {name}; write the relative velocity itself")
-    return dimension
+            raise InputError(f"{what} is not linear in {name}; write the relative velocity itself")
 
 
 def _needs(what: str, node: Node, statement: Statement, dimensions: Dimensions, needed: Dimension) -> None:
@@ -214,8 +226,14 @@ def _needs(what: str, node: Node, statement: Statement, dimensions: Dimensions, 
         raise InputError(f"{what} has units '{dimension}', needs '{needed}'")
 
 
-def _power(statement: Statement, dimensions: Dimensions) -> Dimension:
-    """Return the dimension of a force times a velocity, which all coordinates share."""
+def one_power(statement: Statement, dimensions: Dimensions, who: str = "contacts and friction") -> Dimension:
+    """Return the dimension of a force times a velocity, which all coordinates share.
+
+    Raises
+    ------
+    InputError
+        If they do not, naming who needs it.
+    """
     powers = {
         dimension_of(statement.mass[i][i], dimensions)
         * dimensions[name]
@@ -224,5 +242,5 @@ def _power(statement: Statement, dimensions: Dimensions) -> Dimension:
         for i, name in enumerate(statement.coordinates)
     }
     if len(powers) != 1:
-        raise InputError("contacts and friction need coordinates whose energies share one unit")
+        raise InputError(f"{who} need coordinates whose energies share one unit")
     return powers.pop()

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 from xdynamics.expressions import Binary, Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
 from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError
+from xdynamics.model.constraints import bound, conditions
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.mass import Assignment, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.motion import in_regimes, motion, slope, variables
 from xdynamics.model.parts import Function
+from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, rate
 
 
@@ -32,8 +35,27 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
     assignments += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
     for by, right in _changes(model).items():
         assignments += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
-        assignments += solved(model, {f"_da_{name}_{by}": Name(f"_s_{name}_{by}") for name in right}, list(right))
+        named = "_da_{}_{}" if not model.constraints else "_free_da_{}_{}"
+        assignments += solved(model, {named.format(name, by): Name(f"_s_{name}_{by}") for name in right}, list(right))
+        assignments += _bound(model, by) if model.constraints else ()
     return tuple(assignments)
+
+
+def _bound(model: Model, by: str) -> Iterator[Assignment]:
+    """Write the derivatives of accelerations by one variable where conditions hold: of R a + bias = 0, too."""
+    free = {name: Name(f"_free_da_{name}_{by}") for name in _changes(model)[by]}
+    lags = [_lag(model, k, by) for k in range(len(conditions(model)))]
+    targets = {name: f"_da_{name}_{by}" for name in model.coordinates}
+    yield from bound(model, free, lags, targets, [f"_du{k}_{by}" for k in range(len(lags))])
+
+
+def _lag(model: Model, k: int, by: str) -> Node:
+    """Return the derivative of a condition's bias, and of its row at these accelerations."""
+    condition = conditions(model)[k]
+    total = dict(_derivatives(model, condition.bias)).get(by, ZERO)
+    for name, tree in condition.row.items():
+        total = add(total, multiply(dict(_derivatives(model, tree)).get(by, ZERO), Name(acceleration(name))))
+    return total
 
 
 @lru_cache(maxsize=64)
@@ -47,8 +69,14 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
     for (i, j), by in mass_derivatives(model):
         term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
         inertia_terms.setdefault((coordinates[i], by), []).append(term)
-    forces = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
-    full = ((name, by) for name in coordinates for by in variables(model)) if model.mass_is_full else ()
+    forces: dict[tuple[str, str], Node] = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
+    for condition in conditions(model):
+        for name, tree in condition.row.items():
+            for by, turned in _derivatives(model, tree):
+                term = multiply(turned, Name(constraint_force(condition.name)))
+                forces[name, by] = add(forces.get((name, by), ZERO), term)
+    coupled = model.mass_is_full or bool(model.constraints)
+    full = ((name, by) for name in coordinates for by in variables(model)) if coupled else ()
     place = _places(model)
     changes: dict[str, dict[str, Node]] = {}
     for name, by in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):

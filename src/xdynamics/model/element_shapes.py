@@ -76,6 +76,7 @@ def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Sha
     trees |= {name: ("event", event.function) for name, event in statement.events.items()}
     trees |= {name: ("contact", contact.gap) for name, contact in statement.contacts.items()}
     trees |= {name: ("friction", friction.slip) for name, friction in statement.frictions.items()}
+    trees |= {name: ("constraint", part.condition) for name, part in statement.constraints.items()}
     for name, (kind, tree) in trees.items():
         if not isinstance(tree, Function):
             with ledger.entry(f"{kind} '{name}'"):

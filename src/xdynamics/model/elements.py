@@ -24,6 +24,7 @@ from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
     MOST_REACTIONS,
+    Constraint,
     Contact,
     Controller,
     Drive,
@@ -81,6 +82,7 @@ class Elements:
             if self._many
             else {},
             frictions=_by_element(self._friction, old.frictions),
+            constraints=_by_element(self._constraint, old.constraints),
             controllers={name: self._controller(part) for name, part in old.controllers.items()},
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
@@ -257,6 +259,10 @@ class Elements:
     def _friction(self, name: str, friction: Friction) -> Iterator[tuple[str, Friction]]:
         for element, place in self._placed(name):
             yield element, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
+
+    def _constraint(self, name: str, constraint: Constraint) -> Iterator[tuple[str, Constraint]]:
+        for element, place in self._placed(name):
+            yield element, replace(constraint, **self._at_keys(constraint, ("holds", "rolls"), place))
 
     def _closed_form(self, name: str, form: Validation) -> Iterator[tuple[str, Validation]]:
         """Yield the closed form of each element of its quantity."""

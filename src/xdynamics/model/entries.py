@@ -15,6 +15,7 @@ from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import (
     DIRECTIONS,
+    Constraint,
     Contact,
     Controller,
     Drive,
@@ -204,6 +205,22 @@ def contact(**values: Any) -> Contact:
     elif unused := [key for key in _OF_COULOMB if key in values]:
         raise InputError(f"{', '.join(unused)} is for tangential = '{COULOMB}', and this contact is frictionless")
     return Contact(**values)
+
+
+def constraint(**values: Any) -> Constraint:
+    """Make a constraint, of positions or of velocities.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or both.
+    """
+    if ("holds" in values) == ("rolls" in values):
+        given = "both are given" if "holds" in values else "neither is given"
+        raise InputError(
+            f"it needs 'holds', zero at every position, or 'rolls', a velocity that is zero, and {given}; write one"
+        )
+    return Constraint(**values)
 
 
 def friction(kinetic: Node, **others: Any) -> Friction:

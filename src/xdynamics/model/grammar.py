@@ -14,6 +14,7 @@ from xdynamics.model.given_values import dims_key
 from xdynamics.model.kinds import (
     COEFFICIENT,
     COMPONENT,
+    CONDITION,
     COUNT,
     CSV,
     DURATION,
@@ -262,7 +263,7 @@ SECTIONS: dict[str, Section] = {
         'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n'
         'u = { table = "start.csv", column = "u", csv = "site,u [mm]\\n3,1\\n0,0\\n1,2\\n2,1\\n" }\nv_u = { values = { 0 = "0 m s-1", 1 = "1 mm s-1", 2 = "0 m s-1", 3 = "0 m s-1" } }\n'
         'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = """\na [J],b [J],c [J],d [J]\n1,2,3,4\n0,0,0,0\n1,1,1,1\n""" }\n',
-        'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0',
+        'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0; consistent = true moves it to where constraints hold',
         full=entries.parameter_table, make=entries.parameter, written=entries.written_parameter,
     ),
     "events": Section(
@@ -290,6 +291,16 @@ SECTIONS: dict[str, Section] = {
         ),
         '[frictions.belt]\nslip = "v_x - 0.1*metre/second"\nkinetic = "0.2*newton"\nstatic = "0.4*newton"\ntime_tolerance = "1 ns"\ndescription = "felt"\n',
         make=entries.friction, apart=True,
+    ),
+    "constraints": Section(
+        "what a motion keeps: rods, guides, gears, rolling without slipping; the force of each is found with the accelerations", "constraint",
+        (
+            Key("holds", CONDITION.of("any unit"), "of coordinates and time: zero throughout. The force on a coordinate is constraint_force_<name> times its derivative by it", "rolls"),
+            Key("rolls", CONDITION.of("any unit"), "linear in velocities: zero throughout. The force on a coordinate is constraint_force_<name> times its derivative by the velocity", "holds"),
+            DESCRIPTION,
+        ),
+        '[constraints.rod]\nholds = "(x**2 - l**2)/(2*metre)"\ndescription = "of steel"\n[constraints.wheel]\nrolls = "v_x - l*v_theta/radian"\n',
+        make=entries.constraint, brief="holds", apart=True,
     ),
     "controllers": Section(
         "sampled controllers: at each tick all values are computed from what holds just before it; a tick is a node of the march, not an event", "controller",

@@ -126,6 +126,16 @@ def _expression(value: Any, key: str, source: Source) -> Node:
         raise InputError(f"{key}: {error}") from None
 
 
+def _condition(value: Any, key: str, source: Source) -> Node:
+    """Read an expression that is zero."""
+    if isinstance(value, str) and any(sign in value for sign in "<>=") and "where" not in value:
+        raise InputError(
+            f"{key}: '{value}' compares, and a constraint is one expression that is zero, like sqrt(x**2 + y**2) - L; what"
+            " holds on one side only is a gap of [contacts]"
+        )
+    return _expression(value, key, source)
+
+
 def _coefficient(value: Any, key: str, source: Source) -> Node:
     """Read an expression, or a plain number."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
@@ -265,6 +275,7 @@ TIME_UNIT = Kind('"s" | "1"', _time_unit)
 CSV = Kind("text", _csv)
 UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
 EXPRESSION = Kind("expression", _expression, _text_of, None)
+CONDITION = Kind("expression", _condition, _text_of, None)
 COEFFICIENT = Kind("expression", _coefficient, _text_of, None)
 FORMULA = Kind(
     "expression", lambda value, _, source: prepared(parse(value), source.shapes), _text_of

@@ -15,6 +15,7 @@ from xdynamics.model.drive_arguments import place_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
+    Constraint,
     Contact,
     Controller,
     Coordinate,
@@ -57,6 +58,8 @@ class ModelTrees:
     events: dict[str, Event]
     contacts: dict[str, Contact]
     frictions: dict[str, Friction]
+    constraints: dict[str, Constraint]
+    consistent: bool
     assemblies: dict[str, Contact]
     bodies: dict[str, Body]
     regimes: dict[str, Regime]

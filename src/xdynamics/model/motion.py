@@ -19,13 +19,15 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, der
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import ModelError
+from xdynamics.model.constraints import bound, conditions, tying
 from xdynamics.model.drive_arguments import CLOCK, in_time
 from xdynamics.model.drives import coefficients, looked_up
 from xdynamics.model.mass import Assignment, factors, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
-from xdynamics.model.reactions import free, modes, reacting, reactions
+from xdynamics.model.reactions import free, modes, reacting, reactions, unloaded
 from xdynamics.model.switches import Switch, switch_inputs, where_it_decides
+from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
 
@@ -43,6 +45,11 @@ def first_regime(model: Model) -> int:
     return list(model.regimes).index(model.regime) if model.regimes else 0
 
 
+def unbound(name: str) -> str:
+    """Name the acceleration that a coordinate has without constraints."""
+    return f"_unbound_{name}"
+
+
 def slope(drive: str) -> str:
     """Name the derivative of a drive by its argument."""
     return f"_slope_{drive}"
@@ -57,8 +64,19 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     forces to the free accelerations.
     """
     assignments = [*_terms(model), *factors(model)]
-    named = free if reactions(model) else acceleration
+    tied = conditions(model)
+    free_of_reactions = free if reactions(model) else acceleration
+    named = unbound if tied else free_of_reactions
     assignments += solved(model, {named(name): total for name, total in _totals(model).items()})
+    if tied:
+        assignments += tying(model)
+        assignments += bound(
+            model,
+            {name: Name(unbound(name)) for name in model.coordinates},
+            [condition.bias for condition in tied],
+            {name: free_of_reactions(name) for name in model.coordinates},
+            [unloaded(condition) if reactions(model) else constraint_force(condition.name) for condition in tied],
+        )
     assignments += reacting(model)
     return (*assignments, *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.states.items()))
 

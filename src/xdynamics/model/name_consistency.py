@@ -57,6 +57,7 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
         "events",
         "contacts",
         "frictions",
+        "constraints",
         "regimes",
         "observables",
     )
@@ -90,7 +91,7 @@ def _fault_of(section: str, name: str) -> str:
         return f"'{name}' is a key of the model file; choose another name"
     if section in ("extents", "relations") and name in OF_RECORD:
         return f"'{name}' is a dimension of the record, or begins names in it; choose another name"
-    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "regimes"):
+    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "constraints", "regimes"):
         return f"the name '{name}' is a word of the expression language"
     return ""
 

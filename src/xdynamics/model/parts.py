@@ -248,6 +248,26 @@ class Friction:
 
 
 @dataclass(frozen=True)
+class Constraint:
+    """A condition that a motion keeps at every time, by a force along its derivative by the velocities.
+
+    Its attributes are the keys of `[constraints]`, of which one is given: `holds` is zero at all positions (holonomic),
+    `rolls` a combination of velocities that is zero (rolling without slipping).
+    """
+
+    holds: Node | None = None
+    rolls: Node | None = None
+    description: str = ""
+
+    @property
+    def condition(self) -> Node:
+        """The expression that is zero."""
+        tree = self.rolls if self.holds is None else self.holds
+        assert tree is not None  # noqa: S101 - one of them was read
+        return tree
+
+
+@dataclass(frozen=True)
 class Observable:
     """What else is recorded, its unit, if one is chosen, and its description."""
 

@@ -13,12 +13,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, derivative, dimension_of, expand
+from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, dimension_of, expand
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.model.constraints import Condition, bound, conditions, moved
 from xdynamics.model.mass import Assignment, less, solved
 from xdynamics.model.model import Model
 from xdynamics.model.parts import APPROACH
-from xdynamics.schema import acceleration, contact_force, friction_force, velocity
+from xdynamics.reaction_names import constraint_force, contact_force, friction_force
+from xdynamics.schema import acceleration, velocity
 from xdynamics.units import Dimension
 
 NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
@@ -79,7 +81,7 @@ def reactions(model: Model) -> tuple[Reaction, ...]:
                 i,
                 model.expanded(contact.gap),
                 rate,
-                *_moved(model, rate),
+                *moved(model, rate),
                 restitution,
                 ONE,
             )
@@ -95,15 +97,7 @@ def reactions(model: Model) -> tuple[Reaction, ...]:
 
 def _tangent(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
     slip, size, most = map(model.expanded, trees)
-    return Reaction(friction_force(owner), owner, sort, normal, ZERO, slip, *_moved(model, slip), size, most)
-
-
-def _moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
-    """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
-    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
-    accelerations = {Name(acceleration(name)) for name in rows}
-    unaccelerated = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
-    return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, unaccelerated)
+    return Reaction(friction_force(owner), owner, sort, normal, ZERO, slip, *moved(model, slip), size, most)
 
 
 def holds(reaction: Reaction) -> str:
@@ -124,6 +118,11 @@ def modes(model: Model) -> tuple[str, ...]:
 def free(name: str) -> str:
     """Name the acceleration that a coordinate has without reactions."""
     return f"_free_{name}"
+
+
+def unloaded(condition: Condition) -> str:
+    """Name the multiplier that a constraint has without reactions."""
+    return f"_unloaded_{condition.name}"
 
 
 def reaction_dimensions(model: Model) -> dict[str, Dimension]:
@@ -173,6 +172,9 @@ def reacting(model: Model) -> Iterator[Assignment]:
         right.append(Name(f"_right{k}"))
         yield Assignment(f"_right{k}", Call("where", (held, Negative(Name(_without(k))), slipping)))
     yield from _eliminated(entries, right, [reaction.name for reaction in acting])
+    for c, condition in enumerate(conditions(model)):
+        shares = (multiply(Name(_borne(k, c)), Name(reaction.name)) for k, reaction in enumerate(acting))
+        yield Assignment(constraint_force(condition.name), _sum(Name(unloaded(condition)), *shares))
     for name in model.coordinates:
         total: Node = Name(free(name))
         for k, reaction in enumerate(acting):
@@ -187,8 +189,7 @@ def pressing(model: Model) -> Iterator[Assignment]:
     for k, reaction in enumerate(acting):
         yield from (Assignment(_row(k, name), tree) for name, tree in reaction.row.items())
         reached = _reached(model, reaction)
-        rows = {_reach(k, name): Name(_row(k, name)) if name in reaction.row else ZERO for name in reached}
-        yield from solved(model, rows, reached)
+        yield from _answering(model, k, reached)
         products = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
         yield Assignment(_without(k), _sum(reaction.bias, *products))
     for k, reaction in enumerate(acting):
@@ -196,6 +197,18 @@ def pressing(model: Model) -> Iterator[Assignment]:
             if shared := _meet(model, reaction, other):
                 terms = (Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared)
                 yield Assignment(_gram(k, j), _sum(*terms))
+
+
+def _answering(model: Model, k: int, reached: list[str]) -> Iterator[Assignment]:
+    """Write what a unit of a reaction does to accelerations, and to the multipliers of constraints."""
+    reaction, tied = reactions(model)[k], conditions(model)
+    named = _reach if not tied else _pushed
+    rows = {named(k, name): Name(_row(k, name)) if name in reaction.row else ZERO for name in reached}
+    yield from solved(model, rows, reached)
+    if tied:
+        free = {name: Name(_pushed(k, name)) for name in reached}
+        targets = {name: _reach(k, name) for name in reached}
+        yield from bound(model, free, [ZERO] * len(tied), targets, [_borne(k, c) for c in range(len(tied))])
 
 
 def table(model: Model) -> tuple[list[Node], ...]:
@@ -248,8 +261,8 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
 
 
 def _reached(model: Model, reaction: Reaction) -> list[str]:
-    """Return the coordinates that a reaction accelerates: all of them through a full mass."""
-    return list(model.coordinates) if model.mass_is_full else list(reaction.row)
+    """Return the coordinates that a reaction accelerates: all of them through a full mass, or constraints."""
+    return list(model.coordinates) if model.mass_is_full or model.constraints else list(reaction.row)
 
 
 def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:
@@ -269,6 +282,14 @@ def _row(k: int, name: str) -> str:
 
 def _reach(k: int, name: str) -> str:
     return f"_reach{k}_{name}"
+
+
+def _pushed(k: int, name: str) -> str:
+    return f"_pushed{k}_{name}"
+
+
+def _borne(k: int, c: int) -> str:
+    return f"_borne{k}_{c}"
 
 
 def _gram(k: int, j: int) -> str:

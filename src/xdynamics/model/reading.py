@@ -51,7 +51,7 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
     tables = {key: _table(statement, key, ledger) for key in SECTIONS}
     tables["events"], impacts = _without_impacts(tables["events"], tables["contacts"], ledger)
     start = tables["initial"]
-    tables["initial"] = {key: value for key, value in start.items() if key != "regime"}
+    tables["initial"] = {key: value for key, value in start.items() if key not in ("regime", "consistent")}
     parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger), "time_unit": SECONDS}
     shapes = Shapes()
     for key, section in SECTIONS.items():
@@ -133,10 +133,16 @@ def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger)
     regime = section.get("regime", regimes[0] if regimes else "")
     if "regime" in section and regime not in regimes:
         ledger.note(f"initial regime {regime!r} is none; there are: {', '.join(regimes) or 'none'}")
+    consistent = section.get("consistent", False)
+    if not isinstance(consistent, bool):
+        ledger.note(f"initial: consistent is {consistent!r}, needs true or false")
+    if consistent is True and not parts["constraints"]:
+        ledger.note("initial: consistent is true, and there are no [constraints] that values could be moved to")
     rest = {velocity(name): about.unit.per(time) for name, about in parts["coordinates"].items()}
     at_rest = {name: Quantity(0.0, unit) for name, unit in rest.items() if name not in given}
     return {
         "regime": str(regime),
+        "consistent": consistent is True,
         "initial": {"t": Quantity(0.0, time)}
         | {name: start.quantity for name, start in starts.items()}
         | at_rest

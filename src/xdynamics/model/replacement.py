@@ -33,7 +33,11 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
         If an entry does not exist or cannot be read.
     """
     single = not (statement.extents or statement.starting)
-    if single and all(title in _ONE_BY_ONE for title in sections) and "regime" not in sections.get("initial", ()):
+    if (
+        single
+        and all(title in _ONE_BY_ONE for title in sections)
+        and not {"regime", "consistent"} & {*sections.get("initial", ())}
+    ):
         ledger = Ledger(f"model '{statement.name}'", ModelError)
         for title, entries in sections.items():
             statement = _with_parts(statement, title, entries, ledger, Source(functions, _OUTSIDE, statement.time_unit))
@@ -49,7 +53,7 @@ def changes_numbers_alone(old: Statement, new: Statement) -> bool:
     """Whether two statements differ in numbers of parameters and of the start alone, and no check depends on these."""
     starts: dict[str, Any] = {"initial": old.initial, "starts": old.starts, "at_rest": old.at_rest}
     alike = replace(new, parameters=old.parameters, **starts) == old and _units(new) == _units(old)
-    return alike and not (old.contacts or old.assemblies or old.frictions or old.correlations)
+    return alike and not (old.contacts or old.assemblies or old.frictions or old.constraints or old.correlations)
 
 
 def _units(statement: Statement) -> tuple[Any, ...]:

@@ -15,6 +15,7 @@ from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links, related
 from xdynamics.model.parts import (
+    Constraint,
     Contact,
     Controller,
     Coordinate,
@@ -55,11 +56,13 @@ class Statement:
     events: dict[str, Event] = field(default_factory=dict)
     contacts: dict[str, Contact] = field(default_factory=dict)
     frictions: dict[str, Friction] = field(default_factory=dict)
+    constraints: dict[str, Constraint] = field(default_factory=dict)
     controllers: dict[str, Controller] = field(
         default_factory=dict
     )  # what they hold is among states and initial values
     regimes: dict[str, Regime] = field(default_factory=dict)
     regime: str = ""  # that the motion begins in
+    consistent: bool = False  # whether values at the start are moved to where constraints hold
     observables: dict[str, Node] = field(default_factory=dict)
     observed: dict[str, Observable] = field(default_factory=dict)  # observables with a chosen unit or a description
     run: dict[str, Any] = field(default_factory=dict)

@@ -70,7 +70,8 @@ def _initial(statement: Statement) -> dict[str, Any]:
     elsewhere = {*statement.at_rest, *held(statement.controllers, statement.time_unit)}
     body: dict[str, Any] = {name: written_parameter(start) for name, start in starts.items() if name not in elsewhere}
     body |= {name: _values_of(statement, values, declared=True) for name, values in statement.starting.items()}
-    return body | ({"regime": statement.regime} if statement.regime else {})
+    body |= {"regime": statement.regime} if statement.regime else {}
+    return body | ({"consistent": True} if statement.consistent else {})
 
 
 def _states(statement: Statement) -> dict[str, Any]:

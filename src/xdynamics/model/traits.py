@@ -25,6 +25,7 @@ class Trait(StrEnum):
     COUPLED_STATES = "first-order states coupled to the motion"
     NO_COORDINATES = "models without coordinates"
     PYTHON_FORCES = "forces written in Python, which have no derivatives"
+    CONSTRAINTS = "constraints, which its order does not survive"
     CONTACTS = "contacts and dry friction, whose forces it has no derivatives of"
 
 
@@ -34,10 +35,13 @@ def traits_of(model: Model) -> dict[Trait, str]:
     traits: dict[Trait, str] = {}
     if not model.coordinates:
         traits[Trait.NO_COORDINATES] = "the model has first-order states only"
-    if model.python_forces:
-        traits[Trait.PYTHON_FORCES] = f"function {', '.join(item.name for item in model.python_forces)}"
-    if reactions(model):
-        traits[Trait.CONTACTS] = ", ".join(item.owner for item in reactions(model))
+    owners = {
+        Trait.PYTHON_FORCES: [f"function {', '.join(item.name for item in model.python_forces)}"]
+        * bool(model.python_forces),
+        Trait.CONTACTS: [item.owner for item in reactions(model)],
+        Trait.CONSTRAINTS: [*model.shaped.constraints],
+    }
+    traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
     asked, rates = _right_hand_side(model), bool(model.states)
     # names of elements are many, and made where something reads them
     coordinates = set(model.coordinates) if asked or rates else set[str]()

@@ -17,21 +17,10 @@ from xdynamics.march.energy_gains import energy_dimension
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, assemblies, bodies
 from xdynamics.model.detectors import LINKS
+from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.column import About, Column, times
 from xdynamics.record.folded_columns import place_variable
-from xdynamics.schema import (
-    CLOSED_LINKS,
-    EVENTS,
-    NOWHERE,
-    STEPS,
-    Variable,
-    at_closed,
-    contact_force,
-    contact_gap,
-    flags,
-    friction_force,
-    velocity,
-)
+from xdynamics.schema import CLOSED_LINKS, EVENTS, NOWHERE, STEPS, Variable, at_closed, flags, velocity
 from xdynamics.units import NONE, TIME, Unit, constant, spell
 
 Array = NDArray[Any]

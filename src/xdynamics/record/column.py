@@ -15,6 +15,7 @@ from xdynamics.expressions import dimension_of
 from xdynamics.kernels import Layout
 from xdynamics.march import LogBlock, Tolerances
 from xdynamics.model import Model
+from xdynamics.model.constraints import multiplier_dimensions
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.runtime.cached_properties import cached_property
@@ -74,6 +75,7 @@ class Units:
                 if name in components:
                     self.known[schema.force(term, name)] = force_unit
         self.known |= {name: spell(dimension) for name, dimension in reaction_dimensions(model).items()}
+        self.known |= {name: spell(dimension) for name, dimension in multiplier_dimensions(model).items()}
         self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
         self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
 

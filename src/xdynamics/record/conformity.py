@@ -54,6 +54,8 @@ ALONG_STEPS = (
     "rate",
     "force",
     "reaction",
+    "multiplier",
+    "residual",
     "gap",
     "energy",
     "observable",

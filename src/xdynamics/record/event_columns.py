@@ -363,7 +363,7 @@ def _observed(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Co
     def doubt(place: int, factor: float) -> Callable[[LogBlock], Array]:
         return lambda block: times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
 
-    apart = {*schema.ENERGIES, *layout.gaps}
+    apart = {*schema.ENERGIES, *layout.gaps, *layout.kept}
     observed = [own for own in layout.computed.blocks if own.name not in apart] if layout.watched else []
     named = [(name, units.derived(own)) for own in observed for name in own.elements()]
     for name, unit in named:

@@ -11,6 +11,7 @@ import numpy as np
 
 from xdynamics import schema
 from xdynamics.kernels import Layout
+from xdynamics.kernels.constraint_programs import TOLERANCE as CONSTRAINT_TOLERANCE
 from xdynamics.keywords import FULL
 from xdynamics.march import March
 from xdynamics.march.control import ERROR_NORM, SPACINGS, first_step_rule
@@ -52,6 +53,15 @@ KEPT_ROWS = (
 KEPT_COLUMNS = (
     "of the columns along step and sample times, steps and flags are kept, and with them coordinates, velocities,"
     " states and errors (states), or what solver_log_variables names (chosen); events and rejected trials are whole"
+)
+
+KEPT_BY_PROJECTION = (
+    "multipliers are solved for with the accelerations (index 1); after every step positions, then velocities are projected"
+    " onto the constraints in the metric of the mass (Hairer, Wanner, Solving ODEs II, VII.2)"
+)
+KEPT_BY_IMPULSES = (
+    "impulses along the gradients at the last force evaluation keep positions, and a projection the velocities at the end"
+    " of a step (RATTLE: Andersen 1983, doi:10.1016/0021-9991(83)90014-1; Hairer, Lubich, Wanner, VII.1.4)"
 )
 
 
@@ -302,7 +312,7 @@ def _longest(march: March) -> dict[str, Any]:
 def _errors(march: March) -> dict[str, Any]:
     """Describe how local errors were estimated and scaled, and how equations were solved."""
     settings = march.settings
-    reported: dict[str, Any] = {"solver_estimator": settings.estimator}
+    reported: dict[str, Any] = {"solver_estimator": settings.estimator} | _of_constraints(march)
     if settings.scheme.estimates:
         reported["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
         reported["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
@@ -318,6 +328,14 @@ def _errors(march: March) -> dict[str, Any]:
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
     return reported | solver_of(settings.method).reported(settings)
+
+
+def _of_constraints(march: March) -> dict[str, Any]:
+    """Describe how constraints were kept."""
+    if not march.model.constraints:
+        return {}
+    words = KEPT_BY_IMPULSES if march.settings.method.kept else KEPT_BY_PROJECTION
+    return {"solver_constraints": words, "solver_constraint_tolerance": CONSTRAINT_TOLERANCE}
 
 
 def _effort(march: March) -> dict[str, int]:

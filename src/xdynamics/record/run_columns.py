@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import schema
+from xdynamics import reaction_names, schema
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
@@ -22,6 +22,7 @@ from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.model.table_keys import near
 from xdynamics.record.column import About, Column, row_of, sample_of, trial_of
+from xdynamics.record.constraint_columns import of_constraints
 from xdynamics.record.effort_columns import effort_columns
 from xdynamics.record.element_attributes import attributes_of_whole, of_whole, of_wholes
 from xdynamics.record.element_names import Names, expanded
@@ -189,17 +190,18 @@ def _steps(about: About) -> list[Column]:
     for (term, name), force in zip(along, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term
         add(force, f"component of force {label} along {name}", units.known[force.name])
-    for own in layout.computed.blocks:
+    for own in (block for block in layout.computed.blocks if block.name not in layout.kept):
         name = own.name
         role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
-        owner = name.removeprefix(schema.contact_gap("")) if role == "gap" else name
+        owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
         observed = layout.declared.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
         add(own._replace(role=role), description or f"{noun} {owner}", units.derived(own))
     for k, (reaction, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
         add(own, _long_name(reaction), units.known[reaction.name], _declared(model, reaction))
         collected.append(Column(_state_of(reaction), _flag(2 + k)))
+    collected += of_constraints(about)
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, row_of(layout.row.place("error_norm"), 1.0)))
@@ -256,7 +258,7 @@ def _declared(model: Model, reaction: Reaction) -> dict[str, str]:
 
 def state_name(one: Reaction) -> str:
     """Return the name of the variable for the state of a contact, or of its friction."""
-    return schema.contact_state(one.owner) if one.sort == NORMAL else schema.friction_state(one.owner)
+    return reaction_names.contact_state(one.owner) if one.sort == NORMAL else reaction_names.friction_state(one.owner)
 
 
 def _state_of(reaction: Reaction) -> Variable:
@@ -383,8 +385,8 @@ def _samples(about: About) -> list[Column]:
         Column(step, lambda block: block.log.samples[1, : block.samples].astype("i8")),
         Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
     ]
-    origins = {"force": "given by", "reaction": "given by", "drive": "looked up in"}
-    for own in (layout.used + layout.forces + layout.reactions + layout.drives).blocks:
+    origins = {"force": "given by", "multiplier": "given by", "reaction": "given by", "drive": "looked up in"}
+    for own in (layout.used + layout.loads + layout.drives).blocks:
         name, unit = own.name, units.known[own.name]
         long_name = f"{name} {origins.get(own.role, 'used in')} the force evaluation"
         more = _between(about.model, name)

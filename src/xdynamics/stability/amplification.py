@@ -14,7 +14,7 @@ from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, ex
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, Evaluation, Line, Solve, TaylorSeries, VectorStatement
+from xdynamics.methods.lines import SCALARS, ConstraintImpulse, Evaluation, Line, Solve, TaylorSeries, VectorStatement
 from xdynamics.methods.method import Method
 
 Floats = NDArray[np.float64]
@@ -147,6 +147,9 @@ class _Matrices(Walker):
             vectors |= {f"{letter}_{i}": part for letter, part in zip("qvx", state, strict=True)}
             slopes["q"] = state[1]
             slopes["v"], slopes["x"] = _applied(self._system, state)
+
+    def keep(self, line: ConstraintImpulse) -> None:
+        """Change nothing: there are no constraints here."""
 
     def solve(self, line: Solve) -> None:
         self.vectors |= _solved(line, self.vectors, self._system)

@@ -159,7 +159,7 @@ class _WordReader:
             *self.layout.used,
             *self.layout.reactions,
         )  # what states inside steps are computed from
-        self.loads = (*self.layout.forces, *self.layout.reactions)  # they have extremes too
+        self.loads = (*self.layout.loads,)  # they have extremes too
         self.words = expanded(map(written, keeping.words), self.known(), model.shapes)
 
     def known(self) -> list[str]:

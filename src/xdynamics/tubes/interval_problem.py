@@ -150,6 +150,9 @@ def _faults(model: Model) -> Iterator[str]:
     if model.controllers:
         name = next(iter(model.controllers))
         yield f"controller '{name}' changes at its ticks what it holds; enclose a model with that as a parameter, from tick to tick"
+    if model.constraints:
+        name = next(iter(model.constraints))
+        yield f"constraint '{name}' is kept by projections, which no bound follows; write the motion in free coordinates"
     if model.drives:
         name = next(iter(model.drives))
         yield f"drive '{name}' is a table, whose pieces meet in corners; write it as an expression of its argument"

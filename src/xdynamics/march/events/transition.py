@@ -22,7 +22,7 @@ from xdynamics.march.events.root_finding import is_plain, locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
 from xdynamics.march.events.zero_tests import NONE, resolution
 from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
 from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,
@@ -176,7 +176,10 @@ def cross(run: Run, before: int) -> bool:
     if plan.switches > 0:
         changed = keep_sides(run, changed) or changed
     if changed:
-        evaluate(run, trial.t, run.z)
+        if plan.held > 0:
+            settle_constraints(run, trial.t, run.z)
+        else:
+            evaluate(run, trial.t, run.z)
         note_sample(run, trial.t, run.z, before + 1)
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE

@@ -1,0 +1,144 @@
+"""How the result of a step is put where constraints hold: positions by Newton's method, then velocities.
+
+The state is projected along the directions in which the multipliers act, so that nothing else changes and the order of
+a method stays (Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from xdynamics.expressions import Node
+from xdynamics.expressions.tree import summands
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import assigned
+from xdynamics.kernels.program import AT, Operand, Place, Program, ProgramCall, StoreTo, While
+from xdynamics.model.constraints import Condition, attached, conditions, correcting, keeping_along
+from xdynamics.reaction_names import PROJECTION
+from xdynamics.schema import acceleration, velocity
+
+CONSTRAIN, TURN, KEEP = "constrain", "constrain_turn", "keep"
+SMALLEST = 1e-15  # of the same: what rounding leaves, so that no energy drifts
+TOLERANCE = 1e-12  # of the terms of a residual
+MOST_TURNS = 12.0
+# numbers of a projection: whether it goes on, turns made, the greatest residual before over its terms
+PROGRESS = ("open", "turns", "farthest")
+OPEN, TURNS, FARTHEST = range(len(PROGRESS))
+
+
+def constraining(layout: Layout) -> tuple[Program, ...]:
+    """Write the programs that put a state in `z` where constraints hold, and evaluate the forces there; none without any."""
+    if not layout.model.constraints:
+        return ()
+    own = "held"
+    moved = Place("z", layout.record.place(PROJECTION.name))
+    lines = Assignments(lambda *_: 0.0)
+    begun = [StoreTo(Place(own, i), 1.0 if i == OPEN else 0.0) for i in range(len(PROGRESS))]
+    lines.store(moved, lines.load(Place(own, FARTHEST)))
+    body = (
+        *begun,
+        While(Place(own, OPEN), ProgramCall(TURN, "at", "z", "z", own)),
+        ProgramCall("forces", "at", "z", "z"),
+        *lines.lines,
+    )
+    about = "The state where constraints hold, and the forces there."
+    whole = Program(CONSTRAIN, about, body, local={own: len(PROGRESS)}, sound=(0, layout.state.size))
+    return *keeping(layout), _turn(layout), whole
+
+
+def _turn(layout: Layout) -> Program:
+    """Write one turn: positions are moved while a residual is not small, then velocities, once."""
+    model = layout.model
+    lines = assigned(layout, correcting(model))
+    is_open, turns, farthest = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
+    far, fast, most = 0.0, 0.0, farthest
+    step = lines.compute("abs", lines.load(Place("at", AT.index("h"))))
+    for condition in conditions(model):
+        far, most = _judged(lines, condition.residual, far, most)
+        gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
+        fast, most = _judged(lines, condition.rate, fast, most, gained)
+    first = lines.compute("less", turns, 0.5)
+    far, fast = lines.compute("more", far, 0.0), lines.compute("more", fast, 0.0)
+    moves = lines.compute("choose", far, is_open, 0.0)
+    slows = lines.compute("choose", far, 0.0, lines.compute("choose", fast, is_open, 0.0))
+    made = lines.compute("add", turns, 1.0)
+    late = lines.compute("at_least", made, MOST_TURNS)
+    again = lines.compute("choose", late, 0.0, moves)
+    failed = lines.compute("choose", late, moves, 0.0)
+    changes = [(name, moves, f"_shift_{name}") for name in (*model.coordinates, *attached(model))]
+    changes += [(velocity(name), slows, f"_slow_{name}") for name in model.coordinates]
+    for owner, wanted, change in changes:
+        old = lines.named(owner)
+        new = lines.compute("add", old, lines.named(change))
+        chosen = lines.compute("choose", lines.compute("more", wanted, 0.0), new, old)
+        lines.store(Place("z", layout.record.place(owner)), chosen)
+    kept = lines.compute("choose", first, most, farthest)
+    lost = lines.compute("choose", lines.compute("more", failed, 0.0), float("nan"), kept)
+    values = again, made, lost
+    for i, value in enumerate(values):
+        was_open = lines.compute("more", is_open, 0.0)
+        before = (is_open, turns, farthest)[i]
+        lines.store(Place("e", i), lines.compute("choose", was_open, value, before))
+    return Program(TURN, "One turn towards where constraints hold.", tuple(lines.lines))
+
+
+def keeping(layout: Layout) -> tuple[Program, ...]:
+    """Write one turn of `methods.lines.ConstraintImpulse`: positions and velocities in `z` along the gradients in `y`; none without any.
+
+    The time of `y` is `t`, that of `z` is `t1`; `e` has whether it goes on, turns made, and how far positions went.
+    """
+    model = layout.model
+    if not model.constraints or layout.scheme is None or not layout.scheme.method.kept:
+        return ()
+    ahead = assigned(layout, (), state="z", time="t1", prefix="_z")
+    excess: Operand = 0.0
+    for condition in conditions(model):
+        excess, _ = _judged(ahead, condition.residual, excess, 0.0, tolerance=SMALLEST)
+    off = [ahead.value(condition.residual) for condition in conditions(model)]
+    lines = assigned(layout, (), prefix="_y")
+    for k, value in enumerate(off):
+        lines.name(f"_off{k}", value)
+    for assignment in keeping_along(model):
+        lines.assign(assignment.name, assignment.value)
+    is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
+    moves = lines.compute("choose", lines.compute("more", excess, 0.0), is_open, 0.0)
+    for name in model.coordinates:
+        shift = lines.named(f"_shift_{name}")
+        for owner, change in ((name, shift), (velocity(name), lines.compute("divide", shift, distance))):
+            place = Place("z", layout.record.place(owner))
+            old = lines.load(place)
+            new = lines.compute("add", old, change)
+            lines.store(place, lines.compute("choose", lines.compute("more", moves, 0.0), new, old))
+    made = lines.compute("add", turns, 1.0)
+    again = lines.compute("choose", lines.compute("at_least", made, MOST_TURNS), 0.0, moves)
+    lines.store(Place("e", OPEN), again)
+    lines.store(Place("e", TURNS), made)
+    return (Program(KEEP, "One turn of impulses of constraints.", (*ahead.lines, *lines.lines)),)
+
+
+def _accelerated(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
+    """Yield the sizes of the terms of a rate's change: what a rate at rest is measured by."""
+    for name, tree in condition.row.items():
+        own = lines.load(Place("y", layout.record.place(acceleration(name))))
+        yield lines.compute("abs", lines.compute("multiply", lines.value(tree), own))
+
+
+def _judged(
+    lines: Assignments,
+    tree: Node,
+    excess: Operand,
+    most: Operand,
+    further: Iterable[Operand] = (),
+    tolerance: float = TOLERANCE,
+) -> tuple[Operand, Operand]:
+    """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
+    value = lines.compute("abs", lines.value(tree))
+    size: Operand = 0.0
+    for term in summands(tree):
+        size = lines.compute("add", size, lines.compute("abs", lines.value(term)))
+    for term in further:
+        size = lines.compute("add", size, term)
+    over = lines.compute("subtract", value, lines.compute("multiply", tolerance, size))
+    share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
+    return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)

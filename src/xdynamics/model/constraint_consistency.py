@@ -1,0 +1,211 @@
+"""Constraints, checked before the first update: what they may read, and that the motion starts where they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import (
+    Call,
+    Name,
+    Node,
+    derivative,
+    derivatives,
+    dimension_of,
+    expand,
+    free_names,
+    text_of,
+)
+from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import every, summands
+from xdynamics.faults import InputError, Ledger, spoken
+from xdynamics.model.contact_consistency import KINKS, check_velocity, one_power, values_of
+from xdynamics.model.parts import Constraint
+from xdynamics.model.statement import Statement
+from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.schema import velocity
+from xdynamics.units import Dimension, spell
+
+CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
+MOST_TURNS = 50
+DEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to a gradient that others imply
+
+Floats = NDArray[np.float64]
+
+
+def check_constraints(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check what every constraint reads, then where the motion starts."""
+    if not statement.constraints:
+        return
+    if statement.assemblies:
+        named = next(iter(statement.assemblies))
+        ledger.note(
+            f"constraints do not go with contacts of more links than are written out: contact '{named}' has them; write"
+            " rods as stiff springs there, or fewer contacts"
+        )
+    with ledger.entry("constraints"):
+        one_power(statement, known, "constraints")
+    for name, constraint in statement.constraints.items():
+        with ledger.entry(f"constraint '{spoken(name)}'"):
+            dimension_of(constraint.condition, known)
+            _check_reads(constraint, statement)
+    ledger.raise_faults()
+    start = _ConditionsAtStart(statement)
+    if start.read <= start.values.keys():  # a missing value has been reported already
+        _check_start(start, known, ledger)
+
+
+def _check_reads(constraint: Constraint, statement: Statement) -> None:
+    """Refuse what cannot be kept: a condition of nothing that moves, of velocities, with kinks, of measured drives."""
+    tree = expand(constraint.condition, statement.definitions)
+    if constraint.holds is None:
+        check_velocity("rolls", tree, statement)
+        return
+    velocities = set(map(velocity, statement.coordinates))
+    if fault := sorted(free_names(tree) & velocities):
+        raise InputError(
+            f"holds reads the velocity '{spoken(fault[0])}'; a condition on velocities that is linear in them is rolls ="
+            f" '{text_of(constraint.condition)}'"
+        )
+    if fault := sorted(free_names(tree) & {*statement.drives}):
+        raise InputError(
+            f"holds reads the drive '{fault[0]}', whose second derivative jumps; write its motion as an expression of t"
+        )
+    moving = {*statement.coordinates, *statement.states, "t"}
+    calls = [node.function for node in every(tree) if isinstance(node, Call) and free_names(node) & moving]
+    if kinks := sorted({*calls} & KINKS):
+        raise InputError(
+            f"holds has a kink or a jump, {', '.join(kinks)}; write a smooth condition, as x**2 - l**2 for abs(x) - l"
+        )
+
+
+@dataclass(frozen=True)
+class _ConditionsAtStart:
+    """The conditions of a statement at its start, in SI units."""
+
+    statement: Statement
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Parameters, constants and the state."""
+        return values_of(self.statement) | {name: part.si for name, part in self.statement.initial.items()}
+
+    @property
+    def read(self) -> set[str]:
+        """Every name that conditions read."""
+        return set[str]().union(*(free_names(tree) for pair in self.trees for tree in pair))
+
+    @cached_property
+    def trees(self) -> list[tuple[Node, Node]]:
+        """The residual and the rate of each condition; a rolling one has no residual."""
+        old = self.statement
+        rates = {"t": ONE} | {name: Name(velocity(name)) for name in old.coordinates}
+        rates |= {name: expand(state.rate, old.definitions) for name, state in old.states.items()}
+        trees = [(part, expand(part.condition, old.definitions)) for part in old.constraints.values()]
+        return [(tree, derivative(tree, rates)) if part.rolls is None else (ZERO, tree) for part, tree in trees]
+
+    @cached_property
+    def slopes(self) -> list[dict[str, Node]]:
+        """The derivatives of each rate by the velocities."""
+        by = {velocity(name): {velocity(name): ONE} for name in self.statement.coordinates}
+        return [derivatives(rate, by) for _, rate in self.trees]
+
+    def numbers(self, which: int, values: Mapping[str, float]) -> Floats:
+        """Return residuals (0) or rates (1) at a state."""
+        return np.array([evaluate(pair[which], values) for pair in self.trees])
+
+    def sizes(self, which: int, values: Mapping[str, float]) -> Floats:
+        """Return the sizes of their terms."""
+        return np.array([sum(abs(evaluate(term, values)) for term in summands(pair[which])) for pair in self.trees])
+
+    def gradients(self, values: Mapping[str, float]) -> Floats:
+        """Return the derivatives of the rates by the velocities."""
+        columns = {velocity(name): i for i, name in enumerate(self.statement.coordinates)}
+        matrix = np.zeros((len(self.trees), len(columns)))
+        for k, slopes in enumerate(self.slopes):
+            for name, tree in slopes.items():
+                matrix[k, columns[name]] = evaluate(tree, values)
+        return matrix
+
+    def mass(self, values: Mapping[str, float]) -> Floats:
+        """Return the mass matrix at a state."""
+        matrix = np.zeros((len(self.statement.coordinates),) * 2)
+        for place, entry in self.statement.mass_entries.items():
+            matrix[place] = evaluate(expand(entry, self.statement.definitions), values)
+        return matrix
+
+    def nearest(self) -> dict[str, float] | None:
+        """Return the nearest state where all conditions hold, in the metric of the mass; None if none is found."""
+        names, values = list(self.statement.coordinates), dict(self.values)
+        for which, owners in ((0, names), (1, [velocity(name) for name in names])):
+            for _ in range(MOST_TURNS):
+                off = self.numbers(which, values)
+                if (abs(off) <= 1e-14 * self.sizes(which, values)).all():
+                    break
+                gradients = self.gradients(values)
+                reach = np.linalg.solve(self.mass(values), gradients.T)
+                moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=DEPENDENT)[0]
+                if not np.isfinite(moves).all():
+                    return None
+                values |= {owner: values[owner] + move for owner, move in zip(owners, moves.tolist(), strict=True)}
+        good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
+        return values if all(part.all() for part in good) else None
+
+
+def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Refuse a start where a condition does not hold, a gradient that is zero, and conditions that leave nothing to move."""
+    statement, values = start.statement, start.values
+    names = list(statement.constraints)
+    gradients = start.gradients(values)
+    for name, row in zip(names, gradients, strict=True):
+        if not np.isfinite(row).all():
+            ledger.note(
+                f"constraint '{spoken(name)}' has no gradient at the start: its derivatives divide by zero there"
+            )
+        elif not row.any():
+            ledger.note(
+                f"constraint '{spoken(name)}' has a zero gradient at the start: no force could keep it; write another form"
+                " of it, as sqrt(x**2 + y**2) - l, or start elsewhere"
+            )
+    ledger.raise_faults()
+    timed = any("t" in free_names(tree) for pair in start.trees for tree in pair)
+    rank = np.linalg.matrix_rank(gradients, tol=DEPENDENT * np.linalg.norm(gradients, 2))
+    if rank == len(statement.coordinates) and not timed:
+        ledger.note(
+            f"{len(names)} constraints leave {len(statement.coordinates)} coordinates nothing to move: as many of them are"
+            " independent; remove one"
+        )
+    off = [abs(start.numbers(which, values)) > CONSISTENT * start.sizes(which, values) for which in (0, 1)]
+    if any(part.any() for part in off):
+        nearest = start.nearest()
+        if nearest is None:
+            ledger.note(
+                "constraints contradict each other: no state near the start satisfies "
+                + ", ".join(f"'{spoken(name)}'" for name in names)
+            )
+        elif not statement.consistent:
+            which = 0 if off[0].any() else 1
+            k = int(np.argmax(off[which]))
+            dimension = dimension_of(start.trees[k][which], known)
+            value = start.numbers(which, values)[k]
+            what = "is" if which == 0 else "changes by"
+            ledger.note(
+                f"constraint '{spoken(names[k])}' {what} {value:.6g} {spell(dimension).text} at the start, and needs 0; the"
+                f" nearest state where it holds is {_spelled(start, nearest)}; write it, or [initial] consistent = true"
+            )
+    ledger.raise_faults()
+
+
+def _spelled(start: _ConditionsAtStart, nearest: Mapping[str, float]) -> str:
+    """Return the values that differ, in their units."""
+    statement, time = start.statement, start.statement.time_unit
+    parts = []
+    for name, coordinate in statement.coordinates.items():
+        for owner, unit in ((name, coordinate.unit), (velocity(name), coordinate.unit.per(time))):
+            if nearest[owner] != start.values[owner]:
+                parts.append(f"{spoken(owner)} = {nearest[owner] / float(unit.factor):.15g} {unit.text}")
+    return ", ".join(parts[:6]) + (", …" if len(parts) > 6 else "")

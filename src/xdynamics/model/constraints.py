@@ -1,0 +1,257 @@
+"""What constraints add to M a = F, as trees: multipliers that are solved for together with the accelerations.
+
+Each condition keeps a rate at zero, R v + … = 0: the time derivative of `holds`, or `rolls` itself. The accelerations
+and the multipliers u solve M a = F + R^T u, R a + bias = 0, so R M^-1 R^T u = -(R M^-1 F + bias) (Hairer and Wanner,
+Solving Ordinary Differential Equations II, 2nd ed., section VII.1, index 1). That matrix is factored as L D L^T, sparse
+where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A pivot of zero belongs to a
+condition that others imply, whose multiplier is then zero; accelerations do not depend on how it is shared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from xdynamics.expressions import (
+    Binary,
+    Call,
+    Compare,
+    Name,
+    Negative,
+    Node,
+    Number,
+    derivative,
+    derivatives,
+    dimension_of,
+    expand,
+    free_names,
+)
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.model.mass import Assignment, factors, less, solved
+from xdynamics.model.model import Model
+from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
+from xdynamics.schema import acceleration, rate, velocity
+from xdynamics.units import Dimension
+
+DEPENDENT = 1e-13  # of a gradient's square: less is left of it beside the others by rounding alone
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition on the motion.
+
+    Attributes
+    ----------
+    name : str
+        Of the constraint, or its element.
+    residual : Node
+        What is zero at every position; zero itself where only velocities are bound.
+    rate : Node
+        What is zero for every velocity.
+    row : mapping of str to Node
+        The derivative of `rate` by the velocity of each coordinate that it depends on: the multiplier acts along it.
+    bias : Node
+        The time derivative of `rate` with zero accelerations.
+    """
+
+    name: str
+    residual: Node
+    rate: Node
+    row: Mapping[str, Node]
+    bias: Node
+
+
+@lru_cache(maxsize=64)
+def conditions(model: Model) -> tuple[Condition, ...]:
+    """Return the conditions of a model, in their order."""
+    found, rates = [], rates_of_states(model)
+    for name, constraint in model.constraints.items():
+        residual = ZERO if constraint.holds is None else model.expanded(constraint.holds)
+        rate = model.rate_of(residual) if constraint.rolls is None else model.expanded(constraint.rolls)
+        row, bias = moved(model, expand(rate, rates))
+        found.append(Condition(name, residual, expand(rate, rates), row, expand(bias, rates)))
+    return tuple(found)
+
+
+def rates_of_states(model: Model) -> dict[str, Node]:
+    """Return the rate of each first-order state as it is written: where a condition reads an attitude, say."""
+    return {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
+
+
+def moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
+    """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
+    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.coordinates}
+    accelerations = {Name(acceleration(name)) for name in rows}
+    unaccelerated = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
+    return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, unaccelerated)
+
+
+def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
+    """Return the dimension of each multiplier: power over that of its rate."""
+    dimensions, by_condition = model.dimensions, dict[str, Dimension]()
+    place = {name: i for i, name in enumerate(model.coordinates)}
+    for condition in conditions(model):
+        name = next(iter(condition.row))
+        inertia = dimension_of(model.mass[place[name]][place[name]], dimensions)
+        power = inertia * dimensions[name] / model.time_unit.dimension**2 * dimensions[velocity(name)]
+        by_condition[constraint_force(condition.name)] = power / dimension_of(condition.rate, dimensions)
+    return by_condition
+
+
+# ------------------------------------------------------------------------------------------------------- assignments
+
+
+def tying(model: Model) -> Iterator[Assignment]:
+    """Write rows, the effect of a unit of each multiplier on accelerations, and the factors of R M^-1 R^T."""
+    tied = conditions(model)
+    for k, condition in enumerate(tied):
+        yield from (Assignment(_row(k, name), tree) for name, tree in condition.row.items())
+        reached = _reached(model, condition)
+        rows = {_reach(k, name): Name(_row(k, name)) if name in condition.row else ZERO for name in reached}
+        yield from solved(model, rows, reached)
+    entries: dict[tuple[int, int], Node] = {}
+    for i, condition in enumerate(tied):
+        for j, other in enumerate(tied[: i + 1]):
+            if shared := [name for name in condition.row if name in _reached(model, other)]:
+                terms = [Binary("*", Name(_row(i, name)), Name(_reach(j, name))) for name in shared]
+                yield Assignment(f"_tied{i}_{j}", _sum(terms))
+                entries[i, j] = Name(f"_tied{i}_{j}")
+    yield from _factored(entries, len(tied))
+
+
+def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignment]:
+    """Factor a symmetric matrix as L D L^T, and count the pivots that are not zero."""
+    independent: Node = ZERO
+    diagonal = [entries.get((p, p), ZERO) for p in range(n)]
+    for p in range(n):
+        regular = Compare(">", entries.get((p, p), ZERO), multiply(Number(DEPENDENT), diagonal[p]))
+        inverse = Call("where", (regular, Binary("/", ONE, entries.get((p, p), ZERO)), ZERO))
+        yield Assignment(_inverse(p), inverse)
+        independent = add(independent, Call("where", (regular, ONE, ZERO)))
+        below = [i for i in range(p + 1, n) if (i, p) in entries]
+        for i in below:
+            yield Assignment(_factor(i, p), Binary("*", entries[i, p], Name(_inverse(p))))
+            for j in (j for j in below if j <= i):
+                reduced = less(entries.get((i, j), ZERO), [Binary("*", Name(_factor(i, p)), entries[j, p])])
+                yield Assignment(f"_tied{i}_{j}_{p}", reduced)
+                entries[i, j] = Name(f"_tied{i}_{j}_{p}")
+    yield Assignment(RANK.name, independent)
+    yield Assignment(PROJECTION.name, ZERO)  # of a state that nothing has moved
+
+
+def correcting(model: Model) -> Iterator[Assignment]:
+    """Write what takes residuals back, to first order, and rates: ``_shift_<coordinate>`` and ``_slow_<coordinate>``."""
+    yield from factors(model)
+    yield from tying(model)
+    for word, lags in (
+        ("shift", [condition.residual for condition in conditions(model)]),
+        ("slow", [condition.rate for condition in conditions(model)]),
+    ):
+        targets = {name: f"_{word}_{name}" for name in model.coordinates}
+        yield from bound(model, {}, lags, targets, [f"_{word}{k}" for k in range(len(lags))])
+    for name, tree in attached(model).items():
+        yield Assignment(f"_shift_{name}", tree)
+
+
+def keeping_along(model: Model) -> Iterator[Assignment]:
+    """Write ``_shift_<coordinate>``, by which residuals ``_off0, …`` elsewhere are taken back along these gradients."""
+    yield from factors(model)
+    yield from tying(model)
+    off = [Name(f"_off{k}") for k in range(len(conditions(model)))]
+    targets = {name: f"_shift_{name}" for name in model.coordinates}
+    yield from bound(model, {}, off, targets, [f"_kept{k}" for k in range(len(off))])
+
+
+@lru_cache(maxsize=64)
+def attached(model: Model) -> dict[str, Node]:
+    """Return how far each state that conditions read goes with the coordinates, by its rate's derivatives by velocities."""
+    read = set[str]().union(*(free_names(condition.residual) for condition in conditions(model)))
+    by = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.coordinates}
+    return {
+        name: _sum(list(derivatives(model.expanded(state.rate), by).values()))
+        for name, state in model.states.items()
+        if name in read
+    }
+
+
+def bound(
+    model: Model, free: Mapping[str, Node], lags: Sequence[Node], targets: Mapping[str, str], forces: Sequence[str]
+) -> Iterator[Assignment]:
+    """Add to accelerations, or to other changes of the coordinates, what multipliers do to keep the conditions.
+
+    Parameters
+    ----------
+    model : Model
+    free : mapping of str to Node
+        The change of each coordinate without them; zero for those that are not there.
+    lags : sequence of Node
+        What each condition's row has besides the changes.
+    targets : mapping of str to str
+        The name of the change of each coordinate.
+    forces : sequence of str
+        The name of each multiplier.
+    """
+    tied = conditions(model)
+    coupled = _coupled(model)
+    for k, condition in enumerate(tied):
+        products = [multiply(Name(_row(k, name)), free[name]) for name in condition.row if name in free]
+        right = Negative(_sum([lags[k], *products]))
+        before = (Binary("*", Name(_factor(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled)
+        yield Assignment(f"_part_{forces[k]}", less(right, before))
+    for k in reversed(range(len(tied))):
+        behind = (
+            Binary("*", Name(_factor(i, k)), Name(forces[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
+        )
+        yield Assignment(forces[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(_inverse(k))), behind))
+    for name, target in targets.items():
+        terms = [
+            Binary("*", Name(_reach(k, name)), Name(forces[k]))
+            for k, condition in enumerate(tied)
+            if name in _reached(model, condition)
+        ]
+        yield Assignment(target, _sum([free.get(name, ZERO), *terms]))
+
+
+@lru_cache(maxsize=64)
+def _coupled(model: Model) -> frozenset[tuple[int, int]]:
+    """Return the places of the factor L that are not zero throughout, below its diagonal."""
+    tied = conditions(model)
+    filled = {
+        (i, j)
+        for i, condition in enumerate(tied)
+        for j, other in enumerate(tied[:i])
+        if any(name in _reached(model, other) for name in condition.row)
+    }
+    for p in range(len(tied)):
+        below = [i for i in range(p + 1, len(tied)) if (i, p) in filled]
+        filled |= {(i, j) for i in below for j in below if j < i}
+    return frozenset(filled)
+
+
+def _reached(model: Model, condition: Condition) -> list[str]:
+    """Return the coordinates that a multiplier accelerates by itself: all of them through a full mass."""
+    return list(model.coordinates) if model.mass_is_full else list(condition.row)
+
+
+def _sum(terms: Sequence[Node]) -> Node:
+    total = terms[0]
+    for term in terms[1:]:
+        total = add(total, term)
+    return total
+
+
+def _row(k: int, name: str) -> str:
+    return f"_tie{k}_{name}"
+
+
+def _reach(k: int, name: str) -> str:
+    return f"_pull{k}_{name}"
+
+
+def _factor(i: int, p: int) -> str:
+    return f"_share{i}_{p}"
+
+
+def _inverse(p: int) -> str:
+    return f"_slack{p}"

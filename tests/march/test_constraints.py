@@ -1,0 +1,236 @@
+"""Constraints: motions on them against closed forms, published digits and discrete laws; what cannot be kept is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.special import ellipj, ellipk
+
+import xdynamics as xd
+
+LENGTH, GRAVITY, MASS = 1.5, 9.81, 2.0
+ROD = """
+name = "rod"
+[coordinates]
+x = "m"
+y = "m"
+[parameters]
+m = "2 kg"
+L = "1.5 m"
+g = "9.81 m s-2"
+[mass]
+x = "m"
+y = "m"
+[forces.weight]
+potential = "m*g*y"
+[constraints.rod]
+holds = "sqrt(x**2 + y**2) - L"
+[initial]
+x = "1.5 m"
+y = "0 m"
+"""
+
+
+def rod(old: str = "", new: str = "") -> xd.Model:
+    """A mass on a rod, let go from the horizontal; perhaps with another line."""
+    assert old in ROD
+    return xd.Model.from_text(ROD.replace(old, new) if old else ROD)
+
+
+def swing(t: Any) -> tuple[Any, Any]:
+    """Angle from the vertical and its rate of a pendulum let go at 90 degrees (Landau, Lifshitz, Mechanics, section 11)."""
+    omega, m = math.sqrt(GRAVITY / LENGTH), 0.5
+    sn, cn, _, _ = ellipj(ellipk(m) - omega * np.asarray(t), m)
+    return 2 * np.arcsin(math.sqrt(m) * sn), -2 * math.sqrt(m) * omega * cn
+
+
+def off(run: xr.Dataset) -> float:
+    """How far the end of a run of the rod is from the closed form."""
+    angle, _ = swing(run.time.values[-1])
+    return float(np.hypot(run.x[-1] - LENGTH * np.sin(angle), run.y[-1] + LENGTH * np.cos(angle)))
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("dop853", 1e-11), ("dormand_prince", 1e-11), ("taylor", 1e-11)])
+def test_a_rod_is_a_pendulum(method: str, rtol: float) -> None:
+    """Assert that motion, force and residuals are those of the pendulum."""
+    run = xd.simulate(rod(), method=method, rtol=rtol, until="5 s")
+    angle, rate = swing(run.time)
+    assert abs(run.x - LENGTH * np.sin(angle)).max() < 2e-9
+    tension = MASS * (GRAVITY * np.cos(angle) + LENGTH * rate**2)
+    assert abs(run.constraint_force_rod + tension).max() < 1e-7  # along the gradient, which points outwards
+    assert abs(run.constraint_residual_rod).max() < 1e-11
+    assert abs(run.constraint_rate_rod).max() < 1e-11
+    assert (run.constraint_rank == 1).all()
+    assert 0.0 < run.constraint_projection.max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("method", "order"),
+    [
+        ("rk4", 4),
+        ("midpoint", 2),
+        ("euler_cromer", 1),
+        ("velocity_verlet", 2),
+        ("position_verlet", 2),
+        ("forest_ruth", 4),
+    ],
+)
+def test_orders_survive_constraints(method: str, order: int) -> None:
+    """Assert that the error at the end falls as the method's order says."""
+    errors = [off(xd.simulate(rod(), method=method, step=2.0 / n, until="2 s")) for n in (128, 256)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+
+
+def test_position_verlet_is_rattle() -> None:
+    """Assert that half drifts with impulses along the gradient before them are what a few lines of NumPy give."""
+
+    def drift(q: Any, v: Any, h: float) -> tuple[Any, Any]:
+        """Move to where the rod is as long as it is, by an impulse along it."""
+        along, u = q / np.linalg.norm(q), 0.0
+        for _ in range(30):
+            moved = q + h * (v + u * along)
+            u -= (np.linalg.norm(moved) - LENGTH) / h / (moved @ along / LENGTH)
+        return q + h * (v + u * along), v + u * along
+
+    q, v, h = np.array([LENGTH, 0.0]), np.zeros(2), 0.01
+    for _ in range(100):
+        q, v = drift(q, v, h / 2)
+        q, v = drift(q, v + h * np.array([0.0, -GRAVITY]), h / 2)
+        v = v - q * (q @ v) / LENGTH**2
+    run = xd.simulate(rod(), method="position_verlet", step=h, until="1 s")
+    assert [*run.x.values[-1:], *run.y.values[-1:]] == pytest.approx(q, rel=0, abs=1e-13)
+    assert [*run.v_x.values[-1:], *run.v_y.values[-1:]] == pytest.approx(v, rel=0, abs=1e-12)
+
+
+@pytest.mark.dear
+def test_rattle_keeps_energy() -> None:
+    """Assert that energy neither grows nor falls over a million steps: no trend beyond what it goes to and fro."""
+    run = xd.simulate(rod(), method="velocity_verlet", step="2 ms", until="2000 s", keep_every=10)
+    energy = (
+        run.total_energy.values.reshape(100, -1)[:, :-1]
+        if run.sizes["step"] % 100 == 0
+        else run.total_energy.values[:-1].reshape(100, -1)
+    )
+    means = energy.mean(axis=1)
+    slope = np.polyfit(np.arange(100), means, 1)[0] * 100
+    assert abs(slope) < 1e-3 * np.ptp(energy)
+
+
+def test_a_start_is_consistent_or_moved() -> None:
+    """Assert that a start off the rod is refused with the nearest one on it, and moved there on request."""
+    with pytest.raises(
+        xd.ModelError, match=r"'rod' is 0\.1 m at the start.*x = 1\.5 m; write it, or \[initial\] consistent"
+    ):
+        rod('x = "1.5 m"', 'x = "1.6 m"')
+    moved = rod('x = "1.5 m"', 'consistent = true\nx = "1.6 m"\nv_x = "1 m s-1"')
+    run = xd.simulate(moved, method="dop853", rtol=1e-11, until="1 s")
+    assert run.x.values[0] == pytest.approx(1.5, rel=1e-14)
+    assert run.v_x.values[0] == pytest.approx(0.0, abs=1e-14)
+    assert off(run) < 1e-9
+    assert xd.Model.from_text(moved.to_toml()) == moved
+
+
+WRONG = {
+    ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "x > 0*metre"'): "compares.*contacts",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "v_x"'): "reads the velocity 'v_x'.*rolls",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "x*L + y"'): "joins",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "abs(x) - L"'): "kink",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'holds = "L - 1.5*metre"'): "zero gradient",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'rolls = "v_x**2/L"'): "not linear in v_x",
+    ('holds = "sqrt(x**2 + y**2) - L"', 'rolls = "x"'): "depends on no velocity",
+    ('holds = "sqrt(x**2 + y**2) - L"', ""): "neither is given",
+    (
+        '[initial]\nx = "1.5 m"\ny = "0 m"',
+        '[constraints.line]\nholds = "y"\n[initial]\nx = "1.5 m"\ny = "0 m"',
+    ): "nothing to move",
+    (
+        '[initial]\nx = "1.5 m"',
+        '[constraints.far]\nholds = "sqrt(x**2 + y**2) - 2*L"\n[initial]\nx = "1.5 m"',
+    ): "contradict",
+    ('[initial]\nx = "1.5 m"', '[initial]\nconsistent = 1\nx = "1.5 m"'): "true or false",
+    ('x = "1.5 m"\ny', 'x = "0 m"\ny'): "no gradient at the start",
+}
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [(*pair, said) for pair, said in WRONG.items()])
+def test_what_cannot_be_kept_is_refused(old: str, new: str, said: str) -> None:
+    """Assert that each is refused in words when the model is read."""
+    with pytest.raises(xd.ModelError, match=said):
+        rod(old, new)
+
+
+@pytest.mark.parametrize("method", ["ruth3", "pefrl", "dprkn6"])
+def test_methods_without_impulses_refuse(method: str) -> None:
+    """Assert that methods whose order constraints would take refuse them."""
+    with pytest.raises(xd.InputError, match="constraints, which its order does not survive"):
+        xd.simulate(rod(), method=method, step="10 ms", until="1 s")
+
+
+def test_a_condition_that_another_implies_changes_nothing() -> None:
+    """Assert that rank tells of it, and that the motion is the same."""
+    twice = rod("[initial]", '[constraints.again]\nholds = "(x**2 + y**2 - L**2)/(2*L)"\n[initial]')
+    run, alone = (xd.simulate(model, method="dop853", rtol=1e-10, until="2 s") for model in (twice, rod()))
+    assert (run.constraint_rank == 1).all()
+    assert off(run) < 1e-8
+    both = run.constraint_force_rod + run.constraint_force_again
+    assert both.values[-1] == pytest.approx(alone.constraint_force_rod.values[-1], rel=1e-7)
+
+
+def test_a_skate_runs_in_a_circle() -> None:
+    """Assert that a blade below the centre of mass, which slips along itself alone, turns on a circle at a steady speed.
+
+    Neimark and Fufaev, Dynamics of Nonholonomic Systems, 1972, chapter III: v and the rate of turn are constant.
+    """
+    model = xd.Model.from_text("""
+        name = "skate"
+        coordinates = { x = "m", y = "m", phi = "rad" }
+        [parameters]
+        m = "2 kg"
+        J = "3 kg m2"
+        [mass]
+        x = "m"
+        y = "m"
+        phi = "J/radian**2"
+        [constraints.blade]
+        rolls = "v_y*cos(phi) - v_x*sin(phi)"
+        [initial]
+        x = "0 m"
+        y = "0 m"
+        phi = "0 rad"
+        v_x = "1.5 m s-1"
+        v_y = "0 m s-1"
+        v_phi = "0.5 rad s-1"
+    """)
+    run = xd.simulate(model, method="dop853", rtol=1e-11, until="10 s")
+    angle, radius = 0.5 * run.time, 3.0
+    assert abs(run.x - radius * np.sin(angle)).max() < 1e-9
+    assert abs(run.y - radius * (1 - np.cos(angle))).max() < 1e-9
+    assert abs(run.constraint_force_blade - 2.0 * 1.5 * 0.5).max() < 1e-9
+    assert "constraint_residual_blade" not in run
+
+
+def test_impacts_respect_constraints() -> None:
+    """Assert that a mass on a rod leaves a wall at the speed that it came with, along the rod's circle."""
+    model = rod("[initial]", '[contacts.wall]\ngap = "x + 0.5*metre"\nrestitution = 1.0\n[initial]')
+    run = xd.simulate(model, method="dop853", rtol=1e-11, until="2 s")
+    assert run.sizes["event"] >= 1
+    before, after = int(run.event_row_before[0]), int(run.event_row_after[0])
+    assert run.v_x.values[after] == pytest.approx(-run.v_x.values[before], rel=1e-12)
+    assert run.v_y.values[after] == pytest.approx(-run.v_y.values[before], rel=1e-12)
+    assert abs(run.constraint_rate_rod).max() < 1e-11
+    assert float(np.ptp(run.total_energy.values)) < 1e-8
+
+
+def test_lanes_have_the_bits_of_single_runs() -> None:
+    """Assert that members marched side by side end as single runs do."""
+    masses = [1.0, 2.0, 3.0, 4.0, 5.0]
+    grid = xd.sweep(
+        rod(), {"g": masses}, method="dop853", rtol=1e-9, until="3 s", keep=["end_x", "maximum_constraint_force_rod"]
+    )
+    for mass, end in zip(masses, grid.end_x.values, strict=True):
+        single = xd.simulate(rod('g = "9.81', f'g = "{mass}'), method="dop853", rtol=1e-9, until="3 s")
+        assert single.x.values[-1] == end
