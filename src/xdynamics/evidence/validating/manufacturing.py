@@ -167,6 +167,7 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         "contacts": [*model.contacts, *model.assemblies],
         "frictions": model.frictions,
         "controllers": model.controllers,
+        "constraints": model.constraints,
         "regimes": model.regimes,
         "functions in Python": model.python_functions,
     }
