@@ -52,7 +52,9 @@ def _turn(layout: Layout) -> Program:
     model = layout.model
     lines = assigned(layout, correcting(model))
     is_open, turns, farthest = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
-    far, fast, most = 0.0, 0.0, farthest
+    far: Operand = 0.0
+    fast: Operand = 0.0
+    most: Operand = farthest
     step = lines.compute("abs", lines.load(Place("at", AT.index("h"))))
     for condition in conditions(model):
         far, most = _judged(lines, condition.residual, far, most)
@@ -95,12 +97,8 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     excess: Operand = 0.0
     for condition in conditions(model):
         excess, _ = _judged(ahead, condition.residual, excess, 0.0, tolerance=SMALLEST)
-    off = [ahead.value(condition.residual) for condition in conditions(model)]
-    lines = assigned(layout, (), prefix="_y")
-    for k, value in enumerate(off):
-        lines.name(f"_off{k}", value)
-    for assignment in keeping_along(model):
-        lines.assign(assignment.name, assignment.value)
+    off = {f"_off{k}": ahead.value(condition.residual) for k, condition in enumerate(conditions(model))}
+    lines = assigned(layout, keeping_along(model), prefix="_y", given=off)
     is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
     moves = lines.compute("choose", lines.compute("more", excess, 0.0), is_open, 0.0)
     for name in model.coordinates:
@@ -135,10 +133,8 @@ def _judged(
     """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
     value = lines.compute("abs", lines.value(tree))
     size: Operand = 0.0
-    for term in summands(tree):
-        size = lines.compute("add", size, lines.compute("abs", lines.value(term)))
-    for term in further:
-        size = lines.compute("add", size, term)
+    for size_of_term in (*(lines.compute("abs", lines.value(term)) for term in summands(tree)), *further):
+        size = lines.compute("add", size, size_of_term)
     over = lines.compute("subtract", value, lines.compute("multiply", tolerance, size))
     share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
     return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)

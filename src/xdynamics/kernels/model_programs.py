@@ -303,13 +303,21 @@ def _returning(
 
 
 def assigned(
-    layout: Layout, assignments: Iterable[Assignment], *, state: str = "y", time: str = "t", prefix: str = "_"
+    layout: Layout,
+    assignments: Iterable[Assignment],
+    *,
+    state: str = "y",
+    time: str = "t",
+    prefix: str = "_",
+    given: Mapping[str, Operand] | None = None,
 ) -> Assignments:
     """Write assignments, whose expressions read what is in a state, constants and tables besides each other.
 
-    They read the state from one of the arrays, and the time from one of the numbers of `at`.
+    They read the state from one of the arrays, the time from one of the numbers of `at`, and what is given by name.
     """
     lines = Assignments(_Names(layout, layout.used, None, state, time), prefix)
+    for name, value in (given or {}).items():
+        lines.name(name, value)
     for assignment in assignments:
         if isinstance(assignment.value, Function):
             lines.name(assignment.name, _called(lines, assignment.value))

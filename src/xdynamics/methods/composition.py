@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal, localcontext
 from fractions import Fraction
+from typing import TypedDict
 
 from xdynamics.methods.method import Method
 from xdynamics.model import Trait
@@ -17,7 +18,14 @@ _WORDS = (
 )
 
 
-def composed(text: str) -> dict[str, str]:
+class Composition(TypedDict):
+    """The lines of a composition, for models without constraints and with them."""
+
+    update: str
+    kept: str
+
+
+def composed(text: str) -> Composition:
     """Write rows of ``kick`` and ``drift`` coefficients as lines, for models without constraints and with them."""
     return {"update": update_of(text), "kept": update_of(text, keeping=True)}
 
@@ -102,7 +110,7 @@ def _printed(number: Fraction) -> str:
         return format(Decimal(number.numerator) / number.denominator, "f")
 
 
-def verlet_composed(text: str) -> dict[str, str]:
+def verlet_composed(text: str) -> Composition:
     """Write out composed steps of velocity Verlet, from the first half of a symmetric sequence and its middle.
 
     The last kick of one step and the first of the next are merged: one force evaluation for each.

@@ -103,7 +103,8 @@ class _ConditionsAtStart:
     def trees(self) -> list[tuple[Node, Node]]:
         """The residual and the rate of each condition; a rolling one has no residual."""
         old = self.statement
-        rates = {"t": ONE} | {name: Name(velocity(name)) for name in old.coordinates}
+        rates: dict[str, Node] = {"t": ONE}
+        rates |= {name: Name(velocity(name)) for name in old.coordinates}
         rates |= {name: expand(state.rate, old.definitions) for name, state in old.states.items()}
         trees = [(part, expand(part.condition, old.definitions)) for part in old.constraints.values()]
         return [(tree, derivative(tree, rates)) if part.rolls is None else (ZERO, tree) for part, tree in trees]

@@ -73,8 +73,8 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
     for condition in conditions(model):
         for name, tree in condition.row.items():
             for by, turned in _derivatives(model, tree):
-                term = multiply(turned, Name(constraint_force(condition.name)))
-                forces[name, by] = add(forces.get((name, by), ZERO), term)
+                pulled = multiply(turned, Name(constraint_force(condition.name)))
+                forces[name, by] = add(forces.get((name, by), ZERO), pulled)
     coupled = model.mass_is_full or bool(model.constraints)
     full = ((name, by) for name in coordinates for by in variables(model)) if coupled else ()
     place = _places(model)
