@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import reaction_names, schema
-from xdynamics.expressions import Binary, Name, Node, Number, free_names
+from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
@@ -20,8 +20,8 @@ from xdynamics.model.bodies import unit_quaternions
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
+from xdynamics.model.energies import energies
 from xdynamics.model.lazy_trees import Lazy, own_mass
-from xdynamics.model.motion import in_regimes
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
@@ -381,32 +381,4 @@ class Layout:
         if has_wholes(self.model):
             wholes = energies_of_wholes(self.model)
             return {name: partial(at, tree, {}, self.model.shapes) for name, tree in wholes.items()}
-        half_square = [
-            Binary(
-                "*",
-                Binary("/", self.model.expanded(entry), Number(2.0)),
-                Binary("*", Name(self.velocities[i]), Name(self.velocities[j])),
-            )
-            for (i, j), entry in self.model.statement.mass_entries.items()
-        ]
-        kinetic = _sum(half_square)
-        terms = [
-            in_regimes(self.model, name, self.model.expanded(force.potential))
-            for name, force in self.model.forces.items()
-            if force.potential is not None
-        ]
-        if not terms:
-            return {"kinetic_energy": kinetic}
-        potential = _sum(terms)
-        return {
-            "kinetic_energy": kinetic,
-            "potential_energy": potential,
-            "total_energy": Binary("+", kinetic, potential),
-        }
-
-
-def _sum(terms: Sequence[Node]) -> Node:
-    total = terms[0]
-    for term in terms[1:]:
-        total = Binary("+", total, term)
-    return total
+        return energies(self.model)

@@ -24,13 +24,11 @@ from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal, ForceOfPotential
 from xdynamics.model.parts import (
     MOST_REACTIONS,
-    Constraint,
     Contact,
     Controller,
     Drive,
     Event,
     Force,
-    Friction,
     Function,
     Observable,
     Parameter,
@@ -81,8 +79,8 @@ class Elements:
             assemblies={name: next(self._contact(name, part))[1] for name, part in old.contacts.items()}
             if self._many
             else {},
-            frictions=_by_element(self._friction, old.frictions),
-            constraints=_by_element(self._constraint, old.constraints),
+            frictions=_by_element(partial(self._of_keys, ("slip", "kinetic", "static")), old.frictions),
+            constraints=_by_element(partial(self._of_keys, ("holds", "rolls")), old.constraints),
             controllers={name: self._controller(part) for name, part in old.controllers.items()},
             observables=trees(old.observables),
             observed=self._each({name: partial(self._observable, part) for name, part in old.observed.items()}),
@@ -256,13 +254,9 @@ class Elements:
         for element, place in self._placed(name):
             yield element, replace(contact, **self._at_keys(contact, keys, place))
 
-    def _friction(self, name: str, friction: Friction) -> Iterator[tuple[str, Friction]]:
+    def _of_keys(self, keys: tuple[str, ...], name: str, part: Any) -> Iterator[tuple[str, Any]]:
         for element, place in self._placed(name):
-            yield element, replace(friction, **self._at_keys(friction, ("slip", "kinetic", "static"), place))
-
-    def _constraint(self, name: str, constraint: Constraint) -> Iterator[tuple[str, Constraint]]:
-        for element, place in self._placed(name):
-            yield element, replace(constraint, **self._at_keys(constraint, ("holds", "rolls"), place))
+            yield element, replace(part, **self._at_keys(part, keys, place))
 
     def _closed_form(self, name: str, form: Validation) -> Iterator[tuple[str, Validation]]:
         """Yield the closed form of each element of its quantity."""

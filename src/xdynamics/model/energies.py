@@ -1,0 +1,34 @@
+"""Kinetic and potential energy of a model without dimensions, as trees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import reduce
+
+from xdynamics.expressions import Binary, Name, Node, Number
+from xdynamics.model.model import Model
+from xdynamics.model.motion import in_regimes
+from xdynamics.schema import velocity
+
+
+def energies(model: Model) -> dict[str, Node]:
+    """Return kinetic energy and, where a force has a potential, potential and total energy."""
+    moving = list(map(velocity, model.coordinates))
+    kinetic = _sum(
+        Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
+        for (i, j), entry in model.statement.mass_entries.items()
+    )
+    terms = [
+        in_regimes(model, name, model.expanded(force.potential))
+        for name, force in model.forces.items()
+        if force.potential is not None
+    ]
+    if not terms:
+        return {"kinetic_energy": kinetic}
+    potential = _sum(terms)
+    total = Binary("+", kinetic, potential)
+    return {"kinetic_energy": kinetic, "potential_energy": potential, "total_energy": total}
+
+
+def _sum(terms: Iterable[Node]) -> Node:
+    return reduce(lambda total, term: Binary("+", total, term), terms)
