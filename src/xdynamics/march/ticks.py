@@ -15,6 +15,7 @@ from xdynamics.march.events.zero_tests import CROSSED
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate
 from xdynamics.march.run import Run
+from xdynamics.march.state_changes import put
 from xdynamics.model.detectors import PERIODIC
 
 State = NDArray[Any]
@@ -67,13 +68,3 @@ def change(run: Run, actions: int, t: float, state: State) -> None:
         action = -1 - run.targets[k, 0]
         if action >= 0 and (actions >> action) & 1 == 1:
             put(run, k, state)
-
-
-@shared
-def put(run: Run, k: int, state: State) -> None:
-    """Put a value that was computed into its place of a state."""
-    carried = run.plan[0].used + run.plan[0].evaluated
-    state[run.targets[k, 1]] = run.resets[k]
-    if carried < state.shape[0]:  # rounding carried for the value before is not that of the new one
-        rest = run.resets[run.targets.shape[0] + k] if run.plan[0].doubled > 0 else 0.0
-        state[carried + run.targets[k, 1]] = rest

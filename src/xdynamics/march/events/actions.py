@@ -11,7 +11,7 @@ from xdynamics.march.calls import called
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import STOPPED
 from xdynamics.march.run import Run
-from xdynamics.march.ticks import put
+from xdynamics.march.state_changes import put
 from xdynamics.model.detectors import KINK
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
