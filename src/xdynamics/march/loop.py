@@ -21,6 +21,7 @@ from xdynamics.march.calls import called, entered_by, run_at
 from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.isolation import quiet
+from xdynamics.march.events.ticks import rings_at_end, tick_at_end, tick_at_start
 from xdynamics.march.events.zero_tests import enclose_constants
 from xdynamics.march.exact_times import grid_rest, set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
@@ -49,7 +50,6 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.series import foresee
-from xdynamics.march.ticks import rings_at_end, tick_at_end, tick_at_start
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
 from xdynamics.schema import (

@@ -20,6 +20,7 @@ from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
 from xdynamics.march.events.root_finding import is_plain, locate
 from xdynamics.march.events.switch_sides import keep_sides, slides
+from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end
 from xdynamics.march.events.zero_tests import NONE, resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
@@ -47,7 +48,6 @@ from xdynamics.march.run import (
     WEIGH,
     Run,
 )
-from xdynamics.march.ticks import ring, rings_at_end, tick_at_end
 from xdynamics.march.trial_step import copy, look, propose_apart
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
