@@ -14,7 +14,7 @@ from xdynamics.march import March
 
 KNOWN_LATER = {
     *("runs", "companion_digest", "result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time"),
-    *("summary", "proven_until", "outcome", "outcome_text", "solver_steps", "events_text"),
+    *("summary", "proven_until", "outcome", "outcome_text", "solver_steps", "solver_parts", "events_text"),
 }
 CIRCUMSTANCES = {"date_created", "history"}
 

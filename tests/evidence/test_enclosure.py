@@ -13,6 +13,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.smooth_models import of_rate, oscillator
 from cases.stages import assert_described, assert_same_bits
+from xdynamics.evidence.enclosing.parts import parted
 from xdynamics.tubes import Flow
 
 SHORT = {"until": "0.5 s", "order": 12, "rtol": 1e-10}
@@ -88,10 +89,10 @@ def test_archive_and_command_line(tmp_path: Path) -> None:
     assert "no bounds are proven after t = " in early.output
 
 
-def turning() -> xd.Model:
+def turning(**uncertain: object) -> xd.Model:
     """Return an oscillator whose turning points are events."""
     events = '[events.turn]\nfunction = "v_x"\naction = "record"\n'
-    return xd.Model.from_text(f"{oscillator().to_toml()}\n{events}")
+    return xd.Model.from_text(f"{oscillator(**uncertain).to_toml()}\n{events}")
 
 
 @pytest.mark.parametrize("listed", [0, 1, 3])
@@ -107,6 +108,52 @@ def test_a_proof_is_a_task(listed: int) -> None:
     words = eager.event_detector.values.tolist()
     assert words == [0, 0, -1][:listed]
     assert np.isnan(eager.lower_event_time.values).tolist() == [word < 0 for word in words]
+
+
+def test_a_wide_set_in_parts() -> None:
+    """Assert that what is proven of eight parts holds every motion, with its event, and is told, where the whole is too wide."""
+    wide = {"k": {"value": "4 N m-1", "half_width": "1 N m-1"}, "x": {"value": "1 m", "half_width": "0.1 m"}}
+    asked = {"at": ["2.5 s"], "order": 12, "rtol": 1e-9}
+    whole, parts = xd.enclose(oscillator(**wide), **asked), xd.enclose(turning(**wide), **asked, parts=8)
+    k, x = np.linspace(3.0, 5.0, 101)[:, None], np.linspace(0.9, 1.1, 11)
+    ends, turns = x * np.cos(np.sqrt(k) * 2.5), np.pi / np.sqrt(k)
+    for tube in (whole, parts):
+        assert float(tube.lower_x[0]) <= ends.min()
+        assert float(tube.upper_x[0]) >= ends.max()
+    assert float(whole.upper_x[0] - whole.lower_x[0]) > 5.0 * np.ptp(ends)
+    assert float(parts.upper_x[0] - parts.lower_x[0]) < 1.25 * np.ptp(ends)
+    assert parts.sizes["event"] == 1
+    assert float(parts.lower_event_time[0]) <= turns.min() <= turns.max() <= float(parts.upper_event_time[0])
+    assert parts.attrs["solver_parts"] == 8
+    assert "steps of 8 parts of the set" in parts.attrs["outcome_text"]
+
+
+def test_parts_make_the_whole() -> None:
+    """Assert that parts share the numbers at which they are cut, that the widest beside its size is cut, and all is in one."""
+    start = np.array([[1.0, -3.0, 2.0], [2.0, 3.0, 2.0]])
+    parts = parted(start, 5)
+    assert len(parts) == 5
+    assert sum(float(np.prod((part[1] - part[0])[:2])) for part in parts) == 6.0
+    assert {tuple(part[:, 2].tolist()) for part in parts} == {(2.0, 2.0)}
+    assert sorted({float(end) for part in parts for end in part[:, 1]})[:3] == [-3.0, -1.5, 0.0]
+
+
+def test_zeros_that_not_all_parts_have() -> None:
+    """Assert that a zero which the motions of one part alone have is not told, and from when zeros are not known."""
+    model = oscillator(x={"value": "1 m", "half_width": "0.5 m"})
+    model = xd.Model.from_text(f'{model.to_toml()}\n[events.far]\nfunction = "x + 1*metre"\naction = "record"\n')
+    tube = xd.enclose(model, at=["2 s"], order=12, rtol=1e-9, parts=8)
+    assert tube.sizes["event"] == 0
+    assert "0 times in its direction before t = 1." in tube.attrs["events_text"]
+    assert float(tube.lower_x[0]) <= 0.5 * np.cos(4.0) * 3.0
+
+
+def test_a_part_that_is_not_proven_ends_the_whole() -> None:
+    """Assert that bounds end where those of the first part do, and are unknown later, though others go on."""
+    model = of_rate("sqrt(1 + x)").replace(initial={"x": {"value": "0", "half_width": 1.5}})
+    tube = xd.enclose(model, at=["0 s", "0.5 s"], order=6, parts=4)
+    assert (tube.attrs["outcome"], tube.attrs["proven_until"]) == ("not_proven", 0.0)
+    assert np.isnan(tube.lower_x.values).tolist() == [False, True]
 
 
 def test_what_a_description_needs() -> None:
@@ -133,6 +180,9 @@ BAD: list[tuple[dict[str, object], str]] = [
     ({"until": "1 s", "order": 7.5}, "order is 7.5, needs"),
     ({"until": "1 s", "rtol": 0.5}, "rtol is 0.5, needs a number from 1e-20 to 0.001"),
     ({"until": "1 s", "max_steps": 0}, "max_steps is 0, needs a positive whole number"),
+    ({"at": "1 s", "parts": 0}, "parts is 0, needs a whole number from 1 to 10000"),
+    ({"at": "1 s", "parts": 2.5}, "parts is 2.5, needs"),
+    ({"until": "1 s", "parts": 2}, "parts are joined at times that all of them have; give them"),
     ({}, "has no until in its"),
 ]
 

@@ -123,6 +123,7 @@ def reproduce(archive: str) -> None:
 @click.option("--rtol", type=float, help="What truncation may add in a step, as a part of the largest value (1e-16).")
 @click.option("--order", type=int, help="Order of the Taylor polynomials; by default from --rtol: 20.")
 @click.option("--max-steps", type=int, help="Steps after which the proof ends (100000).")
+@click.option("--parts", type=int, help="Into how many parts to cut a wide set, for narrower bounds; needs --at (1).")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @json_option
 def enclose(
@@ -133,6 +134,7 @@ def enclose(
     rtol: float | None,
     order: int | None,
     max_steps: int | None,
+    parts: int | None,
     values: tuple[str, ...],
 ) -> None:
     """Prove bounds of a smooth motion, for every start and parameter within its half_width.
@@ -152,7 +154,9 @@ def enclose(
         check_target(placed(output))
     at = list(times) if len(times) > 1 else times[0] if times else None
     with progress("t = {at:.6g}, {count} steps") as report:
-        tube = enclosed(model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, progress=report)
+        tube = enclosed(
+            model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, parts=parts, progress=report
+        )
     written = str(save(tube, output)) if output else None
     say([str(tube.attrs["title"]), *lines_of(tube), *([f"archive   {written}"] if written else [])])
     hand_over(tube, archive=written)

@@ -9,6 +9,7 @@ Jackson, Corliss 1999, Applied Mathematics and Computation 105, 21).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -103,15 +104,25 @@ class Flow:
 
     def __init__(self, problem: IntervalProblem, order: int, tolerance: float) -> None:
         self.problem, self.order, self.tolerance = problem, order, tolerance
-        self.reason = ""
         numbers = problem.start.shape[1]
         self._plain = MotionSeries(problem.motions, numbers, order + 1)
         self._sloped = MotionSeries(problem.motions, numbers, order, derivatives=True)
         self._polynomials = Polynomials(order + 1, numbers * (1 + numbers))
-        self._largest = boxes.size(problem.start)
-        self.set = Carried.of(problem.start, self._scales())
-        self.box = problem.start
-        self.time = problem.time
+        self.restart()
+
+    def restart(self) -> None:
+        """Go back to the set of starts."""
+        start, self.reason = self.problem.start, ""
+        self._largest = boxes.size(start)
+        self.set = Carried.of(start, self._scales())
+        self.box, self.time = start, self.problem.time
+
+    def of(self, start: Box) -> Flow:
+        """Return the flow from another set of starts, by the same programs: both may not go on at once in two threads."""
+        other = copy(self)
+        other.problem = replace(self.problem, start=start)
+        other.restart()
+        return other
 
     def _scales(self) -> Floats:
         """Return powers of two near the largest values so far; of what is zero so far, 1."""

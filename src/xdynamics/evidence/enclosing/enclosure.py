@@ -10,6 +10,7 @@ import numpy as np
 
 from xdynamics.dynamics.shortened_steps import wanted_times
 from xdynamics.evidence.enclosing.enclosure_dataset import MODEL, enclosure_dataset
+from xdynamics.evidence.enclosing.parts import joined, parted
 from xdynamics.evidence.enclosing.tube import proven, unproven
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, counted_number, lazy
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 DEFAULT_RTOL, LEAST_RTOL, LARGEST_RTOL = 1e-16, 1e-20, 1e-3
 LEAST_ORDER, MOST_ORDER = 3, 60
 MOST_STEPS = 100_000
+MOST_PARTS = 10_000
 Time = str | float
 
 
@@ -39,6 +41,7 @@ def enclose(
     rtol: float | None = None,
     order: int | None = None,
     max_steps: int | None = None,
+    parts: int | None = None,
     occurrences: int | None = None,
     compute: bool = True,
     progress: Progress | None = None,
@@ -60,6 +63,9 @@ def enclose(
         Of the Taylor polynomials, from 3 to 60; by default ceil(1 - ln(rtol)/2), as for `taylor`: 20.
     max_steps : int
         Steps after which the proof ends; 100,000 by default.
+    parts : int, optional
+        Into how many parts to cut a wide set of starts and parameters, each cut being through the middle of what is widest
+        beside its size: bounds of each part are proven, which are narrower, and joined. It needs `at`; 1 by default.
     occurrences : int, optional
         How many zeros of events to list, the first ones; where fewer are proven, the last are nan. By default all.
     compute : bool
@@ -99,7 +105,7 @@ def enclose(
     (True, True)
     """
     request = enclosure_request(
-        model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, occurrences=occurrences
+        model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, parts=parts, occurrences=occurrences
     )
     return request.computed(progress) if compute else lazy(request.stage())
 
@@ -117,6 +123,8 @@ class EnclosureRequest:
     tolerance : float
     most : int
         Steps.
+    parts : int
+        Of the set of starts.
     occurrences : int, optional
     """
 
@@ -126,17 +134,21 @@ class EnclosureRequest:
     order: int
     tolerance: float
     most: int
+    parts: int
     occurrences: int | None
 
     def computed(self, progress: Progress | None = None) -> xr.Dataset:
         """Prove."""
         flow = Flow(interval_problem_of(self.model), self.order, self.tolerance)
-        tube = proven(self.model, flow, self.end, self.times, self.most, progress)
-        return enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
+        tubes = [
+            proven(self.model, flow.of(start), self.end, self.times, self.most, progress)
+            for start in parted(flow.problem.start, self.parts)
+        ]
+        return enclosure_dataset(self.model, joined(tubes), self.order, self.tolerance, self.occurrences)
 
     def task(self) -> Task:
         """Return the task that proves."""
-        asked = (self.end, self.times, self.order, self.tolerance, self.most, self.occurrences)
+        asked = (self.end, self.times, self.order, self.tolerance, self.most, self.parts, self.occurrences)
         return Task.of("enclosure", self.computed, (), self.model.digest, asked)
 
     def stage(self) -> Stage:
@@ -169,6 +181,7 @@ def enclosure_request(
     rtol: Any = None,
     order: Any = None,
     max_steps: Any = None,
+    parts: Any = None,
     occurrences: Any = None,
 ) -> EnclosureRequest:
     """Read and check the arguments of `enclose`.
@@ -189,8 +202,9 @@ def enclosure_request(
             raise InputError(
                 f"at has {time!r}{suffix}, and the enclosure goes from {start!r}{suffix} to {end!r}{suffix}"
             )
+    count = _parts(parts, wanted=times is not None)
     listed = counted_number(occurrences, "occurrences")
-    return EnclosureRequest(model, end, None if times is None else tuple(times), degree, tolerance, most, listed)
+    return EnclosureRequest(model, end, None if times is None else tuple(times), degree, tolerance, most, count, listed)
 
 
 def _tolerance(rtol: Any) -> float:
@@ -214,6 +228,16 @@ def _most(steps: Any) -> int:
     if isinstance(steps, bool) or not number(steps, "max_steps").is_integer() or steps < 1:
         raise InputError(f"max_steps is {steps!r}, needs a positive whole number")
     return int(steps)
+
+
+def _parts(parts: Any, *, wanted: bool) -> int:
+    if parts is None:
+        return 1
+    if isinstance(parts, bool) or not number(parts, "parts").is_integer() or not 1 <= parts <= MOST_PARTS:
+        raise InputError(f"parts is {parts!r}, needs a whole number from 1 to {MOST_PARTS}")
+    if parts > 1 and not wanted:
+        raise InputError("parts are joined at times that all of them have; give them, like at=['1 s']")
+    return int(parts)
 
 
 def _times(at: Any, model: Model) -> list[float]:

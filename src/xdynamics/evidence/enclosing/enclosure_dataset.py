@@ -57,7 +57,7 @@ def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any
     ended = (
         f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
         if tube.reason
-        else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps"
+        else f"proven to the end, t = {tube.reached!r}{suffix}, in {tube.steps} steps{_of_parts(tube)}"
     )
     found: dict[str, tuple[Any, dict[str, Any]]] = {
         "summary": (proposition(model, tube), about("1", "what is proven", "rule")),
@@ -65,11 +65,16 @@ def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any
         "outcome": (NOT_PROVEN if tube.reason else COMPLETED, about("1", "outcome of the proof", "outcome")),
         "outcome_text": (ended, about("1", "why it went no further", "outcome")),
         "solver_steps": (tube.steps, about("1", "steps of the proof", "count")),
+        "solver_parts": (tube.parts, about("1", "parts that the set was cut into", "count")),
     }
     if tube.events:
         said = " ".join(_said(event, suffix) for event in tube.events)
         found["events_text"] = said, about("1", "what is known of zeros of events", "rule")
     return found
+
+
+def _of_parts(tube: Tube) -> str:
+    return f" of {tube.parts} parts of the set" if tube.parts > 1 else ""
 
 
 def proposition(model: Model, tube: Tube) -> str:

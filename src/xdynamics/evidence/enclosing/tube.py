@@ -66,6 +66,8 @@ class Tube:
         Why it goes no further; empty if it goes to the end.
     at_times : bool
         Whether these times were asked for; else they are those after each step.
+    parts : int
+        How many tubes it is joined of.
     """
 
     times: NDArray[np.float64]
@@ -75,6 +77,7 @@ class Tube:
     reached: float
     reason: str
     at_times: bool
+    parts: int = 1
 
 
 def proven(

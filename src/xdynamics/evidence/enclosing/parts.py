@@ -1,0 +1,65 @@
+"""Sets of starts cut into parts, of which narrower bounds are proven, and these joined."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+
+from xdynamics.evidence.enclosing.tube import EventBounds, Tube
+from xdynamics.tubes import boxes
+from xdynamics.tubes.boxes import Box
+from xdynamics.tubes.crossings import Crossing
+
+
+def parted(start: Box, count: int) -> list[Box]:
+    """Cut a box into as many parts, each cut being through the middle of what is widest beside its size.
+
+    Neighbours share the number at which they are cut, so that together they are the whole.
+    """
+    parts = deque([start])
+    while len(parts) < count:
+        part = parts.popleft()
+        i = int(np.argmax(boxes.width(part) / np.maximum(boxes.size(part), np.finfo(float).tiny)))
+        lower, upper = part.copy(), part.copy()
+        lower[1, i] = upper[0, i] = boxes.middle(part)[i]
+        parts += [lower, upper]
+    return list(parts)
+
+
+def joined(tubes: Sequence[Tube]) -> Tube:
+    """Return what holds of all motions of some tubes at the same times.
+
+    Bounds are known where they are of every part, and zeros of an event as far as every part has as many of them.
+    """
+    first = min(tubes, key=lambda tube: tube.reached)
+    low, high = (np.stack([tube.bounds[side] for tube in tubes]) for side in range(2))
+    bounds = np.stack([low.min(axis=0), high.max(axis=0)])  # nan where one is
+    events = [_event(same) for same in zip(*(tube.events for tube in tubes), strict=True)]
+    return replace(first, bounds=bounds, events=events, steps=sum(tube.steps for tube in tubes), parts=len(tubes))
+
+
+def _event(parts: Sequence[EventBounds]) -> EventBounds:
+    """Return what is known of the zeros of an event from what is of each part."""
+    event, many = parts[0], [part.crossings for part in parts]
+    found = list(_common([crossings.found for crossings in many]))
+    beyond = [crossings.found[len(found)].time[0] for crossings in many if len(crossings.found) > len(found)]
+    unknown = min([crossings.unknown_from for crossings in many] + [float(time) for time in beyond], default=inf)
+    known = [crossing for crossing in found if crossing.time[1] < unknown]
+    begun = any(crossings.begun_at_zero for crossings in many)
+    return replace(event, crossings=replace(event.crossings, found=known, begun_at_zero=begun, unknown_from=unknown))
+
+
+def _common(parts: Sequence[Sequence[Crossing]]) -> Iterator[Crossing]:
+    """Yield crossings that every part has, each joined, up to the first that one lacks."""
+    for same in zip(*parts, strict=False):
+        if len({crossing.rising for crossing in same}) > 1:
+            return
+        whole = same[0]
+        for other in same[1:]:
+            time, state = boxes.hull(whole.time, other.time), boxes.hull(whole.state, other.state)
+            whole = Crossing(time, whole.rising, state)
+        yield whole
