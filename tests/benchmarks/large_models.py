@@ -61,7 +61,7 @@ def in_a_process(n: int, method: str) -> dict[str, Any]:
     """Measure in a process of its own, which finds no law."""
     from xdynamics.kernels import cache
 
-    for path in cache.folder().glob("law-*.o"):
+    for path in (*cache.folder().glob("law-*.o"), *cache.folder().glob("form-*.o")):
         path.unlink()
     words = [sys.executable, str(Path(__file__).resolve()), "--as-row", str(n), method]
     done = subprocess.run(words, capture_output=True, text=True, check=True)

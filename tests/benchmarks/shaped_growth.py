@@ -78,7 +78,7 @@ def in_a_process(kind: str, n: int) -> dict[str, float]:
     """Measure in a process of its own, which finds no law."""
     from xdynamics.kernels import cache
 
-    for path in cache.folder().glob("law-*.o"):
+    for path in (*cache.folder().glob("law-*.o"), *cache.folder().glob("form-*.o")):
         path.unlink()
     words = [sys.executable, str(Path(__file__).resolve()), "--as-row", kind, str(n)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)

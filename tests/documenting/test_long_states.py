@@ -9,6 +9,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.documenting.summary import summary
+from xdynamics.record import unfolding
 
 BALLS = """
 name = "balls"
@@ -64,3 +65,62 @@ def test_a_short_state_is_whole(balls: int, numbers: int) -> None:
     floor = line_of(summary(run(balls)), "event     floor")
     assert floor.count("[") == numbers
     assert (" more in the record" in floor) == (balls > 3)
+
+
+CHAIN = """
+name = "chain"
+[dimensions]
+site = 40
+axis = ["x", "y"]
+[coordinates]
+w = { unit = "m" }
+u = { unit = "m", dims = ["site", "axis"] }
+[mass]
+w = "kilogram"
+u = "kilogram"
+[forces.springs]
+w = "-kilogram/second**2*w"
+u = "-kilogram/second**2*u"
+[initial]
+w = "2 m"
+u = "metre*index(site)"
+[run]
+method = "velocity_verlet"
+step = "0.1 s"
+until = "0.5 s"
+"""
+
+
+def test_numbers_that_are_not_shown_are_not_parted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a run of very many numbers has the lines of any other, of as many variables as are shown."""
+    chain, parted = xd.simulate(xd.Model.from_text(CHAIN)), list[int]()
+    usual = summary(chain)
+    unfold = unfolding.unfold
+
+    def counted(run: xr.Dataset) -> xr.Dataset:
+        unfolded = unfold(run)
+        parted.append(len(unfolded.variables))
+        return unfolded
+
+    monkeypatch.setattr(unfolding, "unfold", counted)
+    monkeypatch.setattr("xdynamics.documenting.shown_elements.MOST_PARTED", 100)
+    assert summary(chain) == usual
+    assert line_of(usual, "end").endswith(", and 150 numbers more in the record")
+    assert len(unfold(chain).variables) > 300
+    assert [number < 150 for number in parted] == [True]
+
+
+def test_columns_that_no_line_shows_are_not_parted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that of forces and accelerations of elements no variables are made for a description."""
+    chain, names = xd.simulate(xd.Model.from_text(CHAIN)), set[str]()
+    unfold = unfolding.unfold
+
+    def noted(run: xr.Dataset) -> xr.Dataset:
+        unfolded = unfold(run)
+        names.update(map(str, unfolded.variables))
+        return unfolded
+
+    monkeypatch.setattr(unfolding, "unfold", noted)
+    summary(chain)
+    assert {"u·39·y", "v_u·39·y", "a_w"} <= names
+    assert not any(name.startswith(("a_u", "force_springs_u")) for name in names)

@@ -8,8 +8,10 @@ import pytest
 import xdynamics as xd
 from cases.array_programs import compiled, in_python
 from cases.shaped_laws import MODELS
-from xdynamics.kernels import layout_of, model_programs
+from xdynamics.kernels import law_of, layout_of, model_programs
+from xdynamics.kernels.machine import AS_WRITTEN
 from xdynamics.kernels.program import AT, Loop, Program, Reduction
+from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 
@@ -74,3 +76,15 @@ def test_runs_side_by_side(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled(loops, runs=4)(**found)
     compiled(elements, runs=4)(**expected)
     np.testing.assert_array_equal(found["z"].view(np.int64), expected["z"].view(np.int64))
+
+
+def test_loops_over_elements_are_compiled_as_written() -> None:
+    """Assert that the law of a chain is as long for any number of its elements, and that LLVM is to unroll no loop."""
+    lines = []
+    for n in (100, 1000):
+        model = xd.Model.from_text(MODELS["chain"].replace("site = 21", f"site = {n}"))
+        settings = settings_for(model, method="rk4", step=0.1, until=1.0)
+        text = law_of(settings.layout(model), sampled=False).text()
+        assert text.startswith(AS_WRITTEN)
+        lines.append(text.count("\n"))
+    assert lines[0] == lines[1]

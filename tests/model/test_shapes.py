@@ -10,8 +10,9 @@ import pytest
 import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model import Function
+from xdynamics.model import Function, given_values
 from xdynamics.shapes import Extent, Shapes, at
+from xdynamics.units import parse_quantity, rounded
 
 PLANETS = """
 name = "three bodies"
@@ -88,6 +89,18 @@ def test_elements_have_values_by_label_and_in_one_unit() -> None:
     assert text_of(model.definitions["distance·2"]) == (
         "sqrt((r·Saturn·x - r·Jupiter·x)**2 + (r·Saturn·y - r·Jupiter·y)**2)"
     )
+
+
+def test_numbers_of_a_list_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that floats of a list keep their last digit, and none of them is read as a quantity or as a fraction."""
+    listed = [0.1, 1e-300, 2.5e300, 1 / 3, 7.0, 1.1]
+    read: list[object] = []
+    monkeypatch.setattr(given_values, "parse_quantity", lambda entry: read.append(entry) or parse_quantity(entry))
+    model = xd.Model.from_text(changed(CHAIN, "[1, 1, 2, 1, 1, 1]", str(listed)))
+    assert [model.parameters[f"m·{i}"].quantity.value for i in range(6)] == listed
+    assert not any(isinstance(entry, float) for entry in read)
+    monkeypatch.setattr("xdynamics.units.rounded.Fraction", None)
+    assert [rounded.read(repr(number)) for number in listed] == listed
 
 
 def test_a_cross_product_is_right_handed() -> None:

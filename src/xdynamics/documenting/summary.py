@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
-from xdynamics.record import of_elements
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.partial_records import (
@@ -35,7 +35,6 @@ from xdynamics.schema import (
     EVIDENCE,
     LOG,
     LOGGED,
-    OF_MOTION,
     SAMPLES,
     STEPS,
     SWEEP,
@@ -49,16 +48,19 @@ FEW_EVENTS = 4  # of one name, that are listed one by one
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
 SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
-MOST_SHOWN = 12  # numbers of a state
 ENDS = ("first", "second")  # of a link
 
 
-@of_elements
 def summary(run: xr.Dataset) -> list[str]:
     """Describe a run in lines: outcome, method, counts, end state, energy band, events.
 
     A selection lacks the rows that its events name; the outcome given is that of its run.
     """
+    return _lines_of(first_elements(run))
+
+
+@of_shown_elements
+def _lines_of(run: xr.Dataset) -> list[str]:
     attributes = run.attrs
     if is_evidence(attributes):
         return [escaped(line) for line in _evidence(run)]
@@ -170,11 +172,11 @@ def _partly(run: xr.Dataset) -> Iterator[str]:
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
-@of_elements
+@of_shown_elements
 def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
-    for name, variable in run.data_vars.items():
+    for name, variable in run.variables.items():
         if variable.attrs.get("role") == "parameter" and not variable.dims:
             first, *further = str(variable.attrs["long_name"]).split("\n")
             value, doubt = float(variable), float(variable.attrs.get("uncertainty", 0.0))
@@ -262,14 +264,8 @@ def _end(run: xr.Dataset) -> Iterator[str]:
         yield f"t = {_event_time(run, last)}"
     else:
         yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
-    names = _of_motion(run)
+    names = of_motion(run)
     yield from _values(run, names, names, -1)
-
-
-def _of_motion(run: xr.Dataset) -> list[str]:
-    """Name what a march goes on from: coordinates, velocities, states, what controllers hold."""
-    columns = {str(name): entry for name, entry in run.data_vars.items() if entry.dims == (STEPS,)}
-    return [name for name, entry in columns.items() if entry.attrs.get("role") in OF_MOTION]
 
 
 def _uncertain_part(run: xr.Dataset) -> float:
@@ -279,10 +275,11 @@ def _uncertain_part(run: xr.Dataset) -> float:
 
 def _value(run: xr.Dataset, name: str, row: int) -> str:
     """Write a state of a row with the digits that its size throughout the run and its uncertainty support."""
-    values = run[name].values
+    column = run.variables[name]
+    values = column.values
     value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
     shown = digits(value, uncertainty=_uncertain_part(run) * largest)
-    return f"{name} = {value:.{shown}g}{unit_suffix(str(run[name].attrs['units']))}"
+    return f"{name} = {value:.{shown}g}{unit_suffix(str(column.attrs['units']))}"
 
 
 def _values(run: xr.Dataset, names: list[str], first: list[str], row: int) -> Iterator[str]:
@@ -290,8 +287,8 @@ def _values(run: xr.Dataset, names: list[str], first: list[str], row: int) -> It
     shown = names if len(names) <= MOST_SHOWN else first[:MOST_SHOWN]
     for name in shown:
         yield _value(run, name, row)
-    if len(shown) < len(names):
-        yield f"and {len(names) - len(shown)} numbers more in the record"
+    if (numbers := run.attrs.get(ALL_NUMBERS, len(names))) > len(shown):
+        yield f"and {numbers - len(shown)} numbers more in the record"
 
 
 def _involved(run: xr.Dataset, names: list[str], i: int) -> list[str]:
@@ -359,12 +356,12 @@ def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
 def _moving(run: xr.Dataset) -> list[str]:
     return [
         str(name)
-        for name, variable in run.data_vars.items()
+        for name, variable in run.variables.items()
         if variable.attrs.get("role") in ("coordinate", "velocity")
     ]
 
 
-@of_elements
+@of_shown_elements
 def as_data(run: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run for scripts: plain numbers and words, times in s, the rest in recorded units."""
     attributes = run.attrs
@@ -374,7 +371,8 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
             "kind": kind_description(attributes),
             "sizes": {str(dim): size for dim, size in run.sizes.items()},
         }
-    end = {name: float(run[name][-1]) for name in _of_motion(run)}
+    last = {name: run.variables[name] for name in of_motion(run)}
+    end = {name: float(column[-1]) for name, column in last.items()}
     names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
     events = [
         {
@@ -392,7 +390,7 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
         "force_evaluations": int(attributes["run_force_evaluations"]),
         "sizes": {str(dim): size for dim, size in run.sizes.items()},
         "end": {"time": float(run["time"][-1])} | end,
-        "units": {name: str(run[name].attrs["units"]) for name in end},
+        "units": {name: str(column.attrs["units"]) for name, column in last.items()},
         "events": events,
         "content_digest": str(attributes.get("content_digest", "")),
     }

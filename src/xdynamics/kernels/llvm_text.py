@@ -45,7 +45,8 @@ def llvm_of(
     """
     parts = {part.name: part for part in programs}
     wide = abreast if lanes == 1 else lanes
-    text = [AS_WRITTEN] if any(map(_has_orders, parts.values())) else []
+    # loops over elements are not unrolled: no step is faster, and how long compiling takes depends on their number
+    text = [AS_WRITTEN] if abreast > 1 or any(map(_has_orders, parts.values())) else []
     text.append(declarations(*{lanes, wide}))
     text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
     bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}

@@ -20,7 +20,7 @@ from xdynamics.kernels.heap_arrays import LACKING, refuse
 # what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
 
-AS_WRITTEN = "; loops as they are written"  # first line of a text whose loops are many and short, as those over orders
+AS_WRITTEN = "; loops as they are written"  # first line of a text whose loops LLVM is not to unroll
 PATIENCE = 1.0  # seconds of compiling before a warning
 # Lines of a text beyond which instructions are not scheduled: LLVM's time for one long block grows with its square,
 # to 11 s for the forces of 3,000 masses. Steps of sums are then a tenth slower, those of elementary functions twice

@@ -181,6 +181,9 @@ def _in_one_unit(flat: Sequence[Any], unit: Unit | None) -> tuple[tuple[float, .
     """Return numbers in the unit that is given, else in that of the first."""
     numbers = []
     for entry in flat:
+        if type(entry) is float and isfinite(entry):  # of a long list each is one
+            numbers.append(entry)
+            continue
         if isinstance(entry, bool) or not isinstance(entry, str | int | float):
             raise InputError(f"value has {entry!r}, needs numbers, or numbers with a unit")
         quantity = parse_quantity(entry)

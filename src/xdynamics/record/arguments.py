@@ -150,7 +150,7 @@ def _tolerances(run: xr.Dataset) -> dict[str, Any]:
         str(name): Quantity(
             rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
         )
-        for name, variable in unfold(run).data_vars.items()
+        for name, variable in unfold(run).variables.items()
         if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():

@@ -30,7 +30,7 @@ class Rounded(float):
 def read(text: str) -> float:
     """Read a decimal number, perhaps one that is not finite."""
     number = float(text)
-    if not SMALLEST < abs(number) < inf or len(text) > MOST_DIGITS:
+    if not SMALLEST < abs(number) < inf or len(text) > MOST_DIGITS or text == repr(number):
         return number
     return Rounded.of(Fraction(text.replace("_", "")), number)
 
