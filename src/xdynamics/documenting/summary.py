@@ -56,7 +56,8 @@ def summary(run: xr.Dataset) -> list[str]:
 
     A selection lacks the rows that its events name; the outcome given is that of its run.
     """
-    return _lines_of(first_elements(run))
+    lines: list[str] = _lines_of(first_elements(run))
+    return lines
 
 
 @of_shown_elements
