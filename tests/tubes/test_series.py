@@ -37,6 +37,7 @@ FUNCTIONS: dict[str, tuple[str, Callable[[Any], Any], float]] = {
     "max": ("max(u*u, u + 9)", lambda u: u + 9, 0.7),
     "where": ("where(u < 3, u*sin(u), sqrt(-u))", lambda u: u * mp.sin(u), 0.7),
     "mod": ("mod(u + 2.5, 1)", lambda u: u + mp.mpf("0.5"), 0.25),
+    "mod of what moves": ("mod(3*u, u + 0.1)", lambda u: u - mp.mpf("0.2"), 0.25),
     "literal": ("0.1*u", lambda u: u / 10, 0.7),
     "pi": ("pi*u**3", lambda u: mp.pi * u**3, 0.7),
 }
