@@ -281,15 +281,56 @@ def test_ticks_that_a_run_cannot_have() -> None:
         xd.simulate(often, method="rk4", step="1 ms", until="2 s")
 
 
-def test_what_knows_nothing_of_ticks() -> None:
-    """Assert that proven bounds are refused, and that a budget says why it has no variational equations."""
+def test_bounds_are_not_proven_over_ticks() -> None:
+    """Assert that proven bounds are refused."""
     with pytest.raises(xd.InputError, match="controller 'pd' changes at its ticks what it holds"):
         xd.enclose(cart(), until="0.1 s")
-    uncertain = cart().replace(parameters={"k": "32 ± 0.1 N m-1"})
-    budget = xd.error_budget(uncertain, "x", at="0.2 s", until="0.2 s", method="rk4", step="10 ms")
-    assert "no variational equations: controller 'pd' changes what it holds at its ticks" in " ".join(
+
+
+def held_force(k: float = 32.0, d: float = 8.0, m: float = 2.0, x: float = 0.5, delay: float = 0.0) -> float:
+    """Position after thirty ticks: parabolas under forces that hold, limited, from a start at rest."""
+    v, held, h = 0.0, 1.0, 0.01
+    for _ in range(30):
+        new = min(max(-k * x - d * v, -15.0), 15.0)
+        for time, force in ((delay, held), (h - delay, new)):
+            x, v = x + v * time + force / m * time**2 / 2.0, v + force / m * time
+        held = new
+    return x
+
+
+@pytest.mark.parametrize("delay", ["0 ms", "3 ms"])
+def test_changes_pass_through_ticks(delay: str) -> None:
+    """Assert slopes by gains, a mass and a start, from variational equations, by those of the exact map."""
+    sizes = {"k": "32 ± 0.01 N m-1", "d": "8 ± 0.01 N s m-1", "m": "2 ± 0.01 kg"}
+    model = cart(f'delay = "{delay}"').replace(parameters=sizes, initial={"x": "0.5 ± 0.01 m"})
+    budget = xd.error_budget(model, "x", at="0.3 s", until="0.301 s", method="rk4", step="10 ms")
+    for name, value in {"k": 32.0, "d": 8.0, "m": 2.0, "x": 0.5}.items():
+        term = budget.isel(term=list(budget.term_name.values).index(name))
+        late = float(delay.split(maxsplit=1)[0]) / 1000.0
+        more, less = (held_force(**{name: value + step}, delay=late) for step in (1e-5, -1e-5))
+        assert float(term.sensitivity) == pytest.approx((more - less) / 2e-5, rel=1e-7)
+        assert str(term.term_rule.values).startswith("slope by variational equations")
+
+
+def test_an_event_at_a_tick_has_no_map_of_changes() -> None:
+    """Assert that a budget says so, and takes runs beside it."""
+    model = xd.Model.from_text(
+        cart().replace(parameters={"k": "32 ± 0.1 N m-1"}).to_toml() + '[events.look]\nevery = "50 ms"\n'
+    )
+    budget = xd.error_budget(model, "x", at="0.2 s", until="0.21 s", method="rk4", step="10 ms")
+    assert "no variational equations: an event is met at the tick at t = 0.05" in " ".join(
         map(str, budget.term_rule.values)
     )
+
+
+def test_a_gain_is_fitted(tmp_path: Path) -> None:
+    """Assert that a gain comes back from positions of the exact motion."""
+    times, places = np.arange(31) / 100.0, [float(x) for x, *_ in exact(30)]
+    rows = "".join(f"{t!r},{x!r}\n" for t, x in zip(times.tolist(), places, strict=True))
+    (tmp_path / "cart.csv").write_text(f"time [s],x [m]\n{rows}")
+    start = cart().replace(parameters={"k": "25 N m-1"})
+    fitted = xd.fit(start, tmp_path / "cart.csv", ["k"], method="rk4", step="10 ms", until="0.31 s")
+    assert float(fitted.estimate[0]) == pytest.approx(32.0, rel=1e-7)
 
 
 MANY = """

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
 from xdynamics.dynamics.saltation import FlowStates, Met
+from xdynamics.dynamics.tick_maps import with_ticks
 from xdynamics.dynamics.variational import (
     LARGEST,
     Equations,
     NotVariedError,
     Variations,
     gauss,
-    refuse_unvaried,
+    refuse_constraints,
     touches,
 )
 from xdynamics.faults import InputError
@@ -51,14 +52,12 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
-    refuse_unvaried(model)
+    refuse_constraints(model)
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
-    if read := sorted(model.read_at_start.intersection(inputs)):
-        raise NotVariedError(f"values at the start follow '{read[0]}'")
     _check_points(model, inputs)
-    along = Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"]))
-    change, row, occurrences, touched = _start(model, inputs), 0, 0, touches(run)
+    along = with_ticks(Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"])))
+    change, row, occurrences, touched = along.from_start(_start(model, inputs)), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
             break
@@ -108,10 +107,16 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
 
 
 def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
-    """Return the initial change: 1 for a variable whose initial value is the input, otherwise 0."""
-    names = variables(model)
+    """Return the initial change: 1 for a variable whose initial value is the input, or what an expression of it has."""
+    names, followed = variables(model), model.slopes_at_start(inputs)
     return np.array(
-        [[float(name == input_name and input_name in model.starts) for input_name in inputs] for name in names]
+        [
+            [
+                float(name == input_name and input_name in model.starts) + followed.get((name, input_name), 0.0)
+                for input_name in inputs
+            ]
+            for name in names
+        ]
     )
 
 

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import Met
 from xdynamics.dynamics.shortened_steps import Inside
-from xdynamics.dynamics.variational import Equations, NotVariedError, Variations, refuse_unvaried, touches
+from xdynamics.dynamics.variational import (
+    Equations,
+    NotVariedError,
+    Variations,
+    refuse_constraints,
+    refuse_ticks,
+    touches,
+)
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
@@ -94,7 +101,8 @@ class RunPath:
             raise NotVariedError("no time passes in the run")
         if not np.isfinite(self.states).all():
             raise NotVariedError("a state is no number")
-        refuse_unvaried(model)
+        refuse_ticks(model)
+        refuse_constraints(model)
         if model.frictions:
             raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
         if model.assemblies:

@@ -45,8 +45,8 @@ class NotVariedError(Exception):
     """A run whose changes these equations do not describe; the message names the obstacle."""
 
 
-def refuse_unvaried(model: Model) -> None:
-    """Refuse a model that is changed at ticks, or kept by constraints, of which variational equations know nothing.
+def refuse_ticks(model: Model) -> None:
+    """Refuse a model whose ticks forget what was held, so that a change of it has no exponent.
 
     Raises
     ------
@@ -54,6 +54,15 @@ def refuse_unvaried(model: Model) -> None:
     """
     if model.controllers:
         raise NotVariedError(f"controller '{next(iter(model.controllers))}' changes what it holds at its ticks")
+
+
+def refuse_constraints(model: Model) -> None:
+    """Refuse a model that is kept by constraints, of which variational equations know nothing.
+
+    Raises
+    ------
+    NotVariedError
+    """
     if model.constraints:
         raise NotVariedError(f"constraint '{next(iter(model.constraints))}' moves what is varied")
 
@@ -161,6 +170,24 @@ def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, st
 
 
 @dataclass(frozen=True)
+class TickMaps:
+    """The maps of changes at the ticks of a run: z -> matrix z + added, shapes (k,), (k, n, n) and (k, n, m)."""
+
+    rows: NDArray[np.int64]
+    matrices: Floats
+    added: Floats
+
+    def behind(self, rows: NDArray[np.int64], matrix: Floats, added: Floats) -> tuple[Floats, Floats]:
+        """Return maps of steps, each followed by the tick at the row that it ends with, if there is one."""
+        places = np.minimum(np.searchsorted(self.rows, rows), self.rows.size - 1)
+        ends = np.flatnonzero(self.rows[places] == rows)
+        tick, whole, total = places[ends], matrix.copy(), added.copy()
+        whole[ends] = product(self.matrices[tick], matrix[ends])
+        total[ends] = product(self.matrices[tick], added[ends]) + self.added[tick]
+        return whole, total
+
+
+@dataclass(frozen=True)
 class Variations:
     """The changes of one run along its steps.
 
@@ -170,11 +197,21 @@ class Variations:
     equations : Equations
     order : int
         Of the run's method.
+    ticks : TickMaps, optional
+        Of a run with controllers.
     """
 
     run: xr.Dataset
     equations: Equations
     order: int
+    ticks: TickMaps | None = None
+
+    def from_start(self, change: Floats) -> Floats:
+        """Return a change at the start as it is behind the tick there, if there is one."""
+        if self.ticks is None:
+            return change
+        _, added = self.ticks.behind(np.zeros(1, np.int64), np.eye(self.equations.size)[None], change[None])
+        return np.asarray(added[0])
 
     def over(self, change: Floats, first: int, last: int, end: float | None = None) -> Floats:
         """Carry a change from one row to another, and on to a time in the step after it.
@@ -190,11 +227,14 @@ class Variations:
         moving = np.flatnonzero(sizes > 0.0)
         for k in range(0, len(moving), BLOCK):
             block = moving[k : k + BLOCK]
-            matrix, added = self._steps(rows[block], starts[block], sizes[block])
+            reached = np.where(rows[block] < last, rows[block] + 1, -1)  # a part of a step ends at no row
+            matrix, added = self._steps(rows[block], starts[block], sizes[block], reached)
             change = product(matrix, change) + added
         return change
 
-    def _steps(self, rows: NDArray[np.int64], starts: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+    def _steps(
+        self, rows: NDArray[np.int64], starts: Floats, sizes: Floats, reached: NDArray[np.int64]
+    ) -> tuple[Floats, Floats]:
         """Return the effect of consecutive steps: the matrix by which a change is multiplied, and what is added."""
         nodes, weights, ends = gauss(self.order // 2 + 2)
         times = (starts[:, None] + sizes[:, None] * nodes).ravel()
@@ -208,7 +248,8 @@ class Variations:
         right = np.concatenate([by_state, by_input], axis=-1).reshape(len(starts), s * n, -1)
         rates = solved(np.eye(s * n) - h * inner, right).reshape(*shape, n, -1)
         increments = h * np.sum(ends[:, None, None] * rates, axis=1)
-        return joined(np.eye(n) + increments[..., :n], increments[..., n:])
+        whole, added = np.eye(n) + increments[..., :n], increments[..., n:]
+        return joined(*((whole, added) if self.ticks is None else self.ticks.behind(reached, whole, added)))
 
     def states(self, times: Floats, rows: NDArray[np.int64]) -> dict[str, Floats]:
         """Return the run's states inside its steps, in SI units, with their regime."""
@@ -234,7 +275,9 @@ class Variations:
             rates[name] = np.asarray(run[velocity(name)])[rows, None] * factor
             rates[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
         for name, state in model.states.items():
-            rates[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)
+            rates[name] = np.zeros((len(rows), 1))
+            if rate(name) in run:  # else a controller holds it
+                rates[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)
         return rates
 
 

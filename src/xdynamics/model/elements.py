@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Along, Node, free_names, shown
-from xdynamics.expressions.calculus import ZERO, negative
-from xdynamics.expressions.evaluation import evaluate_many
+from xdynamics.expressions import Along, Node, derivatives, free_names, shown
+from xdynamics.expressions.calculus import ONE, ZERO, negative
+from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.bodies import AXIS, products_of_inertia, torques_of_potential
 from xdynamics.model.controllers import each_tree
@@ -223,12 +223,10 @@ class Elements:
         if not drive.dims:
             yield name, drive
             return
-        table = drive.table
-        extent = self.shapes.extent(drive.dims[0])
+        table, extent = drive.table, self.shapes.extent(drive.dims[0])
         for i, element in enumerate(self._names(name)):
-            column = Table.parse(
-                table.name, table.text, extent.label(i) if extent.labels else f"{name}_{i}", table.gaps
-            )
+            label = extent.label(i) if extent.labels else f"{name}_{i}"
+            column = Table.parse(table.name, table.text, label, table.gaps)
             yield element, replace(drive, table=column, dims=())
 
     def _event(self, name: str, event: Event) -> Iterator[tuple[str, Event]]:
@@ -345,8 +343,16 @@ class Elements:
 
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
-        trees = [at(value.tree, place, self.shapes) for value, place in self._expressions()]
-        return frozenset(set[str]().union(*map(free_names, trees)) - {*self.statement.unit_constants, "pi"})
+        read = (name for _, _, tree in self._expressions() for name in free_names(tree))
+        return frozenset(read) - {*self.statement.unit_constants, "pi"}
+
+    def slopes(self, numbers: Mapping[str, Parameter], by: Iterable[str]) -> dict[tuple[str, str], float]:
+        """Return the derivatives of values at the start by parameters, where they are not zero, in SI units."""
+        return {
+            (element, word): evaluate(rate, self._known(rate, numbers))
+            for _, element, tree in self._expressions()
+            for word, rate in derivatives(tree, {word: {word: ONE} for word in by}).items()
+        }
 
     def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
         """Return values at the start, in SI units, for arrays of parameters that some of them follow.
@@ -354,24 +360,22 @@ class Elements:
         Every number has the bits that the model with those parameters has.
         """
         values: dict[str, Any] = _constants(self.statement.unit_constants) | dict(known) | dict(parameters)
-        size = len(next(iter(parameters.values())))
         starts = {}
-        for name, value in self.statement.starting.items():
-            for element, place in self._placed(name) if value.tree is not None else ():
-                assert value.tree is not None  # noqa: S101 - checked above
-                tree = at(value.tree, place, self.shapes)
-                if free_names(tree) & parameters.keys():
-                    unit = self._units()[name]
-                    numbers = np.broadcast_to(evaluate_many(tree, values) / float(unit.factor), size)
-                    starts[element] = np.array([unit.to_si(number) for number in numbers.tolist()])
+        for name, element, tree in self._expressions():
+            if free_names(tree) & parameters.keys():
+                unit = self._units()[name]
+                numbers = np.broadcast_to(
+                    evaluate_many(tree, values) / float(unit.factor), len(next(iter(parameters.values())))
+                )
+                starts[element] = np.array([unit.to_si(number) for number in numbers.tolist()])
         return starts
 
-    def _expressions(self) -> Iterator[tuple[Any, Place]]:
-        """Yield values at the start that are expressions, with the place of each element."""
+    def _expressions(self) -> Iterator[tuple[str, str, Node]]:
+        """Yield the quantity, the element and the expression of each value at the start that is one."""
         for name, values in self.statement.starting.items():
             if values.tree is not None:
-                for _, place in self._placed(name):
-                    yield values, place
+                for element, place in self._placed(name):
+                    yield name, element, at(values.tree, place, self.shapes)
 
     def _units(self) -> dict[str, Unit]:
         time, old = self.statement.time_unit, self.statement

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -260,6 +260,12 @@ class Model(ModelTrees):
     def read_at_start(self) -> frozenset[str]:
         """The parameters that expressions of values at the start read."""
         return frozenset() if self._declared is None else Elements(self.shaped, self.shapes).read_at_start()
+
+    def slopes_at_start(self, parameters: Iterable[str]) -> dict[tuple[str, str], float]:
+        """Return the derivatives of values at the start by parameters that they follow, by both names, in SI units."""
+        if not self.read_at_start.intersection(parameters):
+            return {}
+        return Elements(self.shaped, self.shapes).slopes(self.parameters, parameters)
 
     def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
