@@ -149,7 +149,10 @@ def _parametrised(name: str, entry: Any, parameters: dict[str, Any]) -> dict[str
         if not isinstance(value, Mapping) and (isinstance(value, list | tuple) or is_expression(value)):
             return value
         if called in parameters and parameters[called] != value:
-            raise InputError(f"makes a parameter '{called}', and there is one; rename the body, or the parameter")
+            raise InputError(
+                f"makes a parameter '{called}', and there is one; write '{called}' in the place of {value!r}, or rename"
+                " the body"
+            )
         parameters[called] = value
         return called
 
