@@ -16,6 +16,7 @@ from cases.problems import MODELS
 from xdynamics.evidence.comparing.measured import measured
 from xdynamics.model import Table
 from xdynamics.model.instruments import KEYS, Reading, as_table
+from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import parse_quantity, parse_scale, parse_unit
 
 FILES = Path(__file__).parents[1] / "cases" / "instruments"
@@ -349,3 +350,16 @@ def test_tables_of_pandas_with_dates_and_series_are_read() -> None:
         assert run.force_pull_q.values[[0, 2, 4]].tolist() == numbers
     later = measured({"t [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"], reading={"time_zero": "first"})
     assert later.times.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("coordinates", [{}, {"body": ["Sun", "Moon"]}, {"body": ["Moon", "Sun"]}])
+def test_elements_of_a_dataset_are_labelled_or_in_order(coordinates: dict[str, list[str]]) -> None:
+    """Assert that a variable without labels has them in the model's order, and one with labels by these."""
+    shapes = Shapes({"body": Extent("body", 2, ("Sun", "Moon"))}, {}, {"r": ("body",)})
+    order = [coordinates.get("body", ["Sun", "Moon"]).index(label) for label in ("Sun", "Moon")]
+    numbers = np.array([[1.0, 3.0], [2.0, 4.0], [5.0, 6.0]])[:, order]
+    data = xr.Dataset(
+        {"r": (("at", "body"), numbers, {"units": "m"}), "time": ("at", [0.0, 1.0, 2.0], {"units": "s"})}, coordinates
+    )
+    found = measured(data, ["r·Sun", "r·Moon"], shapes=shapes)
+    assert [found.values[name][0].tolist() for name in ("r·Sun", "r·Moon")] == [[1.0, 2.0, 5.0], [3.0, 4.0, 6.0]]

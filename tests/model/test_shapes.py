@@ -167,6 +167,8 @@ def test_elements_and_wholes_are_replaced() -> None:
     ("old", "new", "message"),
     [
         ('["Sun", "Jupiter", "Saturn"]', '["Sun", "Sun", "Saturn"]', "dimension 'body': has the label 'Sun' twice"),
+        ('["x", "y"]', '["1", "2"]', "has the label '1'; a label is made of .* and is no number"),
+        ("[relations.pair]", "[relations.class]", "relation 'class': 'class' is a word of Python; choose another name"),
         ('["x", "y"]', "0", "dimension 'axis': has 0 elements, needs 1 to 1000000"),
         ('["x", "y"]', "2000000000", "dimension 'axis': has 2000000000 elements"),
         (
@@ -266,6 +268,19 @@ def test_what_is_refused_names_the_remedy(old: str, new: str, message: str) -> N
     """Assert that a wrong dimension, label, link, table or unit is named, in one line."""
     with pytest.raises(xd.ModelError, match=message):
         xd.Model.from_text(changed(PLANETS, old, new))
+
+
+def test_ends_of_links_are_labels_or_numbers() -> None:
+    """Assert that a table of links says by numbers what it says by labels, and a word of Python is no dimension."""
+    by_labels, by_numbers = (
+        xd.Model.from_text(changed(PLANETS, 'of = "body"', f'of = "body"\ncsv = "first,second\\n{ends}\\n"'))
+        for ends in ("Saturn,Sun", "2,0")
+    )
+    for model in (by_labels, by_numbers):
+        relation = model.shapes.relations["pair"]
+        assert [relation.first.tolist(), relation.second.tolist()] == [[2], [0]]
+    with pytest.raises(xd.ModelError, match="^model 'chain': dimension 'class': 'class' is a word of Python"):
+        xd.Model.from_text(CHAIN.replace("site", "class"))
 
 
 def test_dimensions_have_names_of_their_own() -> None:

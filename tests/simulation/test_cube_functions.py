@@ -14,6 +14,7 @@ from xdynamics.expressions import text_of
 from xdynamics.simulation.scipy_interface import model_of
 
 BODIES = 54  # 324 numbers, more than are written out one by one
+KNOWN = np.cos(np.arange(324.0).reshape(18, 18) ** 2)
 MASSES = np.linspace(0.5, 1.5, BODIES)
 
 
@@ -57,6 +58,20 @@ def block(t: Any, y: Any) -> Any:
     return np.transpose(d, (0, 1, 2)).ravel()
 
 
+def picked(t: Any, y: Any) -> Any:
+    """Columns by a list that is no slice, rows by a mask and by `take`, some of them twice."""
+    u = y.reshape(16, 21)
+    shares = u[:, [4, 0, 1, 2, 20, 20, 5]].sum(axis=1) - u[np.arange(16) % 5 == 2].mean()
+    return (np.take(u, [*range(1, 16), 0], axis=0) - u + shares[:, None] / 10).ravel()
+
+
+def products(t: Any, y: Any) -> Any:
+    """Products of matrices, known and not, by letters and by operators; a trace, a dyad."""
+    u = y.reshape(18, 18)
+    turned = np.einsum("ij,kj->ik", KNOWN, u) + 0.1 * KNOWN @ u @ u - np.tensordot(u, KNOWN, axes=([0], [1]))
+    return (turned / 9 - np.trace(u) * np.outer(u[0], np.einsum("ii->i", u)) / 50).ravel()
+
+
 def waves(n: int) -> Any:
     """Return numbers between -1 and 1, no two alike."""
     return np.sin(np.arange(n) ** 2 + 1.0)
@@ -68,6 +83,8 @@ CASES: dict[str, tuple[Any, Any, tuple[float, ...]]] = {
     "oscillators": (oscillators, 3 * waves(310), (0.7,)),
     "bands": (bands, waves(384), ()),
     "block": (block, waves(336), ()),
+    "picked": (picked, waves(336), ()),
+    "products": (products, waves(324), ()),
 }
 
 
@@ -84,6 +101,16 @@ def test_cubes_have_scipys_numbers(name: str) -> None:
     right = solve_ivp(fun, (0, 0.2), y0, **how)
     last = run.y.values[-1]
     assert last == pytest.approx(right.y[:, -1], rel=1e-9, abs=1e-10)
+
+
+def test_elements_that_are_not_there_are_refused() -> None:
+    """Assert that a list that goes beyond the end is refused in numpy's own words."""
+
+    def wrong(t: Any, y: Any) -> Any:
+        return (y.reshape(18, 18)[:, [0, 3, 18]].sum() + y).ravel()
+
+    with pytest.raises(xd.InputError, match="index 18 is out of bounds for axis 1 with size 18"):
+        model_of(wrong, (0, 1), waves(324), (), None, None, None)
 
 
 def test_pairs_are_as_long_for_any_number() -> None:

@@ -192,7 +192,9 @@ Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one e
 however large they are: windows u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an
 axis, np.pad, np.where, np.hstack, u.T, order="F". So do arrays of more axes, np.sum, mean, max and
 min along an axis, np.linalg.norm, np.stack, and bodies by pairs, x[None, :, :] - x[:, None, :]:
-sums go in loops, of up to 200000 numbers.
+sums go in loops, of up to 200000 numbers. Elements are picked along one axis by a list or a known
+mask too, u[:, [0, 3, 4]] or np.take, and products of arrays that change are np.einsum, np.outer,
+np.tensordot, np.trace and @.
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
 contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
 np.interp takes left, right and period.
@@ -201,8 +203,8 @@ integer powers that vary, and what scipy computes from the state at every step: 
 brentq, interpolators, erf and the like.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down
-  300        elements that are picked by a list, or joined by np.einsum or a product of two arrays
-             that change: each has an expression of its own; of more, each has a name, y0, y1, …
+  300        elements of which each has an expression of its own, as where they are picked by
+             several lists at once; of more, each has a name, y0, y1, …
   10         numbers that get a name each; of more, an array whose rule is the same along it becomes
              one quantity with a dimension
   40         points of np.interp at an expression of the state; over t a table of any length is a

@@ -11,6 +11,7 @@ import numpy as np
 from xdynamics.expressions.traced_cubes import Cube, applied_to, combined, shape_of
 from xdynamics.expressions.traced_grid import Grid, IrregularError
 from xdynamics.expressions.traced_indices import index
+from xdynamics.expressions.traced_products import PRODUCTS
 from xdynamics.expressions.tracing import Traced, choice, node_of
 from xdynamics.expressions.tree import Call, Number
 
@@ -133,7 +134,13 @@ def _like(value: float) -> Callable[..., Cube]:
     return lambda array, *_, **__: blank(array.grid, array.shape, value)
 
 
-_RULES: dict[Any, Callable[..., Any]] = {
+def _taken(array: Any, places: Any, axis: int | None = None) -> Any:
+    whole = array.ravel() if axis is None else array
+    return whole[(*(slice(None),) * ((axis or 0) % whole.ndim), places)]
+
+
+_RULES: dict[Any, Callable[..., Any]] = PRODUCTS | {
+    np.take: _taken,
     np.where: lambda condition, yes, no: combined(choice, condition, yes, no),
     np.clip: _clipped,
     np.roll: rolled,
@@ -173,7 +180,7 @@ def of_cubes(function: Any, *arguments: Any, **options: Any) -> Any:
     IrregularError
         If it is none of those that are known.
     """
-    if isinstance(function, np.ufunc) and function is not np.matmul and not options:
+    if isinstance(function, np.ufunc) and function not in _RULES and not options:
         return combined(partial(applied_to, function.__name__), *arguments)
     if function not in _RULES:
         raise IrregularError(f"the function calls numpy.{function.__name__} of an array of several axes")

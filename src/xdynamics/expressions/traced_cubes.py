@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions.traced_grid import Grid, IrregularError
-from xdynamics.expressions.traced_indices import axis, bound, flat, index, read_at, replaced
+from xdynamics.expressions.traced_indices import axis, bound, flat, index, numbers_along, read_at, replaced
 from xdynamics.expressions.traced_operators import give_operators
 from xdynamics.expressions.tracing import Row, Traced, applied, choice, node_of
 from xdynamics.expressions.tree import Along, Binary, Call, Name, Node, Number, every
@@ -65,7 +65,9 @@ class Cube(Row):
         """Apply a function of numpy to every element."""
         if how == "reduce" and ufunc in _REDUCED:
             return self.reduced(_REDUCED[ufunc], **options)
-        if how != "__call__" or options or ufunc is np.matmul:
+        if ufunc is np.matmul and not options:
+            return Cube.rules(ufunc, *given)
+        if how != "__call__" or options:
             raise IrregularError(f"the function calls numpy.{ufunc.__name__}.{how} of an array")
         return combined(partial(applied_to, ufunc.__name__), *given)
 
@@ -94,14 +96,19 @@ class Cube(Row):
         dims = [axis(self.grid, n, len(shape) - 1 - k) for k, n in enumerate(shape)]
         places: list[Node] = []
         for first, step, place in picks:
+            if isinstance(first, np.ndarray):
+                places.append(numbers_along(first, index(dims[place or 0])))
+                continue
             number: Node = Number(float(first)) if first >= 0 else -Traced(Number(-float(first))).node
             if place is not None:
                 number = Binary("+", number, Binary("*", node_of(float(step)), index(dims[place])))
             places.append(number)
         return self.at(shape, places, view=True)
 
-    def picked(self, key: Any) -> tuple[Shape, list[tuple[int, int, int | None]]]:
+    def picked(self, key: Any) -> tuple[Shape, list[tuple[Any, int, int | None]]]:
         """Return the shape that a key picks, and of each axis here the first element, the step, and the axis there.
+
+        Of a list, the elements stand in the place of the first.
 
         Raises
         ------
@@ -109,15 +116,16 @@ class Cube(Row):
             If it is neither made of slices, whole numbers, new axes nor an ellipsis.
         """
         keys = [*key] if isinstance(key, tuple) else [key]
-        if any(isinstance(part, Row | np.ndarray | list) for part in keys):
-            raise IrregularError("the function picks elements of an array by a list, or a condition")
+        lists = [isinstance(part, Row | np.ndarray | list) for part in keys]
+        if sum(lists) > 1 or (any(lists) and any(isinstance(part, int | np.integer) for part in keys)):
+            raise IrregularError("the function picks elements of an array by several lists at once")
         if any(part is Ellipsis for part in keys):
             place = next(i for i, part in enumerate(keys) if part is Ellipsis)
             rest = self.ndim - sum(part is not None and part is not Ellipsis for part in keys)
             keys[place : place + 1] = [slice(None)] * rest
         keys += [slice(None)] * (self.ndim - sum(part is not None for part in keys))
         shape: list[int] = []
-        picks: list[tuple[int, int, int | None]] = []
+        picks: list[tuple[Any, int, int | None]] = []
         for part in keys:
             if part is None:
                 shape.append(1)
@@ -125,6 +133,11 @@ class Cube(Row):
             if len(picks) == self.ndim:
                 raise IndexError(f"too many indices for array: array is {self.ndim}-dimensional")
             n = self.shape[len(picks)]
+            if isinstance(part, Row | np.ndarray | list):
+                first, step, count = listed_places(part, n, len(picks))
+                picks.append((first, step, len(shape)))
+                shape.append(count)
+                continue
             if isinstance(part, slice):
                 first, last, step = part.indices(n)
                 count = len(range(first, last, step))
@@ -152,7 +165,7 @@ class Cube(Row):
             self.value = combined(choice, key, values, self).value
             return
         shape, picks = self.picked(key)
-        if any(step != 1 for _, step, _ in picks) or len(shape) > self.ndim:
+        if any(step != 1 or isinstance(first, np.ndarray) for first, step, _ in picks) or len(shape) > self.ndim:
             raise IrregularError("the function sets elements of an array that are not neighbours")
         part = spread(values, shape, self.grid)
         places: list[Node | None] = [None] * len(shape)
@@ -281,6 +294,33 @@ class Cube(Row):
         """Return means along axes."""
         total = self.reduced("sum", axis, **options)
         return total / (self.size // (total.size if isinstance(total, Cube) else 1))
+
+
+def listed_places(key: Any, size: int, axis: int) -> tuple[Any, int, int]:
+    """Return the places that a list or a mask picks along an axis: the first and a step, or else all; and how many.
+
+    Raises
+    ------
+    IrregularError
+        If it is a condition, has several axes, or picks nothing.
+    IndexError
+        Beyond the end, as numpy says it.
+    """
+    if isinstance(key, Row):
+        raise IrregularError("the function picks elements of an array by a condition")
+    places = np.asarray(key)
+    if places.dtype == bool and places.shape == (size,):
+        places = np.flatnonzero(places)
+    if places.ndim != 1 or not places.size or places.dtype.kind not in "iu":
+        raise IrregularError("the function picks elements of an array by what is no list of whole numbers")
+    wrong = places[(places < -size) | (places >= size)]
+    if wrong.size:
+        raise IndexError(f"index {wrong[0]} is out of bounds for axis {axis} with size {size}")
+    places = places % size
+    steps = np.unique(np.diff(places))
+    if steps.size <= 1:
+        return int(places[0]), int(steps[0]) if steps.size else 1, places.size
+    return places, 1, places.size
 
 
 _REDUCED = {np.add: "sum", np.maximum: "max", np.minimum: "min"}

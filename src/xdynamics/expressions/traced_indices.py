@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.traced_grid import Grid
 from xdynamics.expressions.tree import (
@@ -156,3 +159,35 @@ def replaced(node: Node, places: Mapping[str, Node]) -> Node:
         return node
 
     return inside(node)
+
+
+def numbers_along(numbers: NDArray[np.int64], number: Node) -> Node:
+    """Return whole numbers by their place: those at even steps together, chosen among by halves."""
+    steps, runs, first = np.diff(numbers), [], 0
+    while first < len(numbers):
+        last = first + 1
+        while last < len(numbers) and steps[last - 1] == steps[first]:
+            last += 1
+        runs.append((first, last))
+        first = last
+
+    def among(begin: int, end: int) -> Node:
+        if end - begin == 1:
+            at, beyond = runs[begin]
+            step = int(steps[at]) if beyond - at > 1 else 0
+            return tidied(
+                Binary(
+                    "+",
+                    Binary("*", _whole(step), Binary("-", number, Number(float(at)))),
+                    _whole(int(numbers[at])),
+                )
+            )
+        middle = (begin + end) // 2
+        below = Compare("<", number, Number(float(runs[middle][0])))
+        return Call("where", (below, among(begin, middle), among(middle, end)))
+
+    return among(0, len(runs))
+
+
+def _whole(value: int) -> Node:
+    return Number(float(value)) if value >= 0 else Negative(Number(float(-value)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ def extent(value: Any, name: str, _: Source) -> Extent:
     InputError
         If it is neither, or has a label twice.
     """
+    refuse_word(name)
     if isinstance(value, int) and not isinstance(value, bool):
         if not 1 <= value <= MOST_ELEMENTS:
             raise InputError(f"has {value} elements, needs 1 to {MOST_ELEMENTS}")
@@ -38,10 +40,24 @@ def extent(value: Any, name: str, _: Source) -> Extent:
         raise InputError(f'is {value!r}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
     for label in value:
         if not LABEL.fullmatch(label) or label.isdigit():
-            raise InputError(f"has the label {label!r}; a label is made of letters, digits and underscores, 40 at most")
+            raise InputError(
+                f"has the label {label!r}; a label is made of letters, digits and underscores, 40 at most, and is no number"
+            )
     if len(set(value)) < len(value):
         raise InputError(f"has the label '{next(label for label in value if list(value).count(label) > 1)}' twice")
     return Extent(name, len(value), tuple(value))
+
+
+def refuse_word(name: str) -> None:
+    """Refuse a name that expressions cannot read, before they fail to.
+
+    Raises
+    ------
+    InputError
+        If it is a word of Python.
+    """
+    if keyword.iskeyword(name):
+        raise InputError(f"'{name}' is a word of Python; choose another name, like '{name}_'")
 
 
 def written_extent(value: Extent, *_: Any) -> Any:
@@ -130,7 +146,7 @@ class Links:
         for line, cells in sheet.lines:
             try:
                 pair = tuple(
-                    extent.number(int(text) if not extent.labels and text.isdigit() else text)
+                    extent.number(int(text) if text.isdigit() else text)
                     for extent, text in zip(
                         (source, target), (cells[bare.index(end)].strip() for end in ENDS), strict=True
                     )
@@ -138,10 +154,14 @@ class Links:
             except InputError as error:
                 raise InputError(f"table '{self.table}', line {line}: {error}") from None
             if self.of and pair[0] == pair[1]:
-                raise InputError(f"table '{self.table}', line {line}: links '{source.label(pair[0])}' with itself")
+                raise InputError(
+                    f"table '{self.table}', line {line}: links '{source.label(pair[0])}' with itself; leave it out"
+                )
             key = tuple(sorted(pair)) if self.of else pair
             if key in known:
-                raise InputError(f"table '{self.table}', line {line}: the link of line {known[key]} is there again")
+                raise InputError(
+                    f"table '{self.table}', line {line}: the link of line {known[key]} is there again; leave it out"
+                )
             known[key] = line
             ends[0].append(pair[0])
             ends[1].append(pair[1])
@@ -165,6 +185,7 @@ def links_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     InputError
         If keys are missing, or exclude each other.
     """
+    refuse_word(name)
     keys(entry, section.known, ())
     if ("of" in entry) == ("from" in entry or "to" in entry) or ("from" in entry) != ("to" in entry):
         raise InputError('needs the dimension that it is of, of = "body", or two: from = "body" and to = "wall"')

@@ -267,12 +267,12 @@ def _of_elements(source: Any, shapes: Shapes) -> Any:
     dims = {str(dim) for dim in getattr(source, "dims", ())} & {*shapes.extents, *shapes.relations}
     if not dims:
         return source
-    for dim in shapes.ordered(dims):
-        if dim not in source.coords and source.sizes[dim] != shapes.extent(dim).size:
-            raise InputError(
-                f"the Dataset has {source.sizes[dim]} elements of '{dim}', needs all {shapes.extent(dim).size}, or a"
-                " coordinate of their labels"
-            )
+    for dim in shapes.ordered(dims - {*source.coords}):
+        extent = shapes.extent(dim)
+        if source.sizes[dim] != extent.size:
+            found = f"the Dataset has {source.sizes[dim]} elements of '{dim}'"
+            raise InputError(f"{found}, needs all {extent.size}, or a coordinate of their labels")
+        source = source.assign_coords({dim: [*extent.labels]}) if extent.labels else source
     return unfold(source.assign_attrs({MODEL_DIMENSIONS: sized(shapes, dims)}))
 
 
