@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.march import March
+from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT, IDLE, UNDECIDED, WHOLE_STEP
+from xdynamics.march.assembly.dispatch import note_idleness
+from xdynamics.march.assembly_failures import assembly_dispute
+from xdynamics.march.configuration import settings_for
 
 Floats = NDArray[np.float64]
 G = 9.81
@@ -302,6 +307,22 @@ def test_a_storm_of_events_ends_in_words() -> None:
         in run.attrs["run_outcome_text"]
     )
     assert np.unique(run.event_row_before.values).size == 1000
+
+
+def test_links_that_only_seem_to_let_go_end_in_words() -> None:
+    """Assert that landings soon after one another, at which nothing changes, are counted, and what is said of them."""
+    model = flying(np.full(25, 1e-3))
+    march = March(model, settings_for(model, method="velocity_verlet", step="1 s", until="100 s"))
+    run, count = march.run, getattr(note_idleness, "py_func", note_idleness)
+    run.spans[WHOLE_STEP] = 1.0
+    for h, changes, counted in ((1e-3, False, 1), (1e-3, False, 2), (0.5, False, 0), (1e-3, False, 1), (1e-3, True, 0)):
+        run.trial[0].h = h
+        count(run, changes)
+        assert run.tallies[IDLE] == counted
+    for place, number in ((FAULT, UNDECIDED), (CULPRIT, 0), (CULPRIT_LINK, 7), (IDLE, 101)):
+        run.tallies[place] = number
+    assert "101 times in a row" in assembly_dispute(march)
+    assert "seemed to let go of one, now contact 'floor' of ball 7, and" in assembly_dispute(march)
 
 
 def test_contacts_of_bodies_have_their_forces_along_them() -> None:

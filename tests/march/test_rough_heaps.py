@@ -98,7 +98,7 @@ def test_compiled_heaps_have_the_bits_of_plain_python() -> None:
 
 @pytest.mark.dear
 def test_a_heap_that_nearly_rests() -> None:
-    """Assert that forces of 38 links are shared within their cones by pivots, where turns over links ended in minutes."""
+    """Assert that forces of 38 links go on within their cones, where shares that jumped from one to another took minutes."""
     path = Path(__file__).parent.parent / "cases" / "rough_heap.csv"
     names = [name.split()[0] for name in path.read_text().splitlines()[0].split(",")]
     columns = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
@@ -107,8 +107,9 @@ def test_a_heap_that_nearly_rests() -> None:
         f'{name} = {{ value = {values.tolist()}, unit = "{units[name]}" }}\n' for name, values in columns.items()
     )
     text = HEAP[: HEAP.index("[initial]")] + "[initial]\n" + start + HEAP[HEAP.index("[run]") :]
-    run = xd.simulate(xd.Model.from_text(text), until="0.5 ms", log="full", force_samples="none")
+    run = xd.simulate(xd.Model.from_text(text), until="60 ms", log="full", force_samples="none")
     assert run.attrs["run_outcome"] == "completed"
+    assert run.sizes["step"] < 100  # 30 steps of 2 ms, and a few events
     last = run.closed_step.values == run.sizes["step"] - 1
     pressing, rubbing = run.closed_force.values[last], run.closed_friction_force.values[last]
     assert last.sum() > 30

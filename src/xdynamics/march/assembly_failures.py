@@ -20,8 +20,7 @@ def assembly_dispute(march: March) -> str:
     run, model = march.run, march.model
     if not model.assemblies or run.tallies[FAULT] == 0:
         return ""
-    assembly, link = assemblies(model)[int(run.tallies[CULPRIT])], int(run.tallies[CULPRIT_LINK])
-    name = f"contact '{assembly.name}' of {assembly.label(link)}"
+    assembly, name = assemblies(model)[int(run.tallies[CULPRIT])], _link(march)
     gap = dimension_of(assembly.contact.gap, model.dimensions)
     match int(run.tallies[FAULT]):
         case broad_phase.OVERLAP:
@@ -60,6 +59,12 @@ def assembly_dispute(march: March) -> str:
     return _of_closed(march, gap)
 
 
+def _link(march: March) -> str:
+    """Name the link to which it happened."""
+    assembly = assemblies(march.model)[int(march.run.tallies[CULPRIT])]
+    return f"contact '{assembly.name}' of {assembly.label(int(march.run.tallies[CULPRIT_LINK]))}"
+
+
 def _of_closed(march: March, gap: Dimension) -> str:
     """Say what is wrong with forces, gaps or energy of closed links."""
     run, count = march.run, int(march.run.closed[0])
@@ -75,6 +80,13 @@ def _of_closed(march: March, gap: Dimension) -> str:
                 f"{run.tallies[broad_phase.HASTE]} events of links followed each other within what their times are located"
                 " to, and no motion came of them: which links hold and which slide cannot be decided here; start a little"
                 " later or elsewhere, or change friction a little"
+            )
+        case broad_phase.UNDECIDED:
+            return (
+                f"{run.tallies[broad_phase.IDLE]} times in a row, each soon after the last, the forces of {count} links that"
+                f" touch seemed to let go of one, now {_link(march)}, and with all of them together none lifted, slid or"
+                " stuck: they hold more than needs holding, and which forces hold it cannot be decided here; start a little"
+                " elsewhere, or change friction or a radius a little"
             )
         case broad_phase.SHIFTED:
             far = run.spans[broad_phase.ASTRAY] * march.settings.scales.of(gap)

@@ -284,6 +284,7 @@ class Run:
     grips: Whole  # what each does along its slip; see `march.assembly.closed_links`
     vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
+    shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
     of_time: Given[Whole]  # drives of time
     attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion

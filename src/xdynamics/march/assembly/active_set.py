@@ -318,6 +318,7 @@ def close(run: Run) -> None:
             if run.tallies[ROWS] == 2:
                 run.touching[a, GRIPS] = grip_of(run, a)
                 run.grips[count] = int(run.touching[a, GRIPS]) if run.touching[a, HALTED] == 0.0 else STICKS
+                run.shares[2 * count], run.shares[2 * count + 1] = run.touching[a, FORCE], run.touching[a, DRAGS]
             count += 1
             run.closed[count] = run.assemblies[run.candidates[k, ASSEMBLY]].first_link + run.candidates[k, LINK]
         else:

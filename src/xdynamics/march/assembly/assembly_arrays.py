@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing
-from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS
+from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS, TALLIES
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE
 from xdynamics.march.assembly.pivoting import MOST_UNKNOWNS
@@ -54,7 +54,7 @@ _NOTHING: dict[str, NDArray[Any]] = {  # of a march without assemblies: no eleme
             "grips",
         )
     },
-    **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "swing")},
+    **{name: np.zeros(0) for name in ("greatest", "loads", "pulls", "remains", "shares", "swing")},
     **{name: np.zeros((2, 0)) for name in ("boxes", "hulls")},
     **{name: np.zeros((0, 0)) for name in ("normals", "replies", "vectors", "paths", "margins")},
 }
@@ -79,7 +79,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     """
     every, layout = assemblies(model), law.layout
     if not every:
-        return _NOTHING | {"tallies": np.zeros(18, np.int64), "spans": np.zeros(16)}, []
+        return _NOTHING | {"tallies": np.zeros(TALLIES, np.int64), "spans": np.zeros(16)}, []
     _check(law, settings)
     # links are looked for between states, whatever polynomial a step leaves
     bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
@@ -89,7 +89,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
     slots, width = slots_of(model, layout.coordinates)
     rows_each, tallies = (
         2 if any(assembly.contact.slip is not None for assembly in every) else 1,
-        np.zeros(18, np.int64),
+        np.zeros(TALLIES, np.int64),
     )
     tallies[SLOTS], tallies[ROWS] = width, rows_each
     room = min(sum(node.links for node in every), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))
@@ -121,6 +121,7 @@ def assembled(model: Model, settings: Settings, law: Law, pose: Pose) -> tuple[d
         "margins": np.full((4, 2 * most), -np.inf),
         "vectors": np.zeros((VECTORS, 2 * rows_each * most)),
         "paths": np.zeros((2 * PATHS, 4 * most) if rows_each == 2 else (0, 0)),
+        "shares": np.zeros(2 * most if rows_each == 2 else 0),
         "swing": np.zeros(n),
         **_problem(MOST_LEMKE if rows_each == 1 else max(MOST_LEMKE, min(4 * most, MOST_UNKNOWNS))),
     }

@@ -30,10 +30,14 @@ from xdynamics.march.run import Run
 # trial was to land
 # whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
 # steps in a row in which forces of closed links hardly changed; events that followed each other within what times are
-# located to; links whose slip was stopped by more than their friction, with assembly and link of the worst
+# located to; links whose slip was stopped by more than their friction, with assembly and link of the worst; landings in
+# a row, soon after one another, at which nothing changed
 COUNT, CLOSE, BEGUN, RENEWALS, MEETS, TOGETHER, FAULT, CULPRIT, CULPRIT_LINK, SLOTS, LANDING, READY = range(12)
-ROWS, QUIET, HASTE, OUTSIDE, OUTSIDE_OF, OUTSIDE_LINK = range(12, 18)
-OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED = range(1, 11)  # what was wrong
+ROWS, QUIET, HASTE, OUTSIDE, OUTSIDE_OF, OUTSIDE_LINK, IDLE = range(12, 19)
+TALLIES = 19
+OVERLAP, CROWDED, UNSOLVED, STRAINED, BOUNCED, SHIFTED, ENERGY, RUBBED, HASTY, SHARED, UNDECIDED = range(
+    1, 12
+)  # what was wrong
 # of `spans`; from `STRAIN` on the residual of the forces of closed links, over the size of their terms; how far a closed
 # gap is from zero beyond what is allowed; energy that an event took, and that moving surfaces gave, with their terms;
 # the largest coefficient of friction, over that of its link, that an impulse needed which stopped a slip, and when

@@ -25,6 +25,7 @@ from xdynamics.march.assembly.broad_phase import (
     FIGURE,
     HASTE,
     HASTY,
+    IDLE,
     LANDING,
     LOSS,
     MEETS,
@@ -35,6 +36,7 @@ from xdynamics.march.assembly.broad_phase import (
     STRAINED,
     TERMS,
     TOGETHER,
+    UNDECIDED,
     WHOLE_STEP,
     WORK,
     blame,
@@ -69,6 +71,7 @@ from xdynamics.march.trial_step import copy
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
 MOST_HASTE = 1000  # events that follow each other within what times are located to
+MOST_IDLE, IDLY = 100, 1e-2  # landings in a row at which nothing changes, each after less than this of a step
 LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)  # no literals: numba compiles a copy for each
@@ -127,7 +130,7 @@ def begin(run: Run) -> None:
         run.tallies[CLOSE] += 1
     if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
-    run.tallies[BEGUN], run.tallies[HASTE] = 0, 0
+    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
 
 
 @shared
@@ -171,8 +174,12 @@ def find(run: Run) -> None:
     meets = find_release(run) or meets
     if meets:
         run.margins[SINCE, 0] = -inf
+    else:
+        run.tallies[IDLE] = 0
     if meets and is_hasty(run):
         give_up(run, HASTY, REASON_CONTACT)
+    elif meets and run.tallies[IDLE] > MOST_IDLE:
+        give_up(run, UNDECIDED, REASON_CONTACT)
     elif holds(run) and meets:
         run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
@@ -191,8 +198,11 @@ def holds(run: Run) -> bool:
 
 @shared
 def give_up(run: Run, fault: int, why: int) -> None:
-    """End the march where it stands."""
+    """End the march where it stands, with the first closed link that seems to let go, if any does."""
     blame(run, fault, 0, 0)
+    for a in range(run.closed[0] - 1, -1, -1):
+        if run.lifted[a] > 0:
+            blame(run, fault, run.held[a, 0], run.held[a, 1])
     end(run, why)
     run.tallies[MEETS] = AT_A_LOSS
 
@@ -213,7 +223,7 @@ def land(run: Run) -> None:
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = trial.h == run.spans[WHOLE_STEP] or trial.t >= run.spans[AIM]
     trial.t = run.spans[AIM] if reached else trial.t
-    before = now.rows
+    before, events = now.rows, now.events
     if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
@@ -229,6 +239,7 @@ def land(run: Run) -> None:
         leave(run, before, REASON_CONTACT)
         return
     note_changes(run, before)
+    note_idleness(run, now.events > events)
     evaluate(run, trial.t, run.z)
     note_sample(run, trial.t, run.z, before + 1)
     if not finite_state(run):
@@ -268,6 +279,13 @@ def is_hasty(run: Run) -> bool:
     soon = run.trial[0].t - run.now[0].t <= 4.0 * finest_resolution(run, run.trial[0].h)
     run.tallies[HASTE] = run.tallies[HASTE] + 1 if soon else 0
     return bool(run.tallies[HASTE] > MOST_HASTE)
+
+
+@shared
+def note_idleness(run: Run, changes: bool) -> None:
+    """Count a landing soon after the last one at which no link was struck, lifted, or began to slip or to stick."""
+    soon = run.trial[0].h <= IDLY * run.spans[WHOLE_STEP]
+    run.tallies[IDLE] = run.tallies[IDLE] + 1 if soon and not changes else 0
 
 
 @shared

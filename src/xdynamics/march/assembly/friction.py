@@ -16,7 +16,6 @@ from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import (
     AMISS,
     DRAG,
-    FIRST_X,
     GIVEN,
     GRIP,
     LEAST,
@@ -30,7 +29,6 @@ from xdynamics.march.assembly.closed_links import (
     RIGHT,
     SCALE,
     SLIDES_ON,
-    STICKS,
     TRIED,
     TRIED_WAY,
     X,
@@ -57,7 +55,6 @@ MOST_BOUNDS = 300  # turns of making bounds anew
 MOST_SWEEPS = 1 << 13  # turns over all links, one after the other
 SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at once
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
-HELD = 1e-10  # of the largest term: an acceleration that is no motion
 LIFTING = 1e-10  # of the largest force: a pull, or a drag beyond its bound, that is smaller may be rounding
 LIFTS, BREAKS, STOPS = range(1, 4)  # what happens to a closed link: its force, its grip, or its slip passes zero
 
@@ -77,11 +74,17 @@ def solve_links(run: Run, first: int, count: int) -> float:
 def solve_from(run: Run, first: int, count: int) -> float:
     """Do so from the forces that are there, of links with friction."""
     rows = 2 * count
+    pose_bounds(run, first, rows)
+    left = sweep_all(run, first, rows)
+    return left if left <= RESTLESS else follow_bounds(run, first, rows)
+
+
+@shared
+def pose_bounds(run: Run, first: int, rows: int) -> None:
+    """Write down what all links are given, and that they may press without bound."""
     for row in range(first, first + rows):
         run.vectors[GIVEN, row], run.vectors[OWN_SCALE, row] = run.vectors[RIGHT, row], run.vectors[SCALE, row]
         run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, inf
-    left = sweep_all(run, first, rows)
-    return left if left <= RESTLESS else follow_bounds(run, first, rows)
 
 
 @shared
@@ -330,41 +333,3 @@ def slip_on(run: Run, a: int) -> float:
     """The slip of a link that slides, in the direction in which it began to."""
     from_row = run.vectors[RATES, row_of(run, a) + 1]
     return float(from_row if run.grips[a] == SLIDES_ON else -from_row)
-
-
-@shared
-def share_forces(run: Run) -> None:
-    """Where closed links hold more than needs holding, share forces so that none pulls nor drags beyond its bound.
-
-    The motion stays as it is, which these forces have in common with those of `solve_closed`.
-    """
-    first, rows, within = closed_from(run), rows_of_closed(run), True
-    size = largest(run, X, first, rows)
-    for a in range(run.closed[0]):
-        row = row_of(run, a)
-        within = within and run.vectors[X, row] >= -LIFTING * size
-        if run.grips[a] == STICKS:
-            within = within and margin(run, a, BREAKS) >= -LIFTING * size * run.vectors[SCALE, row + 1]
-    if within:
-        return
-    for row in range(first, first + rows):
-        run.vectors[RIGHT, row] = run.vectors[GIVEN, row]
-        run.vectors[FIRST_X, row] = run.vectors[X, row]
-    if solve_from(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
-        for a in range(run.closed[0]):
-            row = row_of(run, a)
-            run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
-            run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1]
-        return
-    for row in range(first, first + rows):
-        run.vectors[X, row] = run.vectors[FIRST_X, row]
-
-
-@shared
-def all_held(run: Run, first: int, rows: int) -> bool:
-    """Whether no closed link accelerates along what it holds."""
-    held, size = True, max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
-    for row in range(first, first + rows):
-        if run.vectors[DRAG, row] == 0.0:
-            held = held and abs(run.vectors[RESIDUE, row]) <= HELD * size
-    return held

@@ -33,10 +33,11 @@ from xdynamics.march.assembly.closed_links import (
     row_of,
     rows_of_closed,
 )
-from xdynamics.march.assembly.friction import share_forces, solve_closed
+from xdynamics.march.assembly.friction import solve_closed
 from xdynamics.march.assembly.normal_forces import solve_equations
 from xdynamics.march.assembly.patterns import set_out
 from xdynamics.march.assembly.releases import SINCE
+from xdynamics.march.assembly.sharing import share_forces
 from xdynamics.march.calls import floats_at, run_at
 from xdynamics.march.force_evaluation import evaluate, finite_state
 from xdynamics.march.run import Run
@@ -126,6 +127,8 @@ def release_moved(run: Run, t: float) -> None:
     Those that stuck and now slip slide.
     """
     kept, run.margins[SINCE, 0] = 0, -inf  # forces at the start of a step are other ones
+    for row in range(run.shares.shape[0]):
+        run.shares[row] = 0.0
     look_at_closed(run, t, run.z)
     for a in range(run.closed[0]):
         row, grip = row_of(run, a), grip_at(run, a)
