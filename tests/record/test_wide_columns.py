@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from xdynamics.shapes.blocks import Block
 
 CHAIN = """
 name = "chain"
@@ -42,3 +43,12 @@ def test_wide_columns_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> Non
         assert run.sizes["step"] in (11, 21)
         for name, values in run.variables.items():
             np.testing.assert_array_equal(values.values, other[name].values, strict=True)
+
+
+def test_elements_are_not_named_where_no_name_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that reading and marching makes no names of single elements: of 10^6 these take 150 MB each time."""
+    named: list[str] = []
+    elements = Block.elements
+    monkeypatch.setattr(Block, "elements", lambda block: named.append(block.name) or elements(block))
+    xd.simulate(xd.Model.from_text(CHAIN), method="velocity_verlet", step="0.1 s", until="0.2 s", log="states")
+    assert named == []

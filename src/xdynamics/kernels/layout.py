@@ -257,8 +257,10 @@ class Layout:
     @cached_property
     def tracked(self) -> tuple[str, ...]:
         """The drives with located points whose argument is an expression: it is computed beside rates of events."""
-        variables = {*self.coordinates, *self.velocities}
         drives = dict.fromkeys(switch.drive for switch in self.watched if switch.drive)
+        if not drives:  # names of a million elements would be made in vain
+            return ()
+        variables = {*self.coordinates, *self.velocities}
         places = self.model.looked_up_at
         return tuple(name for name in drives if getattr(places[name], "name", "") not in variables)
 

@@ -75,7 +75,9 @@ def check_bodies(statement: Statement, dimensions: Mapping[str, Dimension], ledg
 
 def check_bodies_made(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     """Check the numbers of bodies, on a statement of single numbers: mass, inertia, attitude."""
-    known = {name: part.quantity.si for name, part in statement.parameters.items()} if statement.bodies else {}
+    if not statement.bodies:
+        return
+    known = {name: part.quantity.si for name, part in statement.parameters.items()}
     known |= {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": pi}
     rows = {name: i for i, name in enumerate(statement.coordinates)}
 

@@ -89,6 +89,8 @@ def moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
 
 def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of each multiplier: power over that of its rate."""
+    if not model.constraints:
+        return {}
     dimensions, by_condition = model.dimensions, dict[str, Dimension]()
     place = {name: i for i, name in enumerate(model.coordinates)}
     for condition in conditions(model):

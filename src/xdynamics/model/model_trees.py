@@ -203,7 +203,7 @@ class ModelTrees:
     @cached_property
     def looked_up_at(self) -> dict[str, Node]:
         """What the table of each drive is looked up at: t where its argument is linear in time, else the argument."""
-        moving = {*self.units, *self.drives}
+        moving = {*self.units, *self.drives} if self.drives else set[str]()
         return {name: place_of(self.expanded(drive.argument), moving) for name, drive in self.drives.items()}
 
     @cached_property
