@@ -20,6 +20,7 @@ from xdynamics.march.timescales import jacobian_at
 from xdynamics.march.uncontrolled_errors import LOSS, effect_of
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
+from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
@@ -239,6 +240,8 @@ def advice_on_stiffness(march: March) -> str:
     """Return advice where stability limits the chosen steps of an explicit method for most of a run, else nothing."""
     method, model, rows = march.settings.method, march.model, march.witnesses[1:]
     if not march.settings.adaptive or method.solves or model.python_forces or march.now.rows < FEW_ROWS:
+        return ""
+    if beyond_trees(model):
         return ""
     time = march.settings.scales.of(TIME)
 

@@ -23,6 +23,7 @@ from xdynamics.methods.steppers import DIFFERENCES, EXACT
 from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, order_for
 from xdynamics.model import Model, check_model
+from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.motion import variables
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
 from xdynamics.model.table_keys import near
@@ -60,6 +61,8 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
     jacobian = str(chosen.get("jacobian", EXACT))
     method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
+    if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians:
+        jacobian = DIFFERENCES
     step, scales = _step(model, chosen.get("step")), Scales.parse(chosen["scales"])
     tolerances = _tolerances(model, chosen, scales)
     if step is None and tolerances is None:

@@ -26,10 +26,10 @@ def evaluate(run: Run, t: float, state: State) -> None:
 
 
 @shared
-def settle_constraints(run: Run, t: float, state: State) -> None:
-    """Put a state where constraints hold, and evaluate the forces there."""
+def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
+    """Put a state where constraints hold, after a step or none (0), and evaluate the forces there."""
     set_time(run, T, t)
-    run.at[H] = 0.0
+    run.at[H] = h
     called(run.law[run.plan[0].held], run, state, state, 0)
     run.now[0].evaluations += 1
 

@@ -177,7 +177,7 @@ def begin_constraints(run: Run) -> None:
     """Put the start where constraints hold, if that was asked for; else end a run that begins elsewhere."""
     now, plan = run.now[0], run.plan[0]
     copy(run.y, run.z)
-    settle_constraints(run, now.t, run.z)
+    settle_constraints(run, now.t, run.z, 0.0)
     if plan.consistent > 0 and finite_state(run):
         copy(run.z, run.y)
     elif not run.z[plan.moved] <= CONSISTENT:

@@ -16,6 +16,7 @@ from xdynamics.march.run import CHANGING, PLAN
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
+from xdynamics.model.constraints import beyond_trees
 from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
@@ -101,8 +102,8 @@ def jacobian_at(march: March, row: int) -> Floats:
 
 
 def beyond_eigenvalues(model: Model) -> bool:
-    """Whether the state of a model whose law is printed in loops has too many numbers to look for eigenvalues."""
-    return has_loops(model) and 2 * len(model.coordinates) + len(model.states) > MOST_NUMBERS
+    """Whether a model has too many numbers to look for eigenvalues: one in loops, or one that constraints couple."""
+    return beyond_trees(model) or (has_loops(model) and 2 * len(model.coordinates) + len(model.states) > MOST_NUMBERS)
 
 
 def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:

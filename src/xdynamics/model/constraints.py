@@ -34,6 +34,7 @@ from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
 
+MOST_DIFFERENTIATED = 24  # coordinates: the derivatives of all accelerations by all of the state grow as the cube
 DEPENDENT = 1e-13  # of a gradient's square: less is left of it beside the others by rounding alone
 
 
@@ -77,6 +78,11 @@ def conditions(model: Model) -> tuple[Condition, ...]:
 def rates_of_states(model: Model) -> dict[str, Node]:
     """Return the rate of each first-order state as it is written: where a condition reads an attitude, say."""
     return {rate(name): model.expanded(state.rate) for name, state in model.states.items()}
+
+
+def beyond_trees(model: Model) -> bool:
+    """Whether constraints couple so many coordinates that derivatives of the accelerations are left to differences."""
+    return bool(model.constraints) and len(model.coordinates) > MOST_DIFFERENTIATED
 
 
 def moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:

@@ -51,11 +51,23 @@ def _bound(model: Model, by: str) -> Iterator[Assignment]:
 
 def _lag(model: Model, k: int, by: str) -> Node:
     """Return the derivative of a condition's bias, and of its row at these accelerations."""
-    condition = conditions(model)[k]
-    total = dict(_derivatives(model, condition.bias)).get(by, ZERO)
-    for name, tree in condition.row.items():
-        total = add(total, multiply(dict(_derivatives(model, tree)).get(by, ZERO), Name(acceleration(name))))
+    bias, rows = _turned(model)[k]
+    total = bias.get(by, ZERO)
+    for name, turned in rows.items():
+        total = add(total, multiply(turned.get(by, ZERO), Name(acceleration(name))))
     return total
+
+
+@lru_cache(maxsize=16)
+def _turned(model: Model) -> list[tuple[dict[str, Node], dict[str, dict[str, Node]]]]:
+    """Return the derivatives of each condition's bias, and of the entries of its row."""
+    return [
+        (
+            dict(_derivatives(model, condition.bias)),
+            {name: dict(_derivatives(model, tree)) for name, tree in condition.row.items()},
+        )
+        for condition in conditions(model)
+    ]
 
 
 @lru_cache(maxsize=64)
@@ -70,9 +82,9 @@ def _changes(model: Model) -> dict[str, dict[str, Node]]:
         term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
         inertia_terms.setdefault((coordinates[i], by), []).append(term)
     forces: dict[tuple[str, str], Node] = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
-    for condition in conditions(model):
-        for name, tree in condition.row.items():
-            for by, turned in _derivatives(model, tree):
+    for condition, (_, rows) in zip(conditions(model), _turned(model), strict=True):
+        for name, derivatives_of_row in rows.items():
+            for by, turned in derivatives_of_row.items():
                 pulled = multiply(turned, Name(constraint_force(condition.name)))
                 forces[name, by] = add(forces.get((name, by), ZERO), pulled)
     coupled = model.mass_is_full or bool(model.constraints)

@@ -177,7 +177,7 @@ def cross(run: Run, before: int) -> bool:
         changed = keep_sides(run, changed) or changed
     if changed:
         if plan.held > 0:
-            settle_constraints(run, trial.t, run.z)
+            settle_constraints(run, trial.t, run.z, 0.0)
         else:
             evaluate(run, trial.t, run.z)
         note_sample(run, trial.t, run.z, before + 1)

@@ -62,7 +62,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
     for i in range(used):
         z[i] = run.w[2 * used + i]
     if plan.held > 0:
-        settle_constraints(run, t1, z)
+        settle_constraints(run, t1, z, h)
     else:
         evaluate(run, t1, z)
     keep_sample(run, t1, z, sample + 3 * width)
