@@ -11,6 +11,9 @@ import xarray as xr
 from scipy.special import ellipj, ellipk
 
 import xdynamics as xd
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.outcome_text import ending
+from xdynamics.march.runner import March
 
 LENGTH, GRAVITY, MASS = 1.5, 9.81, 2.0
 ROD = """
@@ -32,6 +35,26 @@ holds = "sqrt(x**2 + y**2) - L"
 [initial]
 x = "1.5 m"
 y = "0 m"
+"""
+HINGED = """
+name = "hinged rod"
+[bodies.rod]
+mass = "2 kg"
+inertia = ["0.2 kg m2", "0.2 kg m2", "0.002 kg m2"]
+points = { top = ["0 m", "0 m", "0.5 m"] }
+[bodies.rod.initial]
+position = ["0 m", "0.5 m", "0 m"]
+attitude = { axis = [1, 0, 0], angle = "90 degree" }
+[parameters]
+g = "9.81 m s-2"
+[forces.weight]
+potential = "rod_mass*g*rod_r[z]"
+[constraints.pin]
+holds = "point(rod, top)"
+[constraints.across]
+holds = "dot(direction(rod, [1, 0, 0]), where(index(axis) > 0, where(index(axis) > 1, 0, 1), 0), axis)"
+[constraints.along]
+holds = "dot(direction(rod, [1, 0, 0]), where(index(axis) > 1, 1, 0), axis)"
 """
 
 
@@ -234,3 +257,24 @@ def test_lanes_have_the_bits_of_single_runs() -> None:
     for mass, end in zip(masses, grid.end_x.values, strict=True):
         single = xd.simulate(rod('g = "9.81', f'g = "{mass}'), method="dop853", rtol=1e-9, until="3 s")
         assert single.x.values[-1] == end
+
+
+def test_a_hinge_of_a_body_makes_a_physical_pendulum() -> None:
+    """Assert that a rod pinned at its end, and kept across one axis, swings as its moment about the pivot says."""
+    run = xd.simulate(xd.Model.from_text(HINGED), method="rk4", step="4 ms", until="1 s")
+    omega, m = math.sqrt(2 * 9.81 * 0.5 / 0.7), 0.5
+    sn = ellipj(ellipk(m) - omega * run.time.values, m)[0]
+    angle = 2 * np.arcsin(math.sqrt(m) * sn)
+    assert abs(run.rod_r.sel(axis="y") - 0.5 * np.sin(angle)).max() < 1e-8
+    assert abs(run.rod_r.sel(axis="z") + 0.5 * np.cos(angle)).max() < 1e-8
+    assert (run.constraint_rank == 5).all()
+    assert run.constraint_force_pin.dims == ("step", "axis")
+    assert abs(run.constraint_residual_pin).max() < 1e-11
+
+
+def test_a_violated_start_of_a_member_is_an_outcome() -> None:
+    """Assert that a start that constraints do not hold at ends a run in words, whoever made it so."""
+    march = March(rod(), settings_for(rod(), method="rk4", step=0.01, until=1.0))
+    march.run.y[0] = 1.6
+    list(march.blocks())
+    assert "do not hold at the start" in ending(march).text

@@ -17,6 +17,7 @@ from xdynamics.kernels.program import AT, Operand, Place, Program, ProgramCall, 
 from xdynamics.model.constraints import Condition, attached, conditions, correcting, keeping_along
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.schema import acceleration, velocity
+from xdynamics.units import NONE
 
 CONSTRAIN, TURN, KEEP = "constrain", "constrain_turn", "keep"
 SMALLEST = 1e-15  # of the same: what rounding leaves, so that no energy drifts
@@ -57,7 +58,7 @@ def _turn(layout: Layout) -> Program:
     most: Operand = farthest
     step = lines.compute("abs", lines.load(Place("at", AT.index("h"))))
     for condition in conditions(model):
-        far, most = _judged(lines, condition.residual, far, most)
+        far, most = _judged(lines, condition.residual, far, most, _reached(lines, layout, condition))
         gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
         fast, most = _judged(lines, condition.rate, fast, most, gained)
     first = lines.compute("less", turns, 0.5)
@@ -96,7 +97,8 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     ahead = assigned(layout, (), state="z", time="t1", prefix="_z")
     excess: Operand = 0.0
     for condition in conditions(model):
-        excess, _ = _judged(ahead, condition.residual, excess, 0.0, tolerance=SMALLEST)
+        sizes = _reached(ahead, layout, condition)
+        excess, _ = _judged(ahead, condition.residual, excess, 0.0, sizes, tolerance=SMALLEST)
     off = {f"_off{k}": ahead.value(condition.residual) for k, condition in enumerate(conditions(model))}
     lines = assigned(layout, keeping_along(model), prefix="_y", given=off)
     is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
@@ -113,6 +115,13 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     lines.store(Place("e", OPEN), again)
     lines.store(Place("e", TURNS), made)
     return (Program(KEEP, "One turn of impulses of constraints.", (*ahead.lines, *lines.lines)),)
+
+
+def _reached(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
+    """Yield the sizes of a residual's change by the coordinates as they are, by 1 radian of angles."""
+    for name, tree in condition.row.items():
+        own: Operand = 1.0 if layout.model.dimensions[name] == NONE else lines.named(name)
+        yield lines.compute("abs", lines.compute("multiply", lines.value(tree), own))
 
 
 def _accelerated(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:

@@ -61,8 +61,6 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
     jacobian = str(chosen.get("jacobian", EXACT))
     method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
-    if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians:
-        jacobian = DIFFERENCES
     step, scales = _step(model, chosen.get("step")), Scales.parse(chosen["scales"])
     tolerances = _tolerances(model, chosen, scales)
     if step is None and tolerances is None:
@@ -87,7 +85,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         read.get("estimator") or _estimator(method, tolerances),
         read["force_samples"] == "all",
         scales,
-        jacobian,
+        _jacobian(jacobian, method, model),
         read.get("summation") or _summation(method, model, read.get("precision")),
         _nodes(model, read.get("nodes")),
         _switches(model, read.get("switches") or LOCATED),
@@ -102,6 +100,11 @@ def settings_for(model: Model, **asked: Any) -> Settings:
     )
     settings.check(model)
     return settings
+
+
+def _jacobian(asked: str, method: Method, model: Model) -> str:
+    """Return where derivatives come from: differences, too, where constraints couple too many coordinates for trees."""
+    return DIFFERENCES if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians else asked
 
 
 def _default_log(model: Model) -> str:

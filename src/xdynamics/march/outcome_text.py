@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
 from xdynamics.expressions import Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import spoken
@@ -15,6 +17,7 @@ from xdynamics.march.contact_failures import dispute, inconsistency, painleve, u
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.outcomes import (
     COMPLETED,
+    CONSTRAINT_VIOLATED,
     CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
     EVENT_AT_ZERO,
@@ -126,6 +129,8 @@ def diagnose(march: March) -> Failure:
         return Failure(OUTCOMES[status], _sliding(march))
     if status == NONFINITE_OBSERVABLE:
         return _in_row(march)
+    if status == CONSTRAINT_VIOLATED:
+        return Failure(OUTCOMES[status], _violated(march))
     if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
         few = inconsistency if status == CONTACT_INCONSISTENT else dispute
         say = assembly_dispute if march.model.assemblies else few
@@ -199,6 +204,8 @@ def _cause(march: March) -> str:
                 return used
             remedy = f"raise max_steps{'' if search else ' or the tolerances'}"
             return f"{used}, where {of_error(march)} has the largest error; {remedy}"
+        case status if status == REASON_NEWTON and np.isnan(march.run.z[plan.moved]) and plan.held:
+            return _unmet(march)
         case status if status == REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             settings = march.settings
@@ -215,6 +222,25 @@ def _cause(march: March) -> str:
         case status if status == STEP_TOO_SMALL:
             return "t + h is t in double precision; take a longer step or an earlier t"
     return ""
+
+
+def _unmet(march: March) -> str:
+    """Say that the result of a step could not be put where constraints hold."""
+    named = ", ".join(f"'{name}'" for name in march.model.constraints)
+    remedy = (
+        "they contradict each other, or the motion is singular here"
+        if march.run.plan[0].adaptive
+        else "take a shorter step"
+    )
+    return f"no state near the step's result satisfies the constraints {named}; {remedy}"
+
+
+def _violated(march: March) -> str:
+    """Say that constraints do not hold at the start."""
+    named = ", ".join(f"'{name}'" for name in march.model.constraints)
+    return (
+        f"constraints ({named}) do not hold at the start; give values that satisfy them, or [initial] consistent = true"
+    )
 
 
 def _in_row(march: March) -> Failure:
