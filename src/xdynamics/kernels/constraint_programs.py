@@ -7,6 +7,7 @@ a method stays (Hairer and Wanner, Solving Ordinary Differential Equations II, 2
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from xdynamics.expressions import Node
 from xdynamics.expressions.tree import summands
@@ -14,7 +15,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import assigned
 from xdynamics.kernels.program import AT, Operand, Place, Program, ProgramCall, StoreTo, While
-from xdynamics.model.constraints import Condition, attached, conditions, correcting, keeping_along
+from xdynamics.model.constraints import Condition, attached, conditions, correcting, inverse_pivot, keeping_along
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import NONE
@@ -57,10 +58,11 @@ def _turn(layout: Layout) -> Program:
     fast: Operand = 0.0
     most: Operand = farthest
     step = lines.compute("abs", lines.load(Place("at", AT.index("h"))))
-    for condition in conditions(model):
-        far, most = _judged(lines, condition.residual, far, most, _reached(lines, layout, condition))
+    for k, condition in enumerate(conditions(model)):
+        judged = _Judged(lines, lines.named(inverse_pivot(k)))
+        far, most = judged(condition.residual, far, most, _reached(lines, layout, condition))
         gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
-        fast, most = _judged(lines, condition.rate, fast, most, gained)
+        fast, most = judged(condition.rate, fast, most, gained)
     first = lines.compute("less", turns, 0.5)
     far, fast = lines.compute("more", far, 0.0), lines.compute("more", fast, 0.0)
     moves = lines.compute("choose", far, is_open, 0.0)
@@ -98,7 +100,7 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     excess: Operand = 0.0
     for condition in conditions(model):
         sizes = _reached(ahead, layout, condition)
-        excess, _ = _judged(ahead, condition.residual, excess, 0.0, sizes, tolerance=SMALLEST)
+        excess, _ = _Judged(ahead, 1.0)(condition.residual, excess, 0.0, sizes, tolerance=SMALLEST)
     off = {f"_off{k}": ahead.value(condition.residual) for k, condition in enumerate(conditions(model))}
     lines = assigned(layout, keeping_along(model), prefix="_y", given=off)
     is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
@@ -131,19 +133,35 @@ def _accelerated(lines: Assignments, layout: Layout, condition: Condition) -> It
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), own))
 
 
-def _judged(
-    lines: Assignments,
-    tree: Node,
-    excess: Operand,
-    most: Operand,
-    further: Iterable[Operand] = (),
-    tolerance: float = TOLERANCE,
-) -> tuple[Operand, Operand]:
-    """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
-    value = lines.compute("abs", lines.value(tree))
-    size: Operand = 0.0
-    for size_of_term in (*(lines.compute("abs", lines.value(term)) for term in summands(tree)), *further):
-        size = lines.compute("add", size, size_of_term)
-    over = lines.compute("subtract", value, lines.compute("multiply", tolerance, size))
-    share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
-    return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)
+@dataclass(frozen=True)
+class _Judged:
+    """Compares residuals of a condition with the sizes of their terms; of one that others imply, it asks nothing.
+
+    Attributes
+    ----------
+    lines : Assignments
+    acts : Operand
+        Zero where the condition is one that others imply.
+    """
+
+    lines: Assignments
+    acts: Operand
+
+    def __call__(
+        self,
+        tree: Node,
+        excess: Operand,
+        most: Operand,
+        further: Iterable[Operand] = (),
+        tolerance: float = TOLERANCE,
+    ) -> tuple[Operand, Operand]:
+        """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
+        lines = self.lines
+        value = lines.compute("abs", lines.value(tree))
+        size: Operand = 0.0
+        for term in (*(lines.compute("abs", lines.value(term)) for term in summands(tree)), *further):
+            size = lines.compute("add", size, term)
+        over = lines.compute("subtract", value, lines.compute("multiply", tolerance, size))
+        over = lines.compute("choose", lines.compute("equal", self.acts, 0.0), 0.0, over)
+        share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
+        return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)

@@ -3,8 +3,8 @@
 Each condition keeps a rate at zero, R v + … = 0: the time derivative of `holds`, or `rolls` itself. The accelerations
 and the multipliers u solve M a = F + R^T u, R a + bias = 0, so R M^-1 R^T u = -(R M^-1 F + bias) (Hairer and Wanner,
 Solving Ordinary Differential Equations II, 2nd ed., section VII.1, index 1). That matrix is factored as L D L^T, sparse
-where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A pivot of zero belongs to a
-condition that others imply, whose multiplier is then zero; accelerations do not depend on how it is shared.
+where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A small pivot
+belongs to a condition that others imply, whose multiplier is then zero; accelerations do not depend on how it is shared.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
 
 MOST_DIFFERENTIATED = 24  # coordinates: the derivatives of all accelerations by all of the state grow as the cube
-DEPENDENT = 1e-13  # of a gradient's square: less is left of it beside the others by rounding alone
+# A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position a multiplier
+# is rounding over this number, and what is dropped there is missed for as long: 1e-6 weighs the two.
+DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -129,17 +131,17 @@ def tying(model: Model) -> Iterator[Assignment]:
 
 
 def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignment]:
-    """Factor a symmetric matrix as L D L^T, and count the pivots that are not zero."""
+    """Factor a symmetric matrix as L D L^T, and count the pivots that are not zero, or too small beside its diagonal."""
     independent: Node = ZERO
     diagonal = [entries.get((p, p), ZERO) for p in range(n)]
     for p in range(n):
         regular = Compare(">", entries.get((p, p), ZERO), multiply(Number(DEPENDENT), diagonal[p]))
         inverse = Call("where", (regular, Binary("/", ONE, entries.get((p, p), ZERO)), ZERO))
-        yield Assignment(_inverse(p), inverse)
+        yield Assignment(inverse_pivot(p), inverse)
         independent = add(independent, Call("where", (regular, ONE, ZERO)))
         below = [i for i in range(p + 1, n) if (i, p) in entries]
         for i in below:
-            yield Assignment(_factor(i, p), Binary("*", entries[i, p], Name(_inverse(p))))
+            yield Assignment(_factor(i, p), Binary("*", entries[i, p], Name(inverse_pivot(p))))
             for j in (j for j in below if j <= i):
                 reduced = less(entries.get((i, j), ZERO), [Binary("*", Name(_factor(i, p)), entries[j, p])])
                 yield Assignment(f"_tied{i}_{j}_{p}", reduced)
@@ -211,7 +213,7 @@ def bound(
         behind = (
             Binary("*", Name(_factor(i, k)), Name(forces[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
         )
-        yield Assignment(forces[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(_inverse(k))), behind))
+        yield Assignment(forces[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
     for name, target in targets.items():
         terms = [
             Binary("*", Name(_reach(k, name)), Name(forces[k]))
@@ -261,5 +263,6 @@ def _factor(i: int, p: int) -> str:
     return f"_share{i}_{p}"
 
 
-def _inverse(p: int) -> str:
+def inverse_pivot(p: int) -> str:
+    """Name what a multiplier is multiplied by, zero where its condition is one that others imply."""
     return f"_slack{p}"
