@@ -19,7 +19,7 @@ OTHER_LETTERS = {
     "figures": 4,
     "kernels": 3,
     "methods": 2,
-    "model": 5,
+    "model": 6,
     "record": 1,
 }
 # and sentences with seconds of a clock, or of models that have them by definition: of `scales`, and of `solve`

@@ -16,6 +16,7 @@ from xdynamics.kernels.nest_indices import UnprintedError
 from xdynamics.kernels.nests import Nests
 from xdynamics.kernels.program import (
     AT,
+    DEVIATION,
     Compute,
     EngineCall,
     Instruction,
@@ -272,7 +273,7 @@ def row(layout: Layout, memory: int) -> Program:
         lines.store(Place("z", first), lines.load(Place("at", AT.index("turns"))))
         first += layout.effort.size
     if layout.deviations:
-        lines.store(Place("z", first), lines.load(Place("at", AT.index("deviation"))))
+        lines.store(Place("z", first), lines.load(Place("at", DEVIATION)))
         first += layout.deviations.size
     if layout.rests:
         rest = layout.used.size + layout.evaluation.size

@@ -23,8 +23,9 @@ TABLE = (*ARRAYS, "rows")
 WORDS = 3
 # The numbers of `at`: ends and size of a step, place in it from 0 to 1, regime; what else a row of the log keeps of a
 # step; and `unsound`, which a program sets to 0 if the numbers that it answers for are finite, else to nan.
-AT = ("t", "t1", "h", "s", "regime", "norm", "turns", "unsound", "deviation")
-T, T1, H, S, REGIME, NORM, TURNS, UNSOUND, DEVIATION = range(len(AT))
+AT = ("t", "t1", "h", "s", "regime", "norm", "turns", "unsound")
+T, T1, H, S, REGIME, NORM, TURNS, UNSOUND = range(len(AT))
+DEVIATION = 2 * len(AT)  # behind them and their rests: how far from 1 a step has left the length of a quaternion
 
 
 @dataclass(frozen=True)

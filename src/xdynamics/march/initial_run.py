@@ -17,7 +17,7 @@ from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.constraint_programs import CONSTRAIN
 from xdynamics.kernels.drive_tables import flattened
 from xdynamics.kernels.law import FORCES
-from xdynamics.kernels.program import AT
+from xdynamics.kernels.program import AT, DEVIATION
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.assembly_arrays import assembled
 from xdynamics.march.attitudes import PARTS
@@ -81,7 +81,7 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         now=now,
         trial=np.zeros(1, TRIAL),
         located=np.zeros(1, TRIAL),
-        at=np.zeros(len(AT) * (1 + law.layout.is_doubled)),
+        at=np.zeros(DEVIATION + 1 if law.layout.attitudes else len(AT) * (1 + law.layout.is_doubled)),
         **_states(model, settings, law, int(plan["samples"][0])),
         **_following(settings, law.layout),
         **_parameters(model, scales, doubled=law.layout.is_doubled),

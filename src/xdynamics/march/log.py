@@ -144,7 +144,8 @@ def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     row = now.rows - run.base[0].rows
     reached = h > 0.0  # by a step, so that there is an error
     at[H], at[NORM], at[TURNS] = h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
-    at[DEVIATION] = run.trial[0].deviation if reached else 0.0
+    if at.shape[0] > DEVIATION:
+        at[DEVIATION] = run.trial[0].deviation if reached else 0.0
     set_time(run, T, t)
     noted(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
