@@ -278,3 +278,10 @@ def test_a_violated_start_of_a_member_is_an_outcome() -> None:
     march.run.y[0] = 1.6
     list(march.blocks())
     assert "do not hold at the start" in ending(march).text
+
+
+def test_multipliers_have_a_panel() -> None:
+    """Assert that a picture of a run has the multipliers, alone where they are asked for."""
+    run = xd.simulate(rod(), method="rk4", step="10 ms", until="1 s")
+    panels = xd.plot(run, only="constraint").axes
+    assert next(axes.get_title(loc="left") for axes in panels).startswith("multipliers of constraints")

@@ -478,7 +478,7 @@ def test_compiled_equals_plain_python(request: pytest.FixtureRequest) -> None:
     whole = request.config.getoption("--whole")
     paths, times, share = sorted(MODELS.glob("*.toml")), 4 if whole else 1, "whole" if whole else "half"
     paths = paths if whole else paths[1::5]
-    until = {"woodpecker": 0.15, "granular_box": 0.2, "rough_pile": 0.1} | dict.fromkeys(MANY, 0.2)
+    until = {"woodpecker": 0.15, "granular_box": 0.2, "rough_pile": 0.1, "thermostat": 35.0} | dict.fromkeys(MANY, 0.2)
     untils = [times * until.get(path.stem, 0.55) for path in paths]
     command = [
         sys.executable,

@@ -553,7 +553,7 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
             assert found[word].values[i].tolist() == alone[word][0].tolist(), word
 
 
-@pytest.mark.every(37)
+@pytest.mark.every(36)
 @pytest.mark.parametrize("name", sorted(entry.stem for entry in MODELS.glob("*.toml")))
 @pytest.mark.filterwarnings("ignore::xdynamics.AccuracyWarning")
 def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureRequest) -> None:

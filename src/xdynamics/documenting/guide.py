@@ -8,6 +8,7 @@ from functools import partial
 from xdynamics import schema
 from xdynamics.documenting.archives_page import ARCHIVES_PAGE
 from xdynamics.documenting.bodies_page import bodies_page
+from xdynamics.documenting.constraints_page import constraints_page
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.folding import folded
 from xdynamics.documenting.json_page import JSON_PAGE
@@ -279,6 +280,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "stores": STORES_PAGE.splitlines,
         **{name: partial(_section, name) for name in SECTIONS},
         "bodies": lambda: bodies_page(_section("bodies")),
+        "constraints": lambda: constraints_page(_section("constraints")),
     }
 
 

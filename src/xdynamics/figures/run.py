@@ -36,6 +36,7 @@ KINDS = (
     "space",
     "map",
     "contact",
+    "constraint",
     "drive",
     "controller",
     "phase",
@@ -56,6 +57,7 @@ FIRST = (
     "section",
     "energy",
     "contact",
+    "constraint",
     "drive",
     "controller",
     "state",
@@ -214,9 +216,13 @@ def _of_forces(
 ) -> Iterator[Keyed]:
     """Yield forces and impulses of contacts, drives, and velocities against positions."""
     coordinates = _with_role(run, "coordinate")
-    pressed = [name for name in _with_role(run, "reaction") if run[name].values.any()]
-    for names in _by_unit(run, _wanted_names("contact", pressed, wanted)):
-        yield "contact", names, partial(line_panels.against_time, run, names, line_panels.CONTACTS, beside)
+    for kind, role, title in (
+        ("contact", "reaction", line_panels.CONTACTS),
+        ("constraint", "multiplier", "multipliers of constraints"),
+    ):
+        acting = [name for name in _with_role(run, role) if run[name].ndim == 1 and run[name].values.any()]
+        for names in _by_unit(run, _wanted_names(kind, acting, wanted)):
+            yield kind, names, partial(line_panels.against_time, run, names, title, beside)
     for names in _by_unit(run, line_panels.impulses(run, coordinates)):
         yield "contact", [], partial(line_panels.impact_needles, run, names, beside)
     for names in _drives(run):
