@@ -365,3 +365,11 @@ def test_extremes_at_events_are_located() -> None:
         assert float(found[name]) == pytest.approx(sign * math.sqrt(20.0))
         assert float(found[f"{name}_time"]) == pytest.approx(math.sqrt(0.2))
     assert (rule(found, "maximum_y"), float(found.maximum_y_time)) == ("sampled", 0.0)
+
+
+def test_forces_that_no_expression_gives_are_left_out() -> None:
+    """Assert that a box of discs is diagnosed, whose contact forces are found by iteration."""
+    run = xd.simulate(xd.Model.from_toml(MODELS / "granular_box.toml"), method="dormand_prince", rtol=1e-6, until=0.02)
+    found = xd.diagnose(run, companion=False)
+    assert "maximum_r" in found
+    assert not [name for name in found if "contact_force" in str(name)]

@@ -563,6 +563,7 @@ def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureReques
     """
     until = 2.0 if request.config.getoption("--whole") else 0.25
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
+    until = max(until, *(2 * part.every.si for part in model.controllers.values()), 0.0)
     parameter, used = next(iter(model.parameters)), list(model.units)
     value = model.parameters[parameter].quantity.value
     asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-7, "until": until}

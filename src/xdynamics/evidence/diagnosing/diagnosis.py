@@ -224,7 +224,7 @@ def _dataset(
                 for name, text in SAID.items()
             }
     variables = listed(variables, request.occurrences)
-    variables |= extremes_of(rows, sought(run), functions)
+    variables |= extremes_of(rows, sought(run, rows.model), functions)
     variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
         variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))

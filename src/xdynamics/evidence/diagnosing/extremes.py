@@ -22,6 +22,7 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import read_by
+from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -351,14 +352,16 @@ def beyond(values: Floats, time: Floats, row: int) -> float:
     return float(slope**2 / abs(4.0 * bend)) if bend else 0.0
 
 
-def sought(run: xr.Dataset) -> list[str]:
+def sought(run: xr.Dataset, model: Model) -> list[str]:
     """Name the quantities whose extremes are sought; in large models only those that steps integrate."""
+    # forces of contacts of many bodies, which no expression gives
+    by_iteration = tuple(name(contact) for contact in model.assemblies for name in (contact_force, friction_force))
     along = {
         str(name): variable.attrs.get("role")
         for name in run.data_vars
         if (variable := run.variables[name]).dims == (schema.STEPS,)
     }
-    names = [name for name, role in along.items() if role in SOUGHT]
+    names = [name for name, role in along.items() if role in SOUGHT and not name.startswith(by_iteration)]
     return names if len(names) <= MOST_NAMES else [name for name in names if along[name] in STATES]
 
 
