@@ -353,8 +353,7 @@ def beyond(values: Floats, time: Floats, row: int) -> float:
 
 
 def sought(run: xr.Dataset, model: Model) -> list[str]:
-    """Name the quantities whose extremes are sought; in large models only those that steps integrate."""
-    # forces of contacts of many bodies, which no expression gives
+    """Name the quantities whose extremes are sought; in large models only those that steps integrate, and no iterated forces."""
     by_iteration = tuple(name(contact) for contact in model.assemblies for name in (contact_force, friction_force))
     along = {
         str(name): variable.attrs.get("role")
