@@ -14,6 +14,8 @@ import xdynamics as xd
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.runner import March
+from xdynamics.model.linearisation import linearise
+from xdynamics.model.motion import constants, evaluated
 
 LENGTH, GRAVITY, MASS = 1.5, 9.81, 2.0
 ROD = """
@@ -285,3 +287,40 @@ def test_multipliers_have_a_panel() -> None:
     run = xd.simulate(rod(), method="rk4", step="10 ms", until="1 s")
     panels = xd.plot(run, only="constraint").axes
     assert next(axes.get_title(loc="left") for axes in panels).startswith("multipliers of constraints")
+
+
+def test_derivatives_of_constrained_accelerations() -> None:
+    """Assert that the Jacobian, in which rows turn with the state, is that of differences."""
+    model = rod("[initial]", '[initial]\nv_y = "2 m s-1"\nv_x = "0 m s-1"')
+    state = {name: model.initial[name].si for name in ("t", "x", "y", "v_x", "v_y")}
+    found = linearise(model, state).jacobian
+    names = ("x", "y", "v_x", "v_y")
+
+    def slopes(moved: dict[str, float]) -> np.ndarray:
+        """Rates of the state, by the assignments of the motion."""
+        values = evaluated(model, moved, constants(model), [])
+        return np.array([moved["v_x"], moved["v_y"], values["a_x"], values["a_y"]])
+
+    for i, name in enumerate(names):
+        near, far = ({**state, name: state[name] + sign * 1e-6} for sign in (-1, 1))
+        assert found[:, i] == pytest.approx((slopes(far) - slopes(near)) / 2e-6, rel=1e-6, abs=1e-7)
+
+
+def test_resets_are_put_back() -> None:
+    """Assert that velocities set at an event obey the rod in the row behind it."""
+    model = rod(
+        "[initial]", '[events.kick]\nfunction = "x"\naction = "reset"\nset = { v_y = "1*metre/second" }\n[initial]'
+    )
+    run = xd.simulate(model, method="dop853", rtol=1e-10, until="1.5 s")
+    assert run.sizes["event"] == 1
+    behind = int(run.event_row_after[0])
+    assert abs(float(run.constraint_rate_rod[behind])) < 1e-11
+    assert run.constraint_projection[behind] > 1e-3
+
+
+def test_radau_stays_on_constraints() -> None:
+    """Assert that an implicit method whose steps the engine makes is projected, too."""
+    run = xd.simulate(rod(), method="radau_iia", rtol=1e-7, until="1 s")
+    assert abs(run.constraint_residual_rod).max() < 1e-11
+    assert abs(run.constraint_rate_rod).max() < 1e-11
+    assert off(run) < 1e-5
