@@ -324,3 +324,34 @@ def test_radau_stays_on_constraints() -> None:
     assert abs(run.constraint_residual_rod).max() < 1e-11
     assert abs(run.constraint_rate_rod).max() < 1e-11
     assert off(run) < 1e-5
+
+
+def test_a_hinge_is_found_from_a_start_that_is_off() -> None:
+    """Assert that attitudes are moved to where a hinge holds, in the message and by the march."""
+    text = HINGED.replace("axis = [1, 0, 0], angle", "axis = [1, 0.01, 0.02], angle")
+    with pytest.raises(xd.ModelError, match="the nearest state where it holds is"):
+        xd.Model.from_text(text)
+    run = xd.simulate(
+        xd.Model.from_text(text + "[initial]\nconsistent = true\n"), method="rk4", step="5 ms", until="0.05 s"
+    )
+    for name in ("pin", "across", "along"):
+        assert abs(run[f"constraint_residual_{name}"]).max() < 1e-11
+
+
+def test_a_floor_takes_the_load_of_a_rod() -> None:
+    """Assert that the multiplier is that beside the force of a contact that rests: here none is left."""
+    resting = rod(
+        '[initial]\nx = "1.5 m"\ny = "0 m"',
+        '[contacts.floor]\ngap = "y + 0.9*metre"\nrestitution = 0.0\n[initial]\nx = "1.2 m"\ny = "-0.9 m"',
+    )
+    run = xd.simulate(resting, method="rk4", step="10 ms", until="0.1 s")
+    assert abs(run.contact_force_floor - MASS * GRAVITY).max() < 1e-10
+    assert abs(run.constraint_force_rod).max() < 1e-10
+
+
+def test_a_trial_leaves_its_start_as_it_was() -> None:
+    """Assert that two half steps begin where the whole one did: impulses change copies of velocities."""
+    run = xd.simulate(rod(), method="position_verlet", estimator="step_doubling", rtol=1e-5, until="1 s")
+    assert run.sizes["trial"] >= 0
+    assert off(run) < 1e-3
+    assert float(run.error_norm.max()) <= 1.0

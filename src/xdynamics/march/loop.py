@@ -17,6 +17,7 @@ from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite
 from xdynamics.march.assembly.broad_phase import MEETS
+from xdynamics.march.attitudes import hold_attitudes
 from xdynamics.march.calls import called, entered_by, run_at
 from xdynamics.march.control import first_step, grow, reduce, shortest
 from xdynamics.march.events.event_free_region import end_region
@@ -62,6 +63,7 @@ from xdynamics.schema import (
     STEP,
 )
 
+ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 _INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 note_apart = apart(note)
@@ -178,9 +180,13 @@ def begin_constraints(run: Run) -> None:
     now, plan = run.now[0], run.plan[0]
     copy(run.y, run.z)
     settle_constraints(run, now.t, run.z, 0.0)
+    holds = run.z[plan.moved] <= CONSISTENT
+    if plan.consistent > 0:
+        for _ in range(ROUNDS):
+            hold_attitudes(run, now.t)
     if plan.consistent > 0 and finite_state(run):
         copy(run.z, run.y)
-    elif not run.z[plan.moved] <= CONSISTENT:
+    elif not holds:
         now.status = CONSTRAINT_VIOLATED
 
 

@@ -28,7 +28,7 @@ from xdynamics.model.parts import Constraint
 from xdynamics.model.statement import Statement
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
-from xdynamics.units import Dimension, spell
+from xdynamics.units import NONE, Dimension, spell
 
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 MOST_TURNS = 50
@@ -120,8 +120,11 @@ class _ConditionsAtStart:
         return np.array([evaluate(pair[which], values) for pair in self.trees])
 
     def sizes(self, which: int, values: Mapping[str, float]) -> Floats:
-        """Return the sizes of their terms."""
-        return np.array([sum(abs(evaluate(term, values)) for term in summands(pair[which])) for pair in self.trees])
+        """Return the sizes of their terms, and of what coordinates as they are, or 1 radian, could change."""
+        terms = [sum(abs(evaluate(term, values)) for term in summands(pair[which])) for pair in self.trees]
+        coordinates = self.statement.coordinates.items()
+        reach = [1.0 if part.unit.dimension == NONE else abs(values[name]) for name, part in coordinates]
+        return np.array(terms) + (abs(self.gradients(values)) @ reach if which == 0 else 0.0)
 
     def gradients(self, values: Mapping[str, float]) -> Floats:
         """Return the derivatives of the rates by the velocities."""
@@ -139,6 +142,17 @@ class _ConditionsAtStart:
             matrix[place] = evaluate(expand(entry, self.statement.definitions), values)
         return matrix
 
+    def attached(self, values: Mapping[str, float], moves: Floats) -> dict[str, float]:
+        """Return where states that conditions read go with the coordinates: attitudes of bodies, say."""
+        old = self.statement
+        by = {velocity(name): {name: ONE} for name in old.coordinates}
+        moved = dict(zip(old.coordinates, moves.tolist(), strict=True))
+        return {
+            name: values[name] + sum(evaluate(tree, values) * moved[owner] for owner, tree in slopes.items())
+            for name, state in old.states.items()
+            if name in self.read and (slopes := derivatives(expand(state.rate, old.definitions), by))
+        }
+
     def nearest(self) -> dict[str, float] | None:
         """Return the nearest state where all conditions hold, in the metric of the mass; None if none is found."""
         names, values = list(self.statement.coordinates), dict(self.values)
@@ -152,6 +166,7 @@ class _ConditionsAtStart:
                 moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=DEPENDENT)[0]
                 if not np.isfinite(moves).all():
                     return None
+                values |= self.attached(values, moves) if which == 0 else {}
                 values |= {owner: values[owner] + move for owner, move in zip(owners, moves.tolist(), strict=True)}
         good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
         return values if all(part.all() for part in good) else None
