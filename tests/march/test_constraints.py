@@ -14,6 +14,8 @@ import xdynamics as xd
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.runner import March
+from xdynamics.methods import METHODS, ConstraintImpulse
+from xdynamics.methods.lines import read_lines
 from xdynamics.model.linearisation import linearise
 from xdynamics.model.motion import constants, evaluated
 
@@ -355,3 +357,11 @@ def test_a_trial_leaves_its_start_as_it_was() -> None:
     assert run.sizes["trial"] >= 0
     assert off(run) < 1e-3
     assert float(run.error_norm.max()) <= 1.0
+
+
+def test_impulses_change_no_vector_of_the_start() -> None:
+    """Assert that lines with impulses move copies: the start of a step serves other trials, too."""
+    lines = [line for method in METHODS.values() for line in read_lines(method.kept)]
+    moved = {name for line in lines if isinstance(line, ConstraintImpulse) for name in (line.position, line.velocity)}
+    assert moved
+    assert not moved & {"q", "v"}

@@ -21,8 +21,8 @@ from xdynamics.schema import acceleration, velocity
 from xdynamics.units import NONE
 
 CONSTRAIN, TURN, KEEP = "constrain", "constrain_turn", "keep"
-SMALLEST = 1e-15  # of the same: what rounding leaves, so that no energy drifts
 TOLERANCE = 1e-12  # of the terms of a residual
+SMALLEST = 1e-15  # of the same: what rounding leaves, so that no energy drifts
 MOST_TURNS = 12.0
 # numbers of a projection: whether it goes on, turns made, the greatest residual before over its terms
 PROGRESS = ("open", "turns", "farthest")
