@@ -28,7 +28,9 @@ import numpy as np
 from adaptive_problems import PROBLEMS, Benchmark, Words
 from adaptive_speed import Point, Points, at_error, our_runs, spent
 from many_bodies import CHAIN
+from numpy.typing import NDArray
 
+Numbers = NDArray[np.float64]
 NAMES = ("kepler_06", "arenstorf", "pleiades", "double_pendulum", "henon_heiles", "duffing")
 TOLERANCES = (*(10.0**-k for k in range(4, 15)), 3e-15)
 TARGETS = (1e-6, 1e-9, 1e-12)
@@ -221,15 +223,21 @@ def compiling() -> Iterator[str]:
             )
 
 
+def planets(n: int) -> tuple[list[float], Numbers, Numbers]:
+    """Return masses, positions and velocities of a star and of light planets on circles about it."""
+    radius, angle = 1.0 + 0.6 * np.arange(1, n), np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, n - 1)
+    r, v, masses = np.zeros((n, 3)), np.zeros((n, 3)), [1.0, *[1e-6] * (n - 1)]
+    r[1:, 0], r[1:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+    v[1:, 0], v[1:, 1] = -np.sin(angle) / np.sqrt(radius), np.cos(angle) / np.sqrt(radius)
+    return masses, r, v
+
+
 def bodies() -> Iterator[str]:
     """Yield milliseconds of whole runs of planets about a star, ours with records of all states, and of the first of all."""
     import xdynamics as xd
 
     for n, end in BODIES.items():
-        radius, angle = 1.0 + 0.6 * np.arange(1, n), np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, n - 1)
-        r, v, masses = np.zeros((n, 3)), np.zeros((n, 3)), [1.0, *[1e-6] * (n - 1)]
-        r[1:, 0], r[1:, 1] = radius * np.cos(angle), radius * np.sin(angle)
-        v[1:, 0], v[1:, 1] = -np.sin(angle) / np.sqrt(radius), np.cos(angle) / np.sqrt(radius)
+        masses, r, v = planets(n)
         model = xd.Model.from_text(PLANETS.format(n=n, masses=masses, r=r.tolist(), v=v.tolist()))
         asked: dict[str, Any] = {"method": "taylor", "rtol": 3e-15, "atol": 3e-15, "log": "states"}
         begin = time.perf_counter()
