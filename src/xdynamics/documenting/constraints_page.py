@@ -26,7 +26,7 @@ The motion has to start where constraints hold; else the message has the nearest
           twice, for two directions across the axis, which is [0, 0, 1] in the other body
 
 Singular positions, where a constraint is implied by others for an instant, are passed: within about
-1e-3 (radians, say) of one the weakest is not kept, which leaves some seven digits of the motion.
+1e-4 (radians, say) of one the weakest is not kept, which leaves some nine digits of the motion.
 
 """
 

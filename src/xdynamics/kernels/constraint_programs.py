@@ -24,6 +24,7 @@ CONSTRAIN, TURN, KEEP = "constrain", "constrain_turn", "keep"
 TOLERANCE = 1e-12  # of the terms of a residual
 SMALLEST = 1e-15  # of the same: what rounding leaves, so that no energy drifts
 MOST_TURNS = 12.0
+CLOSE_TURNS = 3.0  # made for the smallest residual; in later ones the tolerance is enough
 # numbers of a projection: whether it goes on, turns made, the greatest residual before over its terms
 PROGRESS = ("open", "turns", "farthest")
 OPEN, TURNS, FARTHEST = range(len(PROGRESS))
@@ -58,8 +59,11 @@ def _turn(layout: Layout) -> Program:
     fast: Operand = 0.0
     most: Operand = farthest
     step = lines.compute("abs", lines.load(Place("at", AT.index("h"))))
+    # To rounding: near singular positions what is left of a residual is divided by the square of the distance to them.
+    close = lines.compute("less", turns, CLOSE_TURNS)
+    tolerance = lines.compute("choose", close, SMALLEST, TOLERANCE)
     for k, condition in enumerate(conditions(model)):
-        judged = _Judged(lines, lines.named(inverse_pivot(k)))
+        judged = _Judged(lines, lines.named(inverse_pivot(k)), tolerance)
         far, most = judged(condition.residual, far, most, _reached(lines, layout, condition))
         gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
         fast, most = judged(condition.rate, fast, most, gained)
@@ -100,7 +104,7 @@ def keeping(layout: Layout) -> tuple[Program, ...]:
     excess: Operand = 0.0
     for condition in conditions(model):
         sizes = _reached(ahead, layout, condition)
-        excess, _ = _Judged(ahead, 1.0)(condition.residual, excess, 0.0, sizes, tolerance=SMALLEST)
+        excess, _ = _Judged(ahead, 1.0, SMALLEST)(condition.residual, excess, 0.0, sizes)
     off = {f"_off{k}": ahead.value(condition.residual) for k, condition in enumerate(conditions(model))}
     lines = assigned(layout, keeping_along(model), prefix="_y", given=off)
     is_open, turns, distance = (lines.load(Place("e", i)) for i in range(len(PROGRESS)))
@@ -142,10 +146,13 @@ class _Judged:
     lines : Assignments
     acts : Operand
         Zero where the condition is one that others imply.
+    tolerance : Operand
+        How large a residual may be, over its terms.
     """
 
     lines: Assignments
     acts: Operand
+    tolerance: Operand
 
     def __call__(
         self,
@@ -153,7 +160,6 @@ class _Judged:
         excess: Operand,
         most: Operand,
         further: Iterable[Operand] = (),
-        tolerance: float = TOLERANCE,
     ) -> tuple[Operand, Operand]:
         """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
         lines = self.lines
@@ -161,7 +167,7 @@ class _Judged:
         size: Operand = 0.0
         for term in (*(lines.compute("abs", lines.value(term)) for term in summands(tree)), *further):
             size = lines.compute("add", size, term)
-        over = lines.compute("subtract", value, lines.compute("multiply", tolerance, size))
+        over = lines.compute("subtract", value, lines.compute("multiply", self.tolerance, size))
         over = lines.compute("choose", lines.compute("equal", self.acts, 0.0), 0.0, over)
         share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
         return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)

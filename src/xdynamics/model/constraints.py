@@ -35,9 +35,9 @@ from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
 
 MOST_DIFFERENTIATED = 24  # coordinates: the derivatives of all accelerations by all of the state grow as the cube
-# A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position a multiplier
-# is rounding over this number, and what is dropped there is missed for as long: 1e-6 weighs the two.
-DEPENDENT = 1e-6
+# A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position what is left
+# of a residual is divided by this number, and what is dropped is missed for as long as its root: 1e-8 weighs the two.
+DEPENDENT = 1e-8
 
 
 @dataclass(frozen=True)
