@@ -128,7 +128,7 @@ def test_very_many_events_are_counted_and_not_marked() -> None:
     run = xd.simulate(xd.Model.from_toml(MODELS / "rocking_block.toml"), until="10 s")
     first, second = visible(xd.plot(run, only=["x", "v_x"]))
     labels = [text.get_text() for text in first.get_legend().get_texts()]
-    assert labels[1:3] == ["right impact ×23", "left takeoff ×23"]
+    assert labels[1:3] == ["right impact ×23, not marked", "left takeoff ×23, not marked"]
     assert run.sizes["event"] == 135
     assert second.get_legend() is None
     assert not any(line.get_xdata().size for line in first.lines if line.get_gid() == IN_LEGEND)

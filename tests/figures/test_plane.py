@@ -125,7 +125,11 @@ def test_many_variables_are_a_map() -> None:
         forces={"springs": {"potential": " + ".join(f"(x{k + 1} - x{k})**2*newton/metre" for k in range(19))}},
     )
     figure = xd.plot(xd.simulate(chain, method="velocity_verlet", step=0.05, until=5.0))
-    assert titles(figure) == ["trajectory, 20 of them", "velocity, 20 of them", "total energy less its start, 0.5 J"]
+    assert titles(figure) == [
+        "trajectory, a row for each of 20",
+        "velocity, a row for each of 20",
+        "total energy less its start, 0.5 J",
+    ]
     assert max(len(axis.lines) for axis in figure.axes) < 3
 
 

@@ -87,7 +87,7 @@ def test_a_field_over_two_dimensions_is_a_map() -> None:
     figure = drawn(run, "map")
     axes = figure.axes[0]
     assert (np.asarray(axes.collections[0].get_array()) == run["T"].values[-1].T).all()
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("element of across", "element of up")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("across, counted from 0", "up, counted from 0")
     assert axes.child_axes[0].get_ylabel() == "T (K)"
     assert "at t = 0.2 s" in axes.get_title(loc="left")
 

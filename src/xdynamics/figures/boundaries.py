@@ -13,7 +13,8 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
-from xdynamics.figures.plane import MOST_BODIES, BodyPath
+from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures.plane import MOST_BODIES
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.shapes.trees import at

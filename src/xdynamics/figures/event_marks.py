@@ -79,15 +79,17 @@ class EventKind:
         return self.events if self.is_drawn else self.events[:0]
 
 
-def counted(what: str, count: int) -> str:
+def counted(what: str, count: int, *, is_drawn: bool = True) -> str:
     """Name what happens once, and count what happens more often.
 
     Examples
     --------
     >>> counted("floor impact", 23)
     'floor impact ×23'
+    >>> counted("floor impact", 2300, is_drawn=False)
+    'floor impact ×2300, not marked'
     """
-    return what if count == 1 else f"{what} ×{count}"
+    return (what if count == 1 else f"{what} ×{count}") + ("" if is_drawn else ", not marked")
 
 
 def event_kinds(run: xr.Dataset) -> list[EventKind]:
@@ -103,7 +105,7 @@ def event_kinds(run: xr.Dataset) -> list[EventKind]:
     are_many = len(pairs) > MOST_DRAWN
     return [
         EventKind(
-            counted(name if kind in PLAIN else f"{name} {kind}", count),
+            counted(name if kind in PLAIN else f"{name} {kind}", count, is_drawn=not are_many or count <= SELDOM),
             name,
             MARKERS.get(kind, OTHER_MARKERS[n % len(OTHER_MARKERS)]),
             np.array(numbers[name, kind]),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.figures.marks import words
 from xdynamics.figures.sheet import Panel
-from xdynamics.shapes import Shapes
+from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -50,6 +50,13 @@ def moments_of(start: float, end: float) -> NDArray[np.float64]:
     return np.linspace(start, end, MOMENTS)
 
 
+def name_elements(axes: Axes, dim: str, extent: Extent) -> None:
+    """Say what stands along a dimension: labels, or numbers from 0."""
+    axes.set_xlabel(words(dim if extent.labels else f"{dim}, counted from 0"))
+    if extent.labels:
+        axes.set_xticks(range(extent.size), [words(label) for label in extent.labels], rotation=30, ha="right")
+
+
 def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axes) -> None:
     """Draw the elements of a quantity side by side at the recorded states nearest to some times."""
     from matplotlib import colormaps
@@ -69,6 +76,7 @@ def profile(run: xr.Dataset, name: str, dim: str, elements: list[str], axes: Axe
             linewidth=1,
             label=f"{float(f'{time[row]:.4g}'):g}{suffix}",
         )
-    axes.set(xlabel=words(f"element of {dim}"), ylabel=words(f"{name} ({run[elements[0]].attrs['units']})"))
+    name_elements(axes, dim, shapes_of(run).extent(dim))
+    axes.set(ylabel=words(f"{name} ({run[elements[0]].attrs['units']})"))
     axes.set_title(words(f"{name} along {dim}, at recorded states"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

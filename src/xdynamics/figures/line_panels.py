@@ -43,7 +43,9 @@ COLUMNS = 800  # of a map
 MOST_TICKS = 10  # of a map, at equal distances
 LATE = 0.01  # of the span, before which half of the rows are where time is drawn on a logarithmic axis
 FEWEST_LATE = 50  # rows for that
-CONTACTS = "contact and friction"
+CONTACTS, CONSTRAINTS = "contact and friction", "multipliers of constraints"
+SHORT_NAMES = {CONTACTS: "force", CONSTRAINTS: "multiplier"}  # of axes with several of them
+STEADY = 0.25  # of the largest value: a map whose rows change less shows how they change
 GREY = "#555555"  # of what stands for all lines
 DASHES = ("--", ":", "-.")
 
@@ -64,7 +66,7 @@ def against_time(run: xr.Dataset, names: list[str], what: str, beside: Beside, a
             axes.plot(time, values, ".", color=colour, markersize=4)
         axes.plot(times, line, "-", color=colour, linewidth=1.2, label=words(label))
     overlaid = _overlay(run, names, beside, axes)
-    label = "force" if what == CONTACTS and len(names) > 1 else _joined(names)
+    label = SHORT_NAMES[what] if what in SHORT_NAMES and len(names) > 1 else _joined(names)
     axes.set(xlabel=timed(run["time"]), ylabel=words(f"{label} ({run[names[0]].attrs['units']})"))
     axes.set_title(f"{what}{straight(run, *names)}", loc="left", fontsize=10)
     shade_regimes(run, axes)
@@ -112,14 +114,17 @@ def _map(run: xr.Dataset, names: list[str], what: str, axes: Axes) -> None:
     time = run["time"].values
     grid = np.linspace(time[0], time[-1], min(COLUMNS, 4 * len(time)))
     rows = np.stack([np.interp(grid, times, line) for name in names for times, (line,) in [drawn(run, name)]])
+    changes, label, note = rows - rows[:, :1], _joined(names), ""
+    if 0.0 < np.abs(changes).max() < STEADY * np.ptp(rows):
+        rows, label, note = changes, f"{label} - {label}(0)", " less its start"
     edges = np.append(grid, grid[-1])
     mesh = axes.pcolormesh(edges, np.arange(len(names) + 1) + 0.5, rows, rasterized=True, **_colours(rows))
-    colour_bar(mesh, words(f"{_joined(names)} ({run[names[0]].attrs['units']})"), axes)
+    colour_bar(mesh, words(f"{label} ({run[names[0]].attrs['units']})"), axes)
     ticks = np.arange(1, len(names) + 1, max(1, -(-len(names) // MOST_TICKS)))
     axes.set_yticks(ticks, [words(names[k - 1]) for k in ticks])
     axes.grid(visible=False)
     axes.set(xlabel=timed(run["time"]))
-    axes.set_title(f"{what}, {len(names)} of them{straight(run, *names)}", loc="left", fontsize=10)
+    axes.set_title(f"{what}{note}, a row for each of {len(names)}{straight(run, *names)}", loc="left", fontsize=10)
 
 
 def colour_bar(mesh: Any, label: str, axes: Axes) -> None:

@@ -23,6 +23,7 @@ COLOURS = ("#1f5a96", "#c8501e", "#3a8f5c", "#7a4fa0", "#8c6d1f", "#7a7a7a")
 
 
 _POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SYMBOLS = {"astronomical_unit": "au"}
 _UNIT = re.compile(r"(?<![A-Za-z])([A-Za-z_]+)(-?[1-9][0-9]?)?(?= |$)")
 
 
@@ -34,14 +35,14 @@ def INK() -> str:  # noqa: N802 - a colour, that of the sheet's text
 
 
 def typeset(units: str) -> str:
-    """Typeset a unit with superscripts: ``m s⁻¹``.
+    """Typeset a unit with superscripts and symbols: ``m s⁻¹``.
 
     Examples
     --------
-    >>> typeset("kg m2 s-2")
-    'kg m² s⁻²'
+    >>> typeset("kg m2 s-2"), typeset("astronomical_unit")
+    ('kg m² s⁻²', 'au')
     """
-    return _UNIT.sub(lambda match: match[1] + (match[2] or "").translate(_POWERS), units)
+    return _UNIT.sub(lambda match: _SYMBOLS.get(match[1], match[1]) + (match[2] or "").translate(_POWERS), units)
 
 
 def timed(time: xr.DataArray, what: str = "time") -> str:

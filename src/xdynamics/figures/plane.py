@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
-from xdynamics.faults import InputError
+from xdynamics.figures.body_paths import BodyPath, is_length
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
@@ -25,7 +24,7 @@ from xdynamics.figures.marks import COLOURS, words
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.units import NONE, parse_unit, spell
+from xdynamics.units import spell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,49 +39,8 @@ SEEN = 3  # coordinates of one unit, which are seen from three sides
 LONGEST = 30  # characters of an expression that an axis shows
 MOST_BODIES = 200  # whose paths are drawn
 FLATTEST = 8.0  # ratio of the sides, from which on a path has a scale for each
-SLENDER = 2.0  # ratio of the sides, from which on few numbers fit below
+SLENDER, SLIM = 2.0, 3.0  # ratios of the sides, from which on few numbers fit below, and only upright ones
 THIN = 1e-3  # of the longer side, under which a view is a line along an axis
-
-
-@dataclass(frozen=True)
-class BodyPath:
-    """Where one body is.
-
-    Attributes
-    ----------
-    across, up : str
-        What the axes are.
-    units : str
-        Of both, or of the axis across if the other one has its own.
-    times, x, y : ndarray, shape (n,)
-        A line that bends as the motion does.
-    body : str
-        Which of several it is.
-    up_units : str
-        Of the axis up, in a plane of unlike quantities.
-    names : pair of str
-        The coordinates that the axes are, as the run's elements are called; empty where an axis is none.
-    """
-
-    across: str
-    up: str
-    units: str
-    times: Floats
-    x: Floats
-    y: Floats
-    body: str = ""
-    up_units: str = ""
-    names: tuple[str, str] = ("", "")
-
-    @property
-    def is_space(self) -> bool:
-        """Whether both axes are lengths, so that one scale suits both."""
-        return not self.up_units and _is_length(self.units)
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the body never moves: an anchor, a wall."""
-        return bool(np.ptp(self.x) == 0.0 and np.ptp(self.y) == 0.0)
 
 
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
@@ -95,7 +53,7 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
     groups: dict[str, list[str]] = {}
     for name, variable in run.data_vars.items():
         units = str(variable.attrs.get("units"))
-        if variable.attrs.get("role") == "coordinate" and variable.dims == ("step",) and _is_length(units):
+        if variable.attrs.get("role") == "coordinate" and variable.dims == ("step",) and is_length(units):
             groups.setdefault(units, []).append(str(name))
     pairs = []
     for units, names in groups.items():
@@ -145,7 +103,7 @@ def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the view of bodies on one line, each with a single coordinate that is a length: upright if called like a height."""
     names = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") == "coordinate"]
     units = {str(run[name].attrs["units"]) for name in names if run[name].dims == ("step",)}
-    if len(units) != 1 or any(run[name].dims != ("step",) for name in names) or not _is_length(unit := units.pop()):
+    if len(units) != 1 or any(run[name].dims != ("step",) for name in names) or not is_length(unit := units.pop()):
         return []
     if len(names) > 1 and not of_one_kind(names):
         return []
@@ -166,7 +124,7 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
     shapes, pairs = model.shapes, []
     for name, part in model.shaped.coordinates.items():
         dims = part.dims
-        if len(dims) < 2 or shapes.extent(dims[-1]).size not in (2, SEEN) or not _is_length(part.unit.text):
+        if len(dims) < 2 or shapes.extent(dims[-1]).size not in (2, SEEN) or not is_length(part.unit.text):
             continue
         axis = shapes.extent(dims[-1])
         for i, j in combinations(range(axis.size), 2):
@@ -178,7 +136,7 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
                     return []
                 (times, x), (_, y) = (_line(run, end) for end in ends)
                 labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims[:-1])
-                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels, names=ends))
+                view.append(BodyPath(across, up, part.unit.text, times, x, y, labels, "", ends, ", ".join(dims[:-1])))
             sides = _sides(view)
             if min(sides) > THIN * max(sides):
                 pairs.append(view)
@@ -204,15 +162,15 @@ def drawn_links(run: xr.Dataset) -> NDArray[np.int_]:
     return np.concatenate(links)
 
 
-def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
-    """Draw the paths of a view with one scale for both axes, and a dot at the start of each."""
+def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, joined: bool = False) -> None:
+    """Draw the paths of a view with one scale for both axes, and a dot at the start of each, where grey lines may join them."""
     every, view = view, view[:MOST_BODIES]
     for body, colour in zip(view, colours_of(view), strict=True):
         if body.is_fixed:
             axes.plot(body.x[:1], body.y[:1], "s", color=colour, markersize=4)
             continue
         x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
-        label = words(body.body) if body.body and len(view) <= MOST_NAMED else None
+        label = words(body.label) if body.body and len(view) <= MOST_NAMED else None
         label = words(beside.own) if beside.own and len(view) == 1 else label
         axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
         if is_long(run):
@@ -227,12 +185,17 @@ def draw(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> N
         axes.set_aspect("equal", adjustable="box")
         wide, high = _sides(view)
         axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
+        axes.tick_params(axis="x", rotation=90 if high > SLIM * wide else 0)
     is_one = all(body.across == first.across and body.up == first.up for body in view)
     across, up = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
     axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
     named = [str(name) for name, variable in run.data_vars.items() if variable.attrs.get("role") in POSITIONS]
     what = "the plane" if first.is_space else "phase plane"
-    axes.set_title(f"{what} (dot: start{note}){left_out(every)}{straight(run, *named)}", loc="left", fontsize=10)
+    axes.set_title(
+        f"{what} ({'dots and grey lines' if joined else 'dot'}: start{note}){left_out(every)}{straight(run, *named)}",
+        loc="left",
+        fontsize=10,
+    )
 
 
 def colours_of(view: list[BodyPath]) -> list[str]:
@@ -327,14 +290,6 @@ def _legend(view: list[BodyPath], axes: Axes) -> None:
         return
     beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
     axes.legend(fontsize=8, frameon=False, **beside)
-
-
-def _is_length(units: str) -> bool:
-    """Whether a unit is that of a position: neither of an angle, nor unreadable."""
-    try:
-        return parse_unit(units).dimension != NONE
-    except InputError:
-        return False
 
 
 def _model(run: xr.Dataset) -> Model | None:

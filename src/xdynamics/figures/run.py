@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -12,8 +12,9 @@ import xarray as xr
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.expressions import free_names
 from xdynamics.faults import InputError
-from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, space
+from xdynamics.figures import energy, lattice, line_panels, march_panels, plane, scenery, space
 from xdynamics.figures.attitudes import Turning
+from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Beside
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
@@ -23,6 +24,9 @@ from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
 from xdynamics.shapes import parted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
 # words by which panels are chosen, besides the names of variables
@@ -178,7 +182,7 @@ def _panels(
     """Yield every panel, in reading order."""
     views = [view for view in plane.views(run) if not plane.moves_in_lines(view)]
     for view in views:
-        yield "plane", [], partial(plane.draw, run, view, beside)
+        yield "plane", [], partial(_plane, run, view, beside)
     for seen in space.spaces(views):
         yield "space", [], partial(space.draw, seen, views)
     for names, panel in space.fields(run):
@@ -186,6 +190,11 @@ def _panels(
     yield from _of_motion(run, beside, wanted)
     yield from _of_forces(run, beside, wanted, transient)
     yield from _of_march(run, beside)
+
+
+def _plane(run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes) -> None:
+    """Draw the paths of bodies, and what joins them at the start."""
+    plane.draw(run, view, beside, axes, joined=scenery.draw_at_start(run, view, axes))
 
 
 def _of_motion(run: xr.Dataset, beside: Beside, wanted: Sequence[str] | None) -> Iterator[Keyed]:
@@ -218,7 +227,7 @@ def _of_forces(
     coordinates = _with_role(run, "coordinate")
     for kind, role, title in (
         ("contact", "reaction", line_panels.CONTACTS),
-        ("constraint", "multiplier", "multipliers of constraints"),
+        ("constraint", "multiplier", line_panels.CONSTRAINTS),
     ):
         acting = [name for name in _with_role(run, role) if run[name].ndim == 1 and run[name].values.any()]
         for names in _by_unit(run, _wanted_names(kind, acting, wanted)):

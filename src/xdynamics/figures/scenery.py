@@ -1,4 +1,4 @@
-"""What joins the bodies of a film: rods, springs and threads that a model names."""
+"""What joins bodies: rods, springs and threads that a model names, and the links of its relations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.shortened_steps import model_of
-from xdynamics.figures.plane import BodyPath
+from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures.plane import MOST_BODIES, drawn_links
 from xdynamics.model.parts import ORIGIN
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 WIDTHS = {"links": 3.0, "springs": 1.2, "threads": 0.9}
+AT_START: dict[str, Any] = {"color": "0.6", "linewidth": 1.0, "zorder": 1.5}
 COILS = 8  # of a spring
 COIL = 0.025  # of the longer side, that a coil goes to either side
 STRAIGHT = 0.12  # of a spring at either end
@@ -82,3 +84,16 @@ def fastenings(run: xr.Dataset, view: list[BodyPath]) -> list[Fastening]:
         if ends:
             found.append(Fastening(kind, np.array(ends)))
     return found
+
+
+def draw_at_start(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> bool:
+    """Draw what joins the bodies of a plane where the motion starts, as thin grey lines; return whether anything does."""
+    shown = view[:MOST_BODIES]
+    places = np.array([[path.x[0], path.y[0]] for path in shown] + [[0.0, 0.0]])
+    coil = COIL * float(np.ptp(places, axis=0).max())
+    joints = [(part.kind, pair) for part in fastenings(run, shown) for pair in part.ends]
+    joints += [("links", pair) for pair in drawn_links(run) if (pair < len(shown)).all()]
+    for kind, pair in joints:
+        line = coiled(places[pair[0]], places[pair[1]], coil) if kind == "springs" else places[pair]
+        axes.plot(*line.T, **AT_START)
+    return bool(joints)

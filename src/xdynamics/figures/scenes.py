@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.boundaries import Boundary, boundaries, radii_of
-from xdynamics.figures.lattice import profiled, shapes_of
+from xdynamics.figures.lattice import name_elements, profiled, shapes_of
+from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import COLOURS, typeset, words
-from xdynamics.figures.plane import MOST_BODIES, BodyPath, along_a_line, colours_of, drawn_links, left_out, short, views
+from xdynamics.figures.plane import MOST_BODIES, along_a_line, colours_of, drawn_links, left_out, short, views
 from xdynamics.figures.scenery import Fastening, fastenings
+from xdynamics.shapes import Extent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,6 +27,7 @@ Floats = NDArray[np.float64]
 MARGIN = 0.06  # of the larger side
 SLIM = 0.15  # of the longer side, that half of the shorter one has at least
 SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, of what stands beside the axes
+KEY, LETTER = 0.4, 0.075  # inches: of a legend beside the axes, and of each letter in it
 PROFILE = (6.0, 4.0)  # inches
 MOST_TRAILED = 1000  # points of a trail
 MOST_TRAILS = 30  # bodies with a trail; many would hide each other
@@ -57,7 +61,8 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
         return None
     for name, dim, elements in profiled(run, shapes_of(run)):
         values = np.stack([run[element].values for element in elements], axis=-1)
-        return Profile(name, dim, str(run[elements[0]].attrs["units"]), run["time"].values, values)
+        extent, units = shapes_of(run).extent(dim), str(run[elements[0]].attrs["units"])
+        return Profile(name, dim, extent, units, run["time"].values, values)
     return None
 
 
@@ -102,7 +107,14 @@ class Bodies:
             return PROFILE
         width, height = np.ptp(self._limits, axis=-1)
         longer = max(width, height)
-        return max(LEAST, SIDE * width / longer) + LABELS, max(LEAST, SIDE * height / longer) + LABELS
+        beside = LABELS + (KEY + LETTER * max(map(len, self._names)) if self._names else 0.0)
+        return max(LEAST, SIDE * width / longer) + beside, max(LEAST, SIDE * height / longer) + LABELS
+
+    @property
+    def _names(self) -> list[str]:
+        """What bodies are called, where there are several, and not too many for a legend."""
+        names = [body.label for body in self.view]
+        return names if 1 < len(names) <= MOST_NAMED and all(names) else []
 
     @property
     def _limits(self) -> Floats:
@@ -141,6 +153,10 @@ class Bodies:
         for boundary in self.boundaries:
             boundary.start(axes, self._limits)
         self._dots = self._bodies(axes, colours[: len(shown)])
+        for name, colour in zip(self._names, colours, strict=False):
+            axes.plot([], [], "o", color=colour, markersize=6, label=words(name))
+        if self._names:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False, handletextpad=0.2)
         return left_out(view)
 
     def _bodies(self, axes: Axes, colours: list[str]) -> Any:
@@ -186,13 +202,17 @@ class Profile:
 
     Attributes
     ----------
-    name, dim, units : str
+    name, dim : str
+    extent : Extent
+        Of the dimension.
+    units : str
     times : ndarray, shape (n,)
     values : ndarray, shape (n, elements)
     """
 
     name: str
     dim: str
+    extent: Extent
     units: str
     times: Floats
     values: Floats
@@ -210,7 +230,8 @@ class Profile:
         elements = np.arange(self.values.shape[1])
         axes.plot(elements, self.values[0], "-", color="0.75", linewidth=1)
         self._line = axes.plot([], [], ".-", color=COLOURS[0], markersize=3, linewidth=1.2)[0]
-        axes.set(ylim=(low - margin, high + margin), xlabel=words(f"element of {self.dim}"))
+        axes.set(ylim=(low - margin, high + margin))
+        name_elements(axes, self.dim, self.extent)
         axes.set_ylabel(words(f"{self.name} ({self.units})"))
         return " (grey: at the start)"
 

@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.lattice import FEWEST_ELEMENTS, shapes_of
 from xdynamics.figures.line_panels import MOST_NAMED, colour_bar
 from xdynamics.figures.marks import COLOURS, typeset, words
 from xdynamics.figures.placing import named_elsewhere
-from xdynamics.figures.plane import MOST_BODIES, BodyPath, left_out
+from xdynamics.figures.plane import MOST_BODIES, left_out
 from xdynamics.figures.sheet import Panel
 from xdynamics.shapes import Shapes
 from xdynamics.units import unit_suffix
@@ -52,7 +53,7 @@ def spaces(views: list[list[BodyPath]]) -> Iterator[Space]:
         if any(path.x.shape != other.x.shape for path, other in zip(front, above, strict=True)):
             continue
         orbits = [
-            Orbit(path.body, np.stack([path.x, path.y, other.y])) for path, other in zip(front, above, strict=True)
+            Orbit(path.label, np.stack([path.x, path.y, other.y])) for path, other in zip(front, above, strict=True)
         ]
         yield Space(orbits, names, first.units)
 
@@ -98,6 +99,6 @@ def field(run: xr.Dataset, name: str, dims: tuple[str, str], shapes: Shapes, axe
     colour_bar(mesh, f"{words(name)} ({typeset(units)})", axes)
     axes.set_aspect("equal", adjustable="box")
     axes.grid(visible=False)
-    axes.set(xlabel=words(f"element of {dims[0]}"), ylabel=words(f"element of {dims[1]}"))
+    axes.set(xlabel=words(f"{dims[0]}, counted from 0"), ylabel=words(f"{dims[1]}, counted from 0"))
     time, suffix = float(run["time"][-1]), unit_suffix(str(run["time"].attrs["units"]))
     axes.set_title(words(f"{name} over {dims[0]} and {dims[1]} at t = {time:.4g}{suffix}"), loc="left", fontsize=10)

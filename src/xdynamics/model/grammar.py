@@ -372,9 +372,9 @@ SECTIONS: dict[str, Section] = {
         (
             Key("plane", PLANE.of("or a list of pairs"), "where bodies are, or a phase plane, across and up: of coordinates, velocities, states, t, parameters", "the coordinates"),
             Key("bodies", names_of("the pairs of plane"), "what the pairs of plane are called, in their order", "none"),
-            Key("links", LINKS, "rods of films, from body to body; `origin` is the point 0, 0", "none"),
-            Key("springs", LINKS, "springs of films", "none"),
-            Key("threads", LINKS, "threads of films", "none"),
+            Key("links", LINKS, "rods from body to body, in films and where pictures start; `origin` is the point 0, 0", "none"),
+            Key("springs", LINKS, "springs, likewise", "none"),
+            Key("threads", LINKS, "threads, likewise", "none"),
             Key("section", EXPRESSION.of("s, of parameters"), "the period of a drive: Poincare's section has a dot in each", "none"),
             Key("wrap", names_of("angles"), "drawn within half a turn to either side", "none"),
         ),
