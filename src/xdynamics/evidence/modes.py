@@ -23,6 +23,7 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, linearise
 from xdynamics.model.motion import constants, variables
+from xdynamics.model.tangent_space import count_of_changes, independent
 from xdynamics.record import of_elements
 from xdynamics.record.folding import fold, labelled
 from xdynamics.schema import Variable
@@ -64,7 +65,7 @@ def modes(
     xarray.Dataset
         Along `mode`, of K u = w**2 M u: `frequency` w (rad s-1; 0 of a rigid motion, nan where w**2 is not a number
         >= 0: no oscillation), `period` and `shape_<q>`, a displacement in SI units whose largest number is 1. Along
-        `eigenvalue`, of the whole Jacobian: `eigenvalue_real`, `eigenvalue_imag`. Along `method`: `method_name` (a
+        `eigenvalue`, of the whole Jacobian: `eigenvalue_real`, `eigenvalue_imag`. Constraints leave fewer of both. Along `method`: `method_name` (a
         flag), `oscillator_limit`, `decay_limit`, `largest_stable_step`, `suggested_step`. Without a dimension:
         `fastest_time_scale`, and the state in SI units.
 
@@ -146,15 +147,16 @@ class Spectrum:
     @classmethod
     def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
         """Compute it."""
-        eigenvalues = np.linalg.eigvals(linearisation.jacobian).astype(np.complex128)
+        jacobian, space = linearisation.reduced, linearisation.displacements
+        eigenvalues = np.linalg.eigvals(jacobian).astype(np.complex128)
         eigenvalues = eigenvalues[np.lexsort((eigenvalues.imag, np.abs(eigenvalues)))]
-        squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass)
+        squares, shapes = _normal_modes(linearisation.stiffness, linearisation.mass, space)
         real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
         frequency = np.sqrt(real)
         period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
         methods, scale = list(METHODS.values()), _scale(eigenvalues)
-        stable = np.array([stable_step_of(linearisation.jacobian, method, model) for method in methods])
-        growing = [stable_step_of(linearisation.jacobian, method, model, growth=0.01 / scale) for method in methods]
+        stable = np.array([stable_step_of(jacobian, method, model) for method in methods])
+        growing = [stable_step_of(jacobian, method, model, growth=0.01 / scale) for method in methods]
         suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
         limits = np.array([[limit(method) for method in methods] for limit in (oscillator_limit, decay_limit)])
         return cls(frequency, period, shapes, eigenvalues, limits, stable, suggested)
@@ -162,11 +164,10 @@ class Spectrum:
     @classmethod
     def blank(cls, model: Model) -> Spectrum:
         """Return one of the right sizes, before anything is computed."""
-        modes, methods = np.full(len(model.coordinates), np.nan), np.full(len(METHODS), np.nan)
-        eigenvalues = np.full(len(variables(model)), np.nan, np.complex128)
-        return cls(
-            modes, modes, np.tile(modes, (modes.size, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods
-        )
+        n = len(model.coordinates)
+        modes, methods = np.full(n - independent(model)[0], np.nan), np.full(len(METHODS), np.nan)
+        eigenvalues = np.full(count_of_changes(model), np.nan, np.complex128)
+        return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
 
 
 def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum) -> xr.Dataset:
@@ -262,19 +263,21 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     return result
 
 
-def _normal_modes(stiffness: Floats, mass: Floats) -> tuple[NDArray[np.complex128], Floats]:
-    """Solve K u = w**2 M u; return the squares, ascending, and the shapes as columns."""
+def _normal_modes(stiffness: Floats, mass: Floats, space: Floats) -> tuple[NDArray[np.complex128], Floats]:
+    """Solve K u = w**2 M u for displacements in a space; return the squares, ascending, and the shapes as columns."""
     from scipy import linalg
 
-    n = len(mass)
+    n = space.shape[1]
+    if n < len(space):
+        stiffness, mass = (space.T @ matrix @ space for matrix in (stiffness, mass))
     if n == 0:
-        return np.zeros(0, np.complex128), np.zeros((0, 0))
+        return np.zeros(0, np.complex128), space
     symmetric = np.abs(stiffness - stiffness.T).max() <= 1e-13 * np.abs(stiffness).max()
     positive = np.linalg.eigvalsh(mass)[0] > 0.0
     solve = linalg.eigh if symmetric and positive else linalg.eig
     squares, shapes = solve(stiffness, mass)
     order = np.argsort(squares.real, kind="stable")
-    squares, shapes = squares[order].astype(np.complex128), shapes[:, order].real
+    squares, shapes = squares[order].astype(np.complex128), space @ shapes[:, order].real
     squares[np.abs(squares) <= n * RIGID * np.abs(squares).max()] = 0.0
     squares.imag[np.abs(squares.imag) <= n * RIGID * np.abs(squares).max()] = 0.0
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)]

@@ -13,6 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.model.derivatives import jacobian, tape
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
+from xdynamics.model.tangent_space import displacements, tangent_space
 from xdynamics.schema import acceleration, rate
 
 Floats = NDArray[np.float64]
@@ -36,6 +37,10 @@ class Linearisation:
         M^-1 F at the state; zero where it is an equilibrium.
     jacobian : ndarray, shape (2n + m, 2n + m)
         Of d/dt (q, v, x) by (q, v, x).
+    displacements : ndarray, shape (n, f)
+        Independent changes of coordinates, as columns, along which no constraint acts; the unit matrix without any.
+    changes : ndarray, shape (2n + m, d)
+        Those of (q, v, x) that keep the constraints.
     """
 
     names: tuple[str, ...]
@@ -43,6 +48,14 @@ class Linearisation:
     stiffness: Floats
     acceleration: Floats
     jacobian: Floats
+    displacements: Floats
+    changes: Floats
+
+    @property
+    def reduced(self) -> Floats:
+        """The Jacobian of the changes that keep the constraints, shape (d, d)."""
+        space = self.changes
+        return self.jacobian if len(space) == space.shape[1] else np.linalg.pinv(space) @ self.jacobian @ space
 
 
 def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
@@ -102,7 +115,8 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
         for place, entry in mass.items():
             matrix[place] = evaluate(entry, values)
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
-        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], a, full_jacobian)
+        spaces = displacements(model, values), tangent_space(model, values)
+        yield Linearisation(names, matrix, 0.0 - slopes[:, :n], a, full_jacobian, *spaces)
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:

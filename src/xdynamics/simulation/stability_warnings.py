@@ -15,6 +15,7 @@ from xdynamics.march.timescales import SLOW, beyond_eigenvalues, jacobian_at_sta
 from xdynamics.methods import METHODS, Method
 from xdynamics.model import Model
 from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.model.tangent_space import free_coordinates
 from xdynamics.stability import fastest_rate, stable_step_of, surely_stable
 from xdynamics.units import unit_suffix
 
@@ -38,7 +39,7 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
         turned = step * fastest_rate(jacobian)
         if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
             return
-        if surely_stable(jacobian, method, len(model.coordinates), step):
+        if surely_stable(jacobian, method, free_coordinates(model), step):
             return
     unresolved = SLOW * fastest_rate(jacobian) if has_loops(model) else 0.0  # growth that differences may show
     limit, unit = _longest_stable_step(start, growth=unresolved), unit_suffix(model.time_unit)
@@ -91,7 +92,7 @@ def _jacobian(start: _Start) -> Floats | None:
 def _linearised(model: Model) -> Floats | None:
     """Linearise a model at its start; None where that is not possible."""
     try:
-        return linearise(model, initial_state(model)).jacobian
+        return linearise(model, initial_state(model)).reduced
     except InputError:
         return None  # the march will say what is wrong with the forces at the start
 

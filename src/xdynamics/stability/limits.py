@@ -10,6 +10,7 @@ import numpy as np
 from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
+from xdynamics.model.tangent_space import free_coordinates
 from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
 
 ROUND_OFF = 1e-12  # growth in one step that counts as none
@@ -91,14 +92,16 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
     -----
     Modes that grow in the model itself may grow. If they oscillate, `oscillator_limit` is applied to their frequency.
     """
-    return stable_step_of(linearise(model, state).jacobian, method, model, growth=growth)
+    return stable_step_of(linearise(model, state).reduced, method, model, growth=growth)
 
 
 def stable_step_of(jacobian: Floats, method: Method, model: Model, *, growth: float = 0.0) -> float:
-    """Return the same as `stable_step` from a Jacobian that is already known."""
-    if method.refusals(model) or not np.isfinite(jacobian).all():
+    """Return the same as `stable_step` from a Jacobian that is already known, of the changes that keep constraints."""
+    coordinates = free_coordinates(model)
+    follows = treats_alike(method) or bool(coordinates) or not model.constraints
+    if method.refusals(model) or not (follows and np.isfinite(jacobian).all()):
         return float(np.nan)
-    system = LinearSystem.of(jacobian, len(model.coordinates))
+    system = LinearSystem.of(jacobian, coordinates)
     if system.fastest == 0.0:
         return np.inf
     frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
@@ -162,8 +165,9 @@ def stiffness(model: Model, method: Method, states: Sequence[Mapping[str, float]
     limited = 0
     for linearisation, (_, h) in zip(linearise_each(model, (state for state, _ in stepped)), stepped, strict=True):
         # the eigenvalues of 1,000 masses take 20 s, the bound on them half a second
-        if np.isfinite(linearisation.jacobian).all() and fastest_rate(linearisation.jacobian) * h >= 0.49 * limit:
-            eigenvalues = np.linalg.eigvals(linearisation.jacobian)
+        jacobian = linearisation.reduced
+        if np.isfinite(jacobian).all() and fastest_rate(jacobian) * h >= 0.49 * limit:
+            eigenvalues = np.linalg.eigvals(jacobian)
             decays = -eigenvalues.real[-eigenvalues.real >= np.abs(eigenvalues.imag)]
             limited += bool(0.5 * limit <= float(np.max(decays, initial=0.0)) * h <= 1.5 * limit)
     return limited / len(stepped)

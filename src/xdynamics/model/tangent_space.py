@@ -1,0 +1,114 @@
+"""Small changes of a state that constraints allow: the motion about a state is linearised along these alone.
+
+Conditions g(t, q, x) = 0 leave changes with (dg/dq) dq + (dg/dx) dx = 0, and their rates the same of (q, v, x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.expressions import Node, derivatives, free_names
+from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.model.constraints import conditions
+from xdynamics.model.model import Model
+from xdynamics.model.motion import constants, inputs_of, tables_of, variables
+
+INDEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to one that others imply
+
+Floats = NDArray[np.float64]
+
+
+def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
+    """Return independent changes of (q, v, x) that keep the constraints, as columns.
+
+    Parameters
+    ----------
+    model : Model
+    values : mapping of str to float
+        SI numbers of all names at the state.
+
+    Returns
+    -------
+    ndarray, shape (2n + m, d)
+        Where no condition reads a state and none rolls, d is 2f + m with f = `free_coordinates`: changes of coordinates,
+        with what velocities change by them, then of velocities, then of states. Otherwise an orthonormal basis.
+    """
+    n, size, free = len(model.coordinates), len(variables(model)), free_coordinates(model)
+    if not model.constraints:
+        return np.eye(size)
+    residuals, rates = _gradients(model, values)
+    if not free:
+        return _null_space(np.vstack([residuals, rates]), size - independent(model)[1])
+    moves = _null_space(rates[:, n : 2 * n], free)
+    following = -np.linalg.pinv(rates[:, n : 2 * n], rcond=INDEPENDENT) @ rates[:, :n] @ moves
+    space = np.zeros((size, 2 * free + size - 2 * n))
+    space[:n, :free] = space[n : 2 * n, free : 2 * free] = moves
+    space[n : 2 * n, :free] = following
+    space[2 * n :, 2 * free :] = np.eye(size - 2 * n)
+    return space
+
+
+def displacements(model: Model, values: Mapping[str, float]) -> Floats:
+    """Return independent displacements along which no condition acts, as columns, shape (n, n - rank)."""
+    n = len(model.coordinates)
+    if not model.constraints:
+        return np.eye(n)
+    return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent(model)[0])
+
+
+def free_coordinates(model: Model) -> int:
+    """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
+    tied = conditions(model)
+    holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.states.keys() for c in tied)
+    return len(model.coordinates) - independent(model)[0] if holonomic else 0
+
+
+def count_of_changes(model: Model) -> int:
+    """Return the number of columns of `tangent_space`."""
+    size, free = len(variables(model)), free_coordinates(model)
+    return size - 2 * (len(model.coordinates) - free) if free or not model.constraints else size - independent(model)[1]
+
+
+@lru_cache(maxsize=64)
+def independent(model: Model) -> tuple[int, int]:
+    """Return how many gradients of rates by velocities are independent at the start, and of all conditions by the state."""
+    if not model.constraints:
+        return 0, 0
+    state = {name: model.initial[name].si for name in ("t", *variables(model))}
+    residuals, rates = _gradients(model, inputs_of(model, state, constants(model), tables_of(model)))
+    n = len(model.coordinates)
+    return _rank(rates[:, n : 2 * n]), _rank(np.vstack([residuals, rates]))
+
+
+def _rank(matrix: Floats) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=INDEPENDENT * np.linalg.norm(matrix, 2)))
+
+
+def _null_space(matrix: Floats, size: int) -> Floats:
+    """Return the orthonormal directions, as columns, in which a matrix has its smallest singular values."""
+    return np.linalg.svd(matrix)[2][matrix.shape[1] - size :].T
+
+
+def _gradients(model: Model, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+    """Return the derivatives of residuals and of rates by (q, v, x); none of a residual that is none."""
+    columns = {name: i for i, name in enumerate(variables(model))}
+    found: tuple[list[Floats], list[Floats]] = [], []
+    for slopes in _slopes(model):
+        for rows, trees in zip(found, slopes, strict=True):
+            row = np.zeros(len(columns))
+            for name, tree in trees.items():
+                row[columns[name]] = evaluate(tree, values)
+            if trees:
+                rows.append(row)
+    return tuple(np.array(rows).reshape(-1, len(columns)) for rows in found)  # type: ignore[return-value]
+
+
+@lru_cache(maxsize=16)
+def _slopes(model: Model) -> list[tuple[dict[str, Node], dict[str, Node]]]:
+    by = {name: {name: ONE} for name in variables(model)}
+    return [(derivatives(c.residual, by), derivatives(c.rate, by)) for c in conditions(model)]
