@@ -11,6 +11,7 @@ import xarray as xr
 from scipy.special import ellipj, ellipk
 
 import xdynamics as xd
+from xdynamics.documenting.plain_text import equations
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.runner import March
@@ -274,6 +275,34 @@ def test_a_hinge_of_a_body_makes_a_physical_pendulum() -> None:
     assert (run.constraint_rank == 5).all()
     assert run.constraint_force_pin.dims == ("step", "axis")
     assert abs(run.constraint_residual_pin).max() < 1e-11
+
+
+def test_conditions_that_imply_each_other_share_their_force() -> None:
+    """Assert that multipliers are those of least norm, in units of what each moves alone, whatever their scale."""
+    holds = ["x - y", "y - z", "2*(x - z)", "5*(x + y - 2*z)/(3*metre)", "w - x*metre/(1*metre)"]
+    mass = {"x": 1.0, "y": 2.0, "z": 4.0, "w": 3.0}
+    forces = {"x": 3.0, "y": -1.0, "z": 0.5, "w": 2.0}
+    model = xd.Model(
+        name="welded",
+        coordinates=dict.fromkeys(mass, "m"),
+        parameters={f"m_{name}": f"{value} kg" for name, value in mass.items()},
+        mass={name: f"m_{name}" for name in mass},
+        forces={"pull": {name: f"{value}*newton" for name, value in forces.items()}},
+        constraints={f"weld{k}": {"holds": text} for k, text in enumerate(holds)},
+        initial=dict.fromkeys(mass, "0 m"),
+    )
+    run = xd.simulate(model, method="rk4", step="0.1 s", until="1 s")
+    rows = np.array([[1, -1, 0, 0], [0, 1, -1, 0], [2, 0, -2, 0], [5 / 3, 5 / 3, -10 / 3, 0], [-1, 0, 0, 1]])
+    free = np.array(list(forces.values())) / np.array(list(mass.values()))
+    matrix = rows / np.array(list(mass.values())) @ rows.T
+    alone = np.sqrt(matrix.diagonal())
+    least = np.linalg.pinv(matrix / np.outer(alone, alone), rcond=1e-10) @ (-rows @ free / alone) / alone
+    for k, force in enumerate(least):
+        np.testing.assert_allclose(run[f"constraint_force_weld{k}"], force, rtol=1e-12)
+    assert (run.constraint_rank == 3).all()
+    np.testing.assert_allclose(run.a_x, sum(forces.values()) / 10.0, rtol=1e-13)
+    lines = list(equations(model))
+    assert sum("implied at the start by those before it" in line for line in lines) == 2
 
 
 def test_a_violated_start_of_a_member_is_an_outcome() -> None:

@@ -9,7 +9,8 @@ A constraint keeps an expression at zero. Its multiplier is found with the accel
   constraint_force_rod      the force on a coordinate is it times the derivative by that;
                             of norm(r, axis) - L in metres it is newtons along r
   constraint_residual_rod   the expression itself; constraint_rate_rod its time derivative
-  constraint_rank           how many are independent; where others imply one, its force is 0
+  constraint_rank           how many are independent; those that imply each other share their force:
+                            of all shares, that of least norm, each weighed by what it moves alone
   constraint_projection     how far off a step's result was, over the size of its terms, before it
                             was put back, to 1e-12: positions, then velocities, by the masses
 Time may occur in it: a guide that moves. With dimensions it is one for each element:

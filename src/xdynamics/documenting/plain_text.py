@@ -10,6 +10,7 @@ from xdynamics.expressions.simplification import printed_simply
 from xdynamics.faults import InputError, spoken
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
+from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.parts import Function
@@ -112,9 +113,11 @@ def _occasions(model: Model) -> Iterator[str]:
             f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
             f" {contact.tangential}"
         )
-    for name, constraint in model.constraints.items():
+    implied = implied_at_start(model.statement) if model.constraints else ()
+    for k, (name, constraint) in enumerate(model.constraints.items()):
         word = "rolls" if constraint.holds is None else "holds"
-        yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0"
+        shared = ", implied at the start by those before it, with which it shares their force" if k in implied else ""
+        yield f"constraint {name} {word}: {printed_simply(constraint.condition)} = 0{shared}"
     for name, friction in model.frictions.items():
         yield (
             f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"

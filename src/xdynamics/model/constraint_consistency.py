@@ -32,7 +32,10 @@ from xdynamics.units import NONE, Dimension, spell
 
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 MOST_TURNS = 50
-DEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to a gradient that others imply
+# A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position what is left
+# of a residual is divided by this number, and what is dropped is missed for as long as its root: 1e-8 weighs the two.
+DEPENDENT = 1e-8
+INDEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to one that others imply
 
 Floats = NDArray[np.float64]
 
@@ -142,6 +145,12 @@ class _ConditionsAtStart:
             matrix[place] = evaluate(expand(entry, self.statement.definitions), values)
         return matrix
 
+    @property
+    def implied(self) -> tuple[int, ...]:
+        """The conditions that those before them imply here."""
+        gradients, mass = self.gradients(self.values), self.mass(self.values)
+        return _implied(gradients @ np.linalg.solve(mass, gradients.T))
+
     def attached(self, values: Mapping[str, float], moves: Floats) -> dict[str, float]:
         """Return where states that conditions read go with the coordinates: attitudes of bodies, say."""
         old = self.statement
@@ -163,13 +172,39 @@ class _ConditionsAtStart:
                     break
                 gradients = self.gradients(values)
                 reach = np.linalg.solve(self.mass(values), gradients.T)
-                moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=DEPENDENT)[0]
+                moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=INDEPENDENT)[0]
                 if not np.isfinite(moves).all():
                     return None
                 values |= self.attached(values, moves) if which == 0 else {}
                 values |= {owner: values[owner] + move for owner, move in zip(owners, moves.tolist(), strict=True)}
         good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
         return values if all(part.all() for part in good) else None
+
+
+def _implied(matrix: Floats) -> tuple[int, ...]:
+    """Return which conditions those before them imply: pivots of a symmetric matrix that elimination leaves no share of.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        R M^-1 R^T.
+    """
+    left, diagonal = matrix.copy(), matrix.diagonal()
+    found = []
+    for p in range(len(left)):
+        if not left[p, p] > DEPENDENT * diagonal[p]:
+            found.append(p)
+            continue
+        left[p + 1 :, p + 1 :] -= np.outer(left[p + 1 :, p], left[p, p + 1 :]) / left[p, p]
+    return tuple(found)
+
+
+def implied_at_start(statement: Statement) -> tuple[int, ...]:
+    """Return which conditions those before them imply where the motion starts; none where measured values decide it."""
+    start = _ConditionsAtStart(statement)
+    masses = (expand(entry, statement.definitions) for entry in statement.mass_entries.values())
+    read = start.read.union(*map(free_names, masses))
+    return start.implied if read <= start.values.keys() else ()
 
 
 def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledger: Ledger) -> None:
@@ -189,7 +224,7 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
             )
     ledger.raise_faults()
     timed = any("t" in free_names(tree) for pair in start.trees for tree in pair)
-    rank = np.linalg.matrix_rank(gradients, tol=DEPENDENT * np.linalg.norm(gradients, 2))
+    rank = np.linalg.matrix_rank(gradients, tol=INDEPENDENT * np.linalg.norm(gradients, 2))
     if rank == len(statement.coordinates) and not timed:
         ledger.note(
             f"{len(names)} constraints leave {len(statement.coordinates)} coordinates nothing to move: as many of them are"

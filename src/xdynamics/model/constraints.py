@@ -3,8 +3,8 @@
 Each condition keeps a rate at zero, R v + … = 0: the time derivative of `holds`, or `rolls` itself. The accelerations
 and the multipliers u solve M a = F + R^T u, R a + bias = 0, so R M^-1 R^T u = -(R M^-1 F + bias) (Hairer and Wanner,
 Solving Ordinary Differential Equations II, 2nd ed., section VII.1, index 1). That matrix is factored as L D L^T, sparse
-where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A small pivot
-belongs to a condition that others imply, whose multiplier is then zero; accelerations do not depend on how it is shared.
+where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A small pivot belongs to a
+condition that others imply: accelerations do not depend on how its force is shared, for which see `implied_conditions`.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from xdynamics.expressions import (
     free_names,
 )
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.model.constraint_consistency import DEPENDENT, implied_at_start
+from xdynamics.model.implied_conditions import Sharing
 from xdynamics.model.mass import Assignment, factors, less, solved
 from xdynamics.model.model import Model
 from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
@@ -35,9 +37,6 @@ from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
 
 MOST_DIFFERENTIATED = 24  # coordinates: the derivatives of all accelerations by all of the state grow as the cube
-# A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position what is left
-# of a residual is divided by this number, and what is dropped is missed for as long as its root: 1e-8 weighs the two.
-DEPENDENT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -125,9 +124,10 @@ def tying(model: Model) -> Iterator[Assignment]:
         for j, other in enumerate(tied[: i + 1]):
             if shared := [name for name in condition.row if name in _reached(model, other)]:
                 terms = [Binary("*", Name(_row(i, name)), Name(_reach(j, name))) for name in shared]
-                yield Assignment(f"_tied{i}_{j}", _sum(terms))
-                entries[i, j] = Name(f"_tied{i}_{j}")
+                yield Assignment(_tied(i, j), _sum(terms))
+                entries[i, j] = Name(_tied(i, j))
     yield from _factored(entries, len(tied))
+    yield from _sharing(model).null_vectors()
 
 
 def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignment]:
@@ -204,23 +204,36 @@ def bound(
     """
     tied = conditions(model)
     coupled = _coupled(model)
+    some = [f"_some_{name}" for name in forces] if _sharing(model).lost else forces
     for k, condition in enumerate(tied):
         products = [multiply(Name(_row(k, name)), free[name]) for name in condition.row if name in free]
         right = Negative(_sum([lags[k], *products]))
         before = (Binary("*", Name(_factor(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled)
         yield Assignment(f"_part_{forces[k]}", less(right, before))
     for k in reversed(range(len(tied))):
-        behind = (
-            Binary("*", Name(_factor(i, k)), Name(forces[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
-        )
-        yield Assignment(forces[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
+        behind = (Binary("*", Name(_factor(i, k)), Name(some[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled)
+        yield Assignment(some[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
+    if some is not forces:
+        yield from _sharing(model).least(forces, some)
     for name, target in targets.items():
         terms = [
-            Binary("*", Name(_reach(k, name)), Name(forces[k]))
+            Binary("*", Name(_reach(k, name)), Name(some[k]))
             for k, condition in enumerate(tied)
             if name in _reached(model, condition)
         ]
         yield Assignment(target, _sum([free.get(name, ZERO), *terms]))
+
+
+@lru_cache(maxsize=64)
+def _sharing(model: Model) -> Sharing:
+    """Return how conditions that imply each other share their force."""
+    count = range(len(conditions(model)))
+    return Sharing(
+        implied_at_start(model.statement) if count else (),
+        tuple(map(inverse_pivot, count)),
+        {(i, p): _factor(i, p) for i, p in _coupled(model)},
+        tuple(Name(_tied(k, k)) for k in count),
+    )
 
 
 @lru_cache(maxsize=64)
@@ -257,6 +270,10 @@ def _row(k: int, name: str) -> str:
 
 def _reach(k: int, name: str) -> str:
     return f"_pull{k}_{name}"
+
+
+def _tied(i: int, j: int) -> str:
+    return f"_tied{i}_{j}"
 
 
 def _factor(i: int, p: int) -> str:

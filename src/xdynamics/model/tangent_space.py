@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.model.constraint_consistency import INDEPENDENT
 from xdynamics.model.constraints import conditions
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, inputs_of, tables_of, variables
-
-INDEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to one that others imply
 
 Floats = NDArray[np.float64]
 

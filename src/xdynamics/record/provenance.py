@@ -56,8 +56,9 @@ KEPT_COLUMNS = (
 )
 
 KEPT_BY_PROJECTION = (
-    "multipliers are solved for with the accelerations (index 1); after every step positions, then velocities are projected"
-    " onto the constraints in the metric of the mass (Hairer, Wanner, Solving ODEs II, VII.2)"
+    "multipliers are solved for with the accelerations (index 1), of least norm where conditions imply each other; after"
+    " every step positions, then velocities are projected onto the constraints in the metric of the mass (Hairer, Wanner,"
+    " Solving ODEs II, VII.2)"
 )
 KEPT_BY_IMPULSES = (
     "impulses along the gradients at the last force evaluation keep positions, and a projection the velocities at the end"
