@@ -1,4 +1,4 @@
-"""The words of the record for the forces of contacts, dry friction and constraints; all others are in `schema`."""
+"""The words of the record for the forces of contacts, dry friction, constraints and joints; all others are in `schema`."""
 
 from __future__ import annotations
 
@@ -43,6 +43,19 @@ def constraint_residual(name: str) -> str:
 def constraint_rate(name: str) -> str:
     """Name how fast positions leave it: what velocities have of it."""
     return f"constraint_rate_{name}"
+
+
+JOINT = "joint"  # the role of forces and torques in joints
+
+
+def joint_force(name: str) -> str:
+    """Name the force in a joint."""
+    return f"joint_force_{name}"
+
+
+def joint_torque(name: str) -> str:
+    """Name the torque in a joint."""
+    return f"joint_torque_{name}"
 
 
 RANK = Variable(

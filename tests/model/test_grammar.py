@@ -31,7 +31,7 @@ def test_the_examples_are_one_model_and_march() -> None:
     bare["run"] = {
         key: value for key, value in bare["run"].items() if key != "precision"
     }  # which goes with fewer words
-    run = xd.simulate(xd.Model(**bare), until="0.1 s")
+    run = xd.simulate(xd.Model(**bare), until="0.6 s")
     assert run.attrs["run_outcome"] == "completed"
     assert run["speed_of_it"].attrs["units"] == "km h-1"
     assert run["speed_of_it"].attrs["long_name"] == "as on a speedometer"

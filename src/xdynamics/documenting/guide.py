@@ -11,6 +11,7 @@ from xdynamics.documenting.bodies_page import bodies_page
 from xdynamics.documenting.constraints_page import constraints_page
 from xdynamics.documenting.fits_page import FITS_PAGE
 from xdynamics.documenting.folding import folded
+from xdynamics.documenting.joints_page import joints_page
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.manual_pages import (
     CLUSTER_PAGE,
@@ -63,6 +64,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("constraint_force_<name>", "step", "multiplier of every constraint: the force is it times the derivative"),
     ("constraint_residual_<name>, constraint_rate_<name>", "step", "how far the state is from where it holds"),
     ("constraint_rank, constraint_projection", "step", "independent constraints; how far a step was moved"),
+    ("joint_force_<name>, joint_torque_<name>", "step", "what the second body of a joint does to the first, in space"),
     ("event_<observable>, event_<observable>_uncertainty", "event", "observables at the event"),
     ("event_impulse_x, event_offset_x, event_energy_lost", "event", "what an impact did"),
     ("event_<relation>, event_first, event_second", "event", "which link of a contact of many bodies was struck"),
@@ -281,6 +283,7 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         **{name: partial(_section, name) for name in SECTIONS},
         "bodies": lambda: bodies_page(_section("bodies")),
         "constraints": lambda: constraints_page(_section("constraints")),
+        "joints": lambda: joints_page(_section("joints")),
     }
 
 

@@ -20,6 +20,7 @@ from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
 from xdynamics.model.controllers import pending
+from xdynamics.reaction_names import JOINT
 from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
@@ -227,6 +228,7 @@ def _of_forces(
     coordinates = _with_role(run, "coordinate")
     for kind, role, title in (
         ("contact", "reaction", line_panels.CONTACTS),
+        ("constraint", JOINT, "forces and torques in joints"),
         ("constraint", "multiplier", line_panels.CONSTRAINTS),
     ):
         acting = [name for name in _with_role(run, role) if run[name].ndim == 1 and run[name].values.any()]

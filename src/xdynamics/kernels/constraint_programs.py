@@ -18,7 +18,7 @@ from xdynamics.kernels.program import AT, Operand, Place, Program, ProgramCall, 
 from xdynamics.model.constraints import Condition, attached, conditions, correcting, inverse_pivot, keeping_along
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.schema import acceleration, velocity
-from xdynamics.units import NONE
+from xdynamics.units import NONE, Dimension
 
 CONSTRAIN, TURN, KEEP = "constrain", "constrain_turn", "keep"
 TOLERANCE = 1e-12  # of the terms of a residual
@@ -66,7 +66,7 @@ def _turn(layout: Layout) -> Program:
         judged = _Judged(lines, lines.named(inverse_pivot(k)), tolerance)
         far, most = judged(condition.residual, far, most, _reached(lines, layout, condition))
         gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
-        fast, most = judged(condition.rate, fast, most, gained)
+        fast, most = judged(condition.rate, fast, most, gained, swept=_swept(lines, layout, condition))
     first = lines.compute("less", turns, 0.5)
     far, fast = lines.compute("more", far, 0.0), lines.compute("more", fast, 0.0)
     moves = lines.compute("choose", far, is_open, 0.0)
@@ -137,6 +137,17 @@ def _accelerated(lines: Assignments, layout: Layout, condition: Condition) -> It
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), own))
 
 
+def _swept(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
+    """Yield the sizes of a rate's change by velocities as large as any of the kind: terms alone may cancel to rounding."""
+    model = layout.model
+    largest: dict[Dimension, Operand] = {}
+    for name in model.coordinates:
+        speed, kind = lines.compute("abs", lines.named(velocity(name))), model.dimensions[name]
+        largest[kind] = lines.compute("greatest", largest[kind], speed) if kind in largest else speed
+    for name, tree in condition.row.items():
+        yield lines.compute("abs", lines.compute("multiply", lines.value(tree), largest[model.dimensions[name]]))
+
+
 @dataclass(frozen=True)
 class _Judged:
     """Compares residuals of a condition with the sizes of their terms; of one that others imply, it asks nothing.
@@ -160,8 +171,9 @@ class _Judged:
         excess: Operand,
         most: Operand,
         further: Iterable[Operand] = (),
+        swept: Iterable[Operand] = (),
     ) -> tuple[Operand, Operand]:
-        """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over its terms."""
+        """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over all sizes."""
         lines = self.lines
         value = lines.compute("abs", lines.value(tree))
         size: Operand = 0.0
@@ -169,5 +181,7 @@ class _Judged:
             size = lines.compute("add", size, term)
         over = lines.compute("subtract", value, lines.compute("multiply", self.tolerance, size))
         over = lines.compute("choose", lines.compute("equal", self.acts, 0.0), 0.0, over)
+        for term in swept:
+            size = lines.compute("add", size, term)
         share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
         return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)

@@ -21,6 +21,7 @@ from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.energies import energies
+from xdynamics.model.joints import joint_reactions
 from xdynamics.model.lazy_trees import Lazy, own_mass
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.statement import Statement
@@ -211,15 +212,14 @@ class Layout:
 
     @cached_property
     def kept(self) -> dict[str, Node]:
-        """What is zero where constraints hold: residuals of positions, and rates."""
+        """What is zero where constraints hold, residuals of positions and rates; forces and torques in joints."""
         residuals = {
             reaction_names.constraint_residual(condition.name): condition.residual
             for condition in conditions(self.model)
             if condition.residual != ZERO
         }
-        return residuals | {
-            reaction_names.constraint_rate(condition.name): condition.rate for condition in conditions(self.model)
-        }
+        rates = {reaction_names.constraint_rate(condition.name): condition.rate for condition in conditions(self.model)}
+        return residuals | rates | joint_reactions(self.model.joints)
 
     @cached_property
     def watched(self) -> tuple[Detector, ...]:

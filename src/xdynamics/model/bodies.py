@@ -24,6 +24,7 @@ from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, gradient
 
 AXIS = "axis"  # the dimension of vectors
+LONGEST_NAME = 20  # of bodies and joints: those of what they stand for begin with it
 GYROSCOPIC = "gyroscopic"  # the force that every body has by turning
 TWO = Number(2.0)
 Tables = dict[str, dict[str, Any]]

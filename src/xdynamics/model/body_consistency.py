@@ -7,14 +7,14 @@ from math import pi
 
 import numpy as np
 
-from xdynamics.expressions import Node, expand, free_names
+from xdynamics.expressions import Name, Node, expand, free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.bodies import position, turn, unit_quaternions
-from xdynamics.model.body_reading import UNIT
-from xdynamics.model.body_sections import AXES, Body
+from xdynamics.model.body_sections import AXES, SPACE, Body
 from xdynamics.model.motion_consistency import check_dimension
 from xdynamics.model.statement import Statement
+from xdynamics.model.unit_vectors import UNIT
 from xdynamics.shapes import Shapes
 from xdynamics.units import Dimension, constant, parse_unit
 
@@ -51,12 +51,33 @@ def _acting_parts(name: str, body: Body) -> Iterator[Part]:
 def check_constants(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check that what has to be constant in a body is, and the units of what reads no definition."""
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
+    _check_joints(statement, dimensions, ledger)
     for name, body in statement.bodies.items():
         for what, tree, unit in _constant_parts(name, body):
             read = free_names(tree)
             if moving := sorted(read & dimensions.keys() - constants):
                 ledger.note(f"{what} reads '{moving[0]}'; a rigid body's is of parameters alone")
             elif not read & statement.definitions.keys():
+                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+
+
+def _check_joints(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
+    """Check that points of joints are lengths, and fixed in their body; those of space may move."""
+    constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
+    places = (
+        (f"joint '{name}': at in {body}", body, place)
+        for name, joint in statement.joints.items()
+        for body, place in zip(joint.bodies, joint.at, strict=True)
+        if not isinstance(place, Name)
+    )
+    for about, body, place in places:
+        for what, tree, unit in _parts(about, place, "m"):
+            fixed = constants | ({"t"} if body == SPACE else set())
+            if moving := sorted(free_names(expand(tree, statement.definitions)) & dimensions.keys() - fixed):
+                ledger.note(
+                    f"{what} reads '{moving[0]}'; a point of a body is of parameters alone, one of space of t too"
+                )
+            elif not free_names(tree) & statement.definitions.keys():
                 check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import hypot
 from typing import Any
 
 from xdynamics.expressions import Name, Node, parse, text_of
@@ -11,6 +10,7 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.model.bodies import (
     AXIS,
     GYROSCOPIC,
+    LONGEST_NAME,
     position,
     scalar_part,
     tables_of_body,
@@ -22,13 +22,13 @@ from xdynamics.model.body_functions import with_functions
 from xdynamics.model.body_sections import AXES, CENTRE, Body, triple
 from xdynamics.model.given_values import is_expression
 from xdynamics.model.grammar import SECTIONS
+from xdynamics.model.joints import with_joints
 from xdynamics.model.kinds import LIMIT, Source
 from xdynamics.model.table_keys import keys, near
+from xdynamics.model.unit_vectors import normalised, plain_numbers, unit_quaternion
 from xdynamics.schema import velocity
 from xdynamics.units import parse_quantity
 
-UNIT = 1e-12  # how far from 1 the length of a quaternion may be that is written in decimals
-LONGEST_NAME = 20
 OWN_NAMES = ("r", "turn", "q0", "q", "inertia", "spin")
 _STARTS = ("position", "velocity", "attitude", "angular_velocity")
 _PARTS = ("x", "y", "z"), (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
@@ -43,6 +43,8 @@ def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) ->
         title: dict(section) if isinstance(section, Mapping) else section for title, section in statement.items()
     }
     given = tables.get("bodies")
+    if tables.get("joints") and not given:
+        ledger.note("[joints] stands without [bodies], which it joins")
     if not isinstance(given, dict) or not given:
         return tables
     if tables.get("lagrangian"):
@@ -52,6 +54,7 @@ def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) ->
             return tables  # said where it is read
     if tables["dimensions"].setdefault(AXIS, [*AXES]) not in ([*AXES], AXES):
         ledger.note(f"dimension '{AXIS}' is {tables['dimensions'][AXIS]!r}; of bodies it is {[*AXES]}: rename yours")
+    with_joints(tables, source, ledger)
     tables |= with_functions(tables, source, ledger)
     bodies = dict[str, Body]()
     for name, entry in tables["bodies"].items():
@@ -229,33 +232,13 @@ def _attitude(value: Any, body: Body, source: Source) -> tuple[Any, Any]:
     """
     if isinstance(value, Mapping):
         keys(value, ("axis", "angle"), ("axis", "angle"))
-        axis = _normalised(_numbers(value["axis"], "axis", len(AXES)), "axis")
+        axis = normalised(plain_numbers(value["axis"], "axis", len(AXES)), "axis")
         half = f"({text_of(LIMIT.read(value['angle'], 'angle', source))})/2"
         return f"cos({half})", f"sin({half})*({text_of(_direction(axis))})"
-    numbers = _numbers(value, "attitude", 1 + len(AXES))
-    unit, length = _normalised(numbers, "attitude"), hypot(*numbers)
-    if abs(length - 1.0) > UNIT:
-        raise InputError(f"attitude is {numbers}, of length {length!r}; a unit quaternion is needed: write {unit}")
+    unit = unit_quaternion(value)
     return repr(unit[0]), text_of(_direction(unit[1:])) if body.dims else {"value": unit[1:]}
 
 
 def _direction(numbers: list[float]) -> Node:
     x, y, z = (parse(repr(number)) for number in numbers)
     return vector((x, y, z))
-
-
-def _numbers(value: Any, key: str, count: int) -> list[float]:
-    plain = isinstance(value, list | tuple) and all(
-        isinstance(entry, int | float) and not isinstance(entry, bool) for entry in value
-    )
-    if not plain or len(value) != count:
-        form = '[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }' if count > len(AXES) else "[x, y, z]"
-        raise InputError(f"{key} is {value!r}, needs numbers {form}")
-    return [float(entry) for entry in value]
-
-
-def _normalised(numbers: list[float], key: str) -> list[float]:
-    length = hypot(*numbers)
-    if not 0.0 < length < float("inf"):
-        raise InputError(f"{key} is {numbers}, of length {length!r}, and says nothing of directions")
-    return [entry / length for entry in numbers]

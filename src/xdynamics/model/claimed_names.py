@@ -16,6 +16,8 @@ from xdynamics.reaction_names import (
     contact_state,
     friction_force,
     friction_state,
+    joint_force,
+    joint_torque,
 )
 from xdynamics.schema import (
     CLOSED_LINKS,
@@ -91,6 +93,7 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
         constraint_rate(name),
         *_of_reaction(constraint_force(name)),
     ),
+    "joints": lambda name: (joint_force(name), joint_torque(name)),
 }
 
 

@@ -23,11 +23,14 @@ from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every, summands
 from xdynamics.faults import InputError, Ledger, spoken
+from xdynamics.model.bodies import scalar_part, turn, vector_part
+from xdynamics.model.body_sections import AXES
 from xdynamics.model.contact_consistency import KINKS, check_velocity, one_power, values_of
 from xdynamics.model.parts import Constraint
 from xdynamics.model.statement import Statement
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
+from xdynamics.shapes.naming import element, parted
 from xdynamics.units import NONE, Dimension, spell
 
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
@@ -123,11 +126,20 @@ class _ConditionsAtStart:
         return np.array([evaluate(pair[which], values) for pair in self.trees])
 
     def sizes(self, which: int, values: Mapping[str, float]) -> Floats:
-        """Return the sizes of their terms, and of what coordinates as they are, or 1 radian, could change."""
+        """Return the sizes of their terms, and of what coordinates or velocities as large as any of the kind could change.
+
+        Positions are told from 1 radian, too. Terms alone may cancel: of a body that spins about its axis, say.
+        """
         terms = [sum(abs(evaluate(term, values)) for term in summands(pair[which])) for pair in self.trees]
-        coordinates = self.statement.coordinates.items()
-        reach = [1.0 if part.unit.dimension == NONE else abs(values[name]) for name, part in coordinates]
-        return np.array(terms) + (abs(self.gradients(values)) @ reach if which == 0 else 0.0)
+        coordinates = self.statement.coordinates
+        largest = dict[Dimension, float]()
+        for name, part in coordinates.items():
+            kind, size = part.unit.dimension, abs(values[name if which == 0 else velocity(name)])
+            least = 1.0 if which == 0 and kind == NONE else 0.0
+            largest[kind] = max(largest.get(kind, least), size if least == 0.0 else least)
+        reach = [largest[part.unit.dimension] for part in coordinates.values()]
+        sizes: Floats = np.array(terms) + abs(self.gradients(values)) @ reach
+        return sizes
 
     def gradients(self, values: Mapping[str, float]) -> Floats:
         """Return the derivatives of the rates by the velocities."""
@@ -162,6 +174,22 @@ class _ConditionsAtStart:
             if name in self.read and (slopes := derivatives(expand(state.rate, old.definitions), by))
         }
 
+    @cached_property
+    def attitudes(self) -> list[tuple[str, ...]]:
+        """The names of the four parts of every quaternion."""
+        scalars = {scalar_part(body): vector_part(body) for body in self.statement.bodies}
+        states = ((parted(name), name) for name in self.statement.states)
+        return [
+            (name, *(element(scalars[whole], (*labels, axis)) for axis in AXES))
+            for (whole, labels), name in states
+            if whole in scalars
+        ]
+
+    def _of_unit_length(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the quaternions of attitudes, brought back to unit length."""
+        lengths = ((parts, float(np.linalg.norm([values[part] for part in parts]))) for parts in self.attitudes)
+        return {part: values[part] / length for parts, length in lengths for part in parts}
+
     def nearest(self) -> dict[str, float] | None:
         """Return the nearest state where all conditions hold, in the metric of the mass; None if none is found."""
         names, values = list(self.statement.coordinates), dict(self.values)
@@ -177,6 +205,7 @@ class _ConditionsAtStart:
                     return None
                 values |= self.attached(values, moves) if which == 0 else {}
                 values |= {owner: values[owner] + move for owner, move in zip(owners, moves.tolist(), strict=True)}
+                values |= self._of_unit_length(values) if which == 0 else {}
         good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
         return values if all(part.all() for part in good) else None
 
@@ -243,20 +272,25 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
             k = int(np.argmax(off[which]))
             dimension = dimension_of(start.trees[k][which], known)
             value = start.numbers(which, values)[k]
+            unit = "" if dimension == NONE else f" {spell(dimension).text}"
             what = "is" if which == 0 else "changes by"
             ledger.note(
-                f"constraint '{spoken(names[k])}' {what} {value:.6g} {spell(dimension).text} at the start, and needs 0; the"
+                f"constraint '{spoken(names[k])}' {what} {value:.6g}{unit} at the start, and needs 0; the"
                 f" nearest state where it holds is {_spelled(start, nearest)}; write it, or [initial] consistent = true"
             )
     ledger.raise_faults()
 
 
 def _spelled(start: _ConditionsAtStart, nearest: Mapping[str, float]) -> str:
-    """Return the values that differ, in their units."""
+    """Return the values that differ, in their units; of bodies that turn, their attitudes and angular velocities."""
     statement, time = start.statement, start.statement.time_unit
-    parts = []
-    for name, coordinate in statement.coordinates.items():
-        for owner, unit in ((name, coordinate.unit), (velocity(name), coordinate.unit.per(time))):
-            if nearest[owner] != start.values[owner]:
-                parts.append(f"{spoken(owner)} = {nearest[owner] / float(unit.factor):.15g} {unit.text}")
-    return ", ".join(parts[:6]) + (", …" if len(parts) > 6 else "")
+    turns = {*map(turn, statement.bodies)}
+    units = {name: part.unit for name, part in statement.coordinates.items() if parted(name)[0] not in turns}
+    units |= {velocity(name): part.unit.per(time) for name, part in statement.coordinates.items()}
+    units |= {part: statement.states[part].unit for parts in start.attitudes for part in parts}
+    parts = [
+        f"{spoken(name)} = {nearest[name] / float(unit.factor):.15g} {unit.text}".removesuffix(" 1")
+        for name, unit in units.items()
+        if nearest[name] != start.values[name]
+    ]
+    return ", ".join(parts[:8]) + (", …" if len(parts) > 8 else "")

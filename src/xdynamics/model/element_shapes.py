@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from xdynamics.expressions import Node, free_names, shown
 from xdynamics.faults import InputError, Ledger
+from xdynamics.model.bodies import AXIS
 from xdynamics.model.controllers import trees_of
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.parts import (
@@ -15,6 +16,7 @@ from xdynamics.model.parts import (
     Function,
 )
 from xdynamics.model.statement import Statement
+from xdynamics.reaction_names import joint_force, joint_torque
 from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
@@ -81,6 +83,8 @@ def _of_expressions(statement: Statement, shapes: Shapes, ledger: Ledger) -> Sha
         if not isinstance(tree, Function):
             with ledger.entry(f"{kind} '{name}'"):
                 dims[name] = dims_of(tree, shapes)
+    for name in statement.joints:
+        dims |= dict.fromkeys((joint_force(name), joint_torque(name)), (AXIS,))
     return replace(shapes, dims={name: own for name, own in dims.items() if own})
 
 

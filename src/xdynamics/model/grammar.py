@@ -6,7 +6,7 @@ Reading, writing and the help follow from these declarations: no key can be read
 from __future__ import annotations
 
 from xdynamics.keywords import KEYWORDS
-from xdynamics.model import body_sections, entries
+from xdynamics.model import body_sections, entries, joint_sections
 from xdynamics.model.closed_forms import BOUND
 from xdynamics.model.controller_sections import MEMORY, OUTPUT, entries_of
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
@@ -176,6 +176,7 @@ SECTIONS: dict[str, Section] = {
         '[bodies.gyroscope]\npivot = ["0 m", "0 m", "0 m"]\ninertia = [\n  ["2 g m2", "0 g m2", "0 g m2"],\n  ["0 g m2", "2 g m2", "0 g m2"],\n  ["0 g m2", "0 g m2", "1 g m2"],\n]\n',
         make=body_sections.Body, apart=True,
     ),
+    "joints": joint_sections.SECTION,
     "coordinates": Section(
         "what moves; the velocity of x is v_x, its acceleration a_x", "coordinate",
         (Key("unit", UNIT, "of the coordinate; angles in rad or degree", NEEDED), DIMS, DESCRIPTION),
@@ -260,7 +261,7 @@ SECTIONS: dict[str, Section] = {
         "where the motion starts: t, every coordinate, velocity and state", "initial value",
         (Key("value", raw("quantity, or a number beside unit; with dimensions also lists; or an expression of parameters and index(…)"), "at the start", NEEDED), Key("unit", raw("unit"), "where the value has none", "1"), *SPREAD, *TABLED, DESCRIPTION),
         '[initial]\nt = "0 s"\nx = { value = "10 mm", uncertainty = 0.1, description = "read off the scale" }\nv_x = "0 m s-1"\n'
-        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\n'
+        'theta = "30 degree"\nv_theta = "0 rad s-1"\nfuel = "10 g"\nregime = "pulled"\nconsistent = true\n'
         'u = { table = "start.csv", column = "u", csv = "site,u [mm]\\n3,1\\n0,0\\n1,2\\n2,1\\n" }\nv_u = { values = { 0 = "0 m s-1", 1 = "1 mm s-1", 2 = "0 m s-1", 3 = "0 m s-1" } }\n'
         'warmth = { table = "warmth.csv", columns = ["a", "b", "c", "d"], csv = """\na [J],b [J],c [J],d [J]\n1,2,3,4\n0,0,0,0\n1,1,1,1\n""" }\n',
         'its value: "20 m s-1"; regime = "coast" names the regime that it begins in, else the first; a velocity that is not there is 0; consistent = true moves it to where constraints hold',

@@ -13,6 +13,7 @@ from xdynamics.model import toml
 from xdynamics.model.body_sections import Body
 from xdynamics.model.drive_arguments import place_of
 from xdynamics.model.elementwise import Elementwise, always
+from xdynamics.model.joint_sections import Joint
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
     Constraint,
@@ -62,6 +63,7 @@ class ModelTrees:
     consistent: bool
     assemblies: dict[str, Contact]
     bodies: dict[str, Body]
+    joints: dict[str, Joint]
     regimes: dict[str, Regime]
     regime: str
     observables: dict[str, Node]

@@ -58,6 +58,7 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
         "contacts",
         "frictions",
         "constraints",
+        "joints",
         "regimes",
         "observables",
     )
@@ -91,7 +92,15 @@ def _fault_of(section: str, name: str) -> str:
         return f"'{name}' is a key of the model file; choose another name"
     if section in ("extents", "relations") and name in OF_RECORD:
         return f"'{name}' is a dimension of the record, or begins names in it; choose another name"
-    if name in RESERVED and section not in ("forces", "events", "contacts", "frictions", "constraints", "regimes"):
+    if name in RESERVED and section not in (
+        "forces",
+        "events",
+        "contacts",
+        "frictions",
+        "constraints",
+        "joints",
+        "regimes",
+    ):
         return f"the name '{name}' is a word of the expression language"
     return ""
 

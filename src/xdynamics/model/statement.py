@@ -11,6 +11,7 @@ from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.body_sections import Body
 from xdynamics.model.given_values import Values
+from xdynamics.model.joint_sections import Joint
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.lazy_trees import Diagonal
 from xdynamics.model.links import Links, related
@@ -79,6 +80,7 @@ class Statement:
     arrays: dict[str, Values] = field(default_factory=dict)  # parameters with dimensions
     starting: dict[str, Values] = field(default_factory=dict)  # values at the start with dimensions, or by expressions
     bodies: dict[str, Body] = field(default_factory=dict)  # what they stand for is among coordinates, states and so on
+    joints: dict[str, Joint] = field(default_factory=dict)  # what they stand for is among constraints and definitions
     assemblies: dict[str, Contact] = field(default_factory=dict)  # contacts of many links, each as it is of the first
 
     @cached_property

@@ -14,6 +14,7 @@ from xdynamics.model.controllers import held, starting_from
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.given_values import Values, written_values
 from xdynamics.model.grammar import SECTIONS
+from xdynamics.model.joints import made_by_joints
 from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
@@ -50,7 +51,7 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
     part = getattr(statement, section.field or title)
     if not section.entry:
         return {} if part is None else section.write(part, statement.time_unit)
-    if statement.bodies and (made := made_by(statement.bodies, title)):
+    if statement.bodies and (made := made_by(statement.bodies, title) | made_by_joints(statement.joints, title)):
         part = {name: entry for name, entry in part.items() if name not in made}
     if title == "parameters":
         part = part | statement.arrays

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.reaction_names import JOINT
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.partial_records import is_run, is_whole
 from xdynamics.record.variable_attributes import plain
@@ -55,6 +56,7 @@ ALONG_STEPS = (
     "force",
     "reaction",
     "multiplier",
+    JOINT,
     "residual",
     "gap",
     "energy",
