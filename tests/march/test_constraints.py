@@ -394,3 +394,11 @@ def test_impulses_change_no_vector_of_the_start() -> None:
     moved = {name for line in lines if isinstance(line, ConstraintImpulse) for name in (line.position, line.velocity)}
     assert moved
     assert not moved & {"q", "v"}
+
+
+@pytest.mark.parametrize("key", ["friction", "load", "static"])
+def test_rolling_with_a_limit_is_dry_friction(key: str) -> None:
+    """Assert that a force of friction beside `rolls` is refused with what to write in its place."""
+    rolling = f'rolls = "v_x - L*v_y/metre"\n{key} = "0.3"'
+    with pytest.raises(xd.ModelError, match=rf"{key} is no key.*\[frictions\], with slip = 'v_x - L\*v_y/metre'"):
+        rod('holds = "sqrt(x**2 + y**2) - L"', rolling)

@@ -21,10 +21,13 @@ euler_cromer and the compositions of velocity Verlet are made RATTLE, with impul
 in every drift: energy does not drift. ruth3, pefrl and dprkn6 would lose their order, and refuse.
 
 The motion has to start where constraints hold; else the message has the nearest such state, and
-[initial] consistent = true goes there. Impacts and friction obey constraints. Joints of bodies:
-  ball    holds = "point(arm, elbow) - point(fore, top)"
-  hinge   a ball, and holds = "dot(direction(arm, [1, 0, 0]), direction(fore, [0, 0, 1]), axis)"
-          twice, for two directions across the axis, which is [0, 0, 1] in the other body
+[initial] consistent = true goes there. Impacts and friction obey constraints. Balls, hinges, sliders
+and welds of bodies need not be written out: `xdynamics help joints`.
+
+What rolls without any slip is a constraint. A wheel that also slips, where more force were needed
+than Coulomb's law allows, is dry friction, whose sticking is the same constraint:
+  [frictions.lane]  slip = "v_x - R*v_theta/radian"  kinetic = "mu*m*g"
+Of a ball thrown with backspin, event stick is where it begins to roll; slip is where that ends.
 
 Singular positions, where a constraint is implied by others for an instant, are passed: within about
 1e-4 (radians, say) of one the weakest is not kept, which leaves some nine digits of the motion.

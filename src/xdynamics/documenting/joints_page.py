@@ -27,9 +27,9 @@ A joint stands for constraints, which have multipliers, residuals and rates in t
   rail_across_1, rail_across_2           the same of a slider, across its axis
   elbow_turn_1, elbow_turn_2, weld_turn  small angles by which directions are off
 The motion has to start with every joint together, else the message has the nearest such state, and
-[initial] consistent = true goes there. In closed loops of hinges some conditions are implied by the
-others: their multipliers are 0, constraint_rank tells how many act, and how the joints share what
-the motion does not tell, as forces across its plane, is one choice of many.
+[initial] consistent = true goes there. In closed loops of hinges some conditions imply each other:
+constraint_rank tells how many act, and what the motion does not tell, as forces across its plane,
+is shared by least norm (`xdynamics help constraints`).
 
 """
 

@@ -36,6 +36,7 @@ from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity
 
 COULOMB = "coulomb"
 _OF_COULOMB = ("slip", "friction", "static")
+_OF_ROLLING = ("friction", "mu", "load", "slip", "kinetic", "static")  # which limit what a constraint does without
 _OF_SEARCHES = ("function", "direction", "root_state", "unit", "time_tolerance", "position_tolerance")
 _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and no other takes
 
@@ -205,6 +206,25 @@ def contact(**values: Any) -> Contact:
     elif unused := [key for key in _OF_COULOMB if key in values]:
         raise InputError(f"{', '.join(unused)} is for tangential = '{COULOMB}', and this contact is frictionless")
     return Contact(**values)
+
+
+def constraint_table(entry: Any, *_: Any) -> Any:
+    """Return the table that a constraint is; one with friction belongs to another section.
+
+    Raises
+    ------
+    InputError
+        Of rolling that a force of friction limits, with what to write.
+    """
+    if not isinstance(entry, Mapping):
+        return {"holds": entry}
+    if limits := [key for key in _OF_ROLLING if key in entry]:
+        slip = entry.get("rolls", "v_x - R*v_theta/radian")
+        raise InputError(
+            f"{limits[0]} is no key of it: what rolls and may slip is dry friction, whose sticking is this constraint;"
+            f" write it in [frictions], with slip = '{slip}' and kinetic = 'mu*load'"
+        )
+    return entry
 
 
 def constraint(**values: Any) -> Constraint:

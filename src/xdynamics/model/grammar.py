@@ -301,7 +301,7 @@ SECTIONS: dict[str, Section] = {
             DESCRIPTION,
         ),
         '[constraints.rod]\nholds = "(x**2 - l**2)/(2*metre)"\ndescription = "of steel"\n[constraints.wheel]\nrolls = "v_x - l*v_theta/radian"\n',
-        make=entries.constraint, brief="holds", apart=True,
+        full=entries.constraint_table, make=entries.constraint, brief="holds", apart=True,
     ),
     "controllers": Section(
         "sampled controllers: at each tick all values are computed from what holds just before it; a tick is a node of the march, not an event", "controller",

@@ -163,3 +163,55 @@ def test_wrong_frictions_are_named(friction: dict[str, Any], said: str) -> None:
 
     with pytest.raises(xd.ModelError, match=f"friction 'plane': .*{said}"):
         xd.Model(**tomllib.loads(dry().to_toml()) | {"frictions": {"plane": friction}})
+
+
+ROLLING = """
+name = "ball on a lane"
+[coordinates]
+x = "m"
+theta = "rad"
+[parameters]
+m = "6 kg"
+R = "0.1 m"
+g = "9.81 m s-2"
+mu = 0.2
+[mass]
+x = "m"
+theta = "2/5*m*R**2/radian**2"
+[frictions.lane]
+slip = "v_x - R*v_theta/radian"
+kinetic = "mu*m*g"
+[initial]
+x = "0 m"
+theta = "0 rad"
+v_x = "7 m s-1"
+v_theta = "-10 rad s-1"
+"""
+
+
+def test_a_ball_with_backspin_slides_and_then_rolls() -> None:
+    """Assert when it begins to roll and how fast: 5/7 of its speed and 2/7 of that of its turning, without a force then."""
+    run = xd.simulate(xd.Model.from_text(ROLLING), method="dop853", rtol=1e-10, until="3 s")
+    first, turning, gravity = 7.0, -10.0 * 0.1, 9.81
+    assert run.event_time.values == pytest.approx([2 / 7 * (first - turning) / (0.2 * gravity)], rel=1e-12)
+    assert run.v_x.values[-1] == pytest.approx(5 / 7 * first + 2 / 7 * turning, rel=1e-12)
+    assert run.friction_force_lane.values[[0, -1]] == pytest.approx([-0.2 * 6 * gravity, 0.0], abs=1e-12)
+
+
+def test_a_driven_ball_slips_where_rolling_needs_too_much_and_grips_again() -> None:
+    """Assert that the torque at which rolling ends is Coulomb's, and that it rolls again where slip has come back to zero."""
+    rolling = ROLLING.replace('v_x = "7 m', 'v_x = "0 m').replace('"-10 rad', '"0 rad')
+    driven = rolling + '[forces.motor]\ntheta = "3*newton*metre/second*t - newton*metre/second**2*t**2"\n'
+    run = xd.simulate(xd.Model.from_text(driven), method="dop853", rtol=1e-11, until="3.4 s")
+    limit = 1.4 * 0.1 * 0.2 * 6 * 9.81  # N m: (1 + 2/5) R mu m g
+    slipping = np.roots([-1.0, 3.0, -limit])
+    start = float(slipping.min())
+    # m R ds/dt = (1 + 5/2) mu m g R - 5/2 torque, so with the torque's integral 5/2 (limit t - 3/2 t**2 + t**3/3) is level
+    level = np.array([1 / 3, -1.5, limit, 0.0])
+    level[-1] = -np.polyval(level, start)
+    ends = np.roots(level)
+    grip = float(ends[(abs(ends.imag) < 1e-9) & (ends.real > start + 1e-3)].real.min())
+    assert run.event_time.values == pytest.approx([start, grip], rel=1e-9)
+    sticking = (run.time < start) | (run.time > grip)
+    assert abs((run.v_x - 0.1 * run.v_theta).where(sticking, 0.0)).max() < 1e-9
+    assert float(abs(run.v_x - 0.1 * run.v_theta).max()) > 0.01
