@@ -92,6 +92,7 @@ BY_STEP_CONTROL = {
 # of a record without all columns: which, and where they were chosen one by one, their names
 LOG, LOGGED, CHOSEN = "solver_log", "solver_log_variables", "chosen"
 ORDER_CHOICE = "solver_order_choice"  # of a method that has many orders: given, or by which rule
+SERIES_ARITHMETIC = "solver_series_arithmetic"  # of Taylor series: how their coefficients are rounded
 KEEP_EVERY = "solver_keep_every"  # of a record whose rows are not all that were marched
 NUMBERS = (
     "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",

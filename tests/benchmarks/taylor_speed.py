@@ -2,8 +2,8 @@
 
 python tests/benchmarks/taylor_speed.py [--quick] [--only compiling | bodies | kepler_06 | arenstorf | …]
 
-Ours keeps every state and its uncertainty: `march` is its march from a posed run, its blocks made as it goes, `Dataset`
-the whole of `simulate`. heyoka keeps the last state alone, or each step's polynomial (`c_output`), or states at as many
+Ours keeps every state and its uncertainty: `loop` is the march into a log that is there, the next line the march from a
+posed run, its blocks made as it goes, `Dataset` the whole of `simulate`. heyoka keeps the last state alone, or each step's polynomial (`c_output`), or states at as many
 times as it made steps (`propagate_grid`). Both in double precision, one thread, the least of many repeats, over
 tolerances of 1e-4 to 3e-15, interpolated in the logarithms of the error; a reference is heyoka's in 80 bits at 1e-19.
 Compiling is of a problem that neither has seen: from its statement to the first step, for heyoka in compact mode and
@@ -59,7 +59,7 @@ potential = "-G*first(m, pair)*second(m, pair)/norm(second(r, pair) - first(r, p
 r = {{ value = {r}, unit = "m" }}
 v_r = {{ value = {v}, unit = "m/s" }}
 """
-OURS = ("xdynamics taylor", "xdynamics taylor, Dataset")
+OURS = ("xdynamics taylor, loop", "xdynamics taylor", "xdynamics taylor, Dataset")
 THEIRS = ("heyoka, last state alone", "heyoka, polynomials kept", "heyoka, on a grid")
 
 

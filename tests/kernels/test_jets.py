@@ -75,6 +75,8 @@ SMOOTH = [
     "cosh(x)",
     "sinh(x)*cosh(x)",
     "tanh(x)",
+    "1/(sqrt(1 + x*x)*sqrt(1 + x*x)*sqrt(1 + x*x))",
+    "x/3 + x/c/2",
     "hypot(x, 1 + x*x)",
     "abs(x - 2)*x",
     "abs(x)",
@@ -94,9 +96,11 @@ def of_x(text: str) -> Program:
     return Program("forces", "Forces.", tuple(lines.lines))
 
 
-def series_of(text: str, x: float, *, written_out: bool, degree: int = DEGREE, c: float = 1.3) -> Floats:
+def series_of(
+    text: str, x: float, *, written_out: bool, degree: int = DEGREE, c: float = 1.3, fused: bool = True
+) -> Floats:
     """The coefficients of an expression of x and t, by plain Python, whose bits compiled lines have too."""
-    found = expansion(of_x(text), OF_X, degree, 3, written_out=written_out)
+    found = expansion(of_x(text), OF_X, degree, 3, written_out=written_out, fused=fused)
     assert found.written_out == written_out
     y, at = np.array([x, 0.0, 1.0, 0.0]), np.array([TIME, *[0.0] * 7])
     results = []
@@ -116,7 +120,8 @@ def test_series_are_those_of_many_digits(text: str) -> None:
     """Assert that coefficients to order 20 are those that mpmath finds, to rounding over the distance to a singularity."""
     random = np.random.default_rng(len(text))
     x = float(random.uniform(0.2, 0.9))
-    both = [series_of(text, x, written_out=written_out) for written_out in (True, False)]
+    ways = [(written_out, fused) for written_out in (True, False) for fused in (True, False)]
+    both = [series_of(text, x, written_out=written_out, fused=fused) for written_out, fused in ways]
     with mpmath.workdps(40):
 
         def f(s: Any) -> Any:
@@ -167,7 +172,8 @@ def test_tables_inside_a_piece(operation: str, *, written_out: bool) -> None:
     piece = lines.compute("find_piece", argument, 0)
     lines.store(Place("z", 2), 1.0)
     lines.store(Place("z", 3), lines.compute(operation, argument, piece, 0))
-    found = expansion(Program("forces", "Forces.", tuple(lines.lines)), OF_X, 8, written_out=written_out)
+    forces = Program("forces", "Forces.", tuple(lines.lines))
+    found = expansion(forces, OF_X, 8, written_out=written_out, fused=True)
     w, x = np.zeros(found.memory), 0.9
     given = {"y": np.array([x, 0.0, 1.0, 0.0]), "at": np.zeros(8), "tables": table}
     bound(found.program, w=w, pieces=np.array([0, 2, 0]), **given)()
@@ -249,14 +255,14 @@ def test_loops_have_the_series_of_what_they_write(*, by_body: bool) -> None:
     random, results = np.random.default_rng(4), []
     y, p = np.concatenate([random.normal(size=6 * n), np.zeros(3 * n)]), random.uniform(0.5, 2.0, n)
     for program, written_out in ((looped, False), (straight, False), (straight, True)):
-        found = expansion(program, motion, degree, written_out=written_out)
+        found = expansion(program, motion, degree, written_out=written_out, fused=True)
         w = np.zeros(found.memory)
         (compiled if program is looped else in_python)(found.program)(y=y, w=w, p=p, at=np.zeros(8))
         results.append(w[: (degree + 1) * 6 * n].copy())
     size = np.abs(results[2]).max()
     assert np.abs(results[0] - results[2]).max() < 1e-13 * size
     assert np.abs(results[1] - results[2]).max() < 1e-13 * size
-    lanes = expansion(looped, motion, degree)
+    lanes = expansion(looped, motion, degree, fused=True)
     assert not lanes.written_out
     w = np.zeros((lanes.memory, 4))
     given = {"y": np.repeat(y[:, None], 4, 1), "p": np.repeat(p[:, None], 4, 1), "at": np.zeros((8, 4))}

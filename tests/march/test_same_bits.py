@@ -26,7 +26,7 @@ every = xd.Model(
     },
     initial={"x": "1.1", "y": "0.3", "v_x": "0 s-1", "v_y": "-0.7 s-1", "w": "1"},
 )
-runs = [xd.simulate(every, method=one, until="20 s", **how) for one, how in (("dop853", {"rtol": 1e-9, "atol": 1e-9}), ("rk4", {"step": "10 ms"}))]
+runs = [xd.simulate(every, method=one, until="20 s", **how) for one, how in (("dop853", {"rtol": 1e-9, "atol": 1e-9}), ("rk4", {"step": "10 ms"}), ("taylor", {"rtol": 1e-9, "atol": 1e-9}))]
 for name in ("double_pendulum",):
     model = xd.Model.from_toml(f"data/models/{name}.toml")
     runs += [xd.simulate(model, method="dormand_prince", rtol=1e-8, atol=1e-8), xd.simulate(model, method="midpoint")]
@@ -87,7 +87,7 @@ def test_digests_are_the_same(where: str, here: str, request: pytest.FixtureRequ
         pytest.skip("another architecture")
     if where == "AVX2" and not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this machine has no AVX2")
-    assert len(here.split()) == 5
+    assert len(here.split()) == 6
     assert digests(**ELSEWHERE[where]) == here
 
 

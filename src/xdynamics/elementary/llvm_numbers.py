@@ -238,6 +238,10 @@ class LaneValue:
         """Return the square root."""
         return self._lines.call(f"llvm.sqrt.{self._lines.suffix()}", [self])
 
+    def fma(self, factor: Any, term: Any) -> LaneValue:
+        """Return the product with a factor plus a term, rounded once: see `elementary.fma`."""
+        return self._lines.call(f"fma.{self._lines.lanes}", [self, self.alike(factor), self.alike(term)])
+
     def floor(self) -> LaneValue:
         """Return the greatest whole number that is at most this one."""
         return self._lines.call(f"llvm.floor.{self._lines.suffix()}", [self])

@@ -185,6 +185,16 @@ class Assignments:
         return self.compute("multiply", square, base) if times % 2 else square
 
 
+class FusedAssignments(Assignments):
+    """The same with sums of a product and what stands before it rounded once."""
+
+    def _joined(self, node: Binary, left: Operand) -> Operand:
+        product = node.right
+        if node.operator != "+" or not isinstance(product, Binary) or product.operator != "*":
+            return super()._joined(node, left)
+        return self.compute("fma", self.value(product.left), self.value(product.right), left)
+
+
 def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
     """Return the key of a computation, with numbers as printed: 0.0 equals -0.0, but atan2 tells them apart."""
     return (operation, *(str(entry.exact) if isinstance(entry, Rounded) else repr(entry) for entry in arguments))

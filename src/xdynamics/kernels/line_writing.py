@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from xdynamics.expressions import Node, parse
-from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.assignments import Assignments, FusedAssignments
 from xdynamics.kernels.constraint_programs import CONSTRAIN, KEEP, OPEN, PROGRESS
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
@@ -30,6 +30,7 @@ from xdynamics.kernels.program import (
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import SCALARS, ConstraintImpulse, Evaluation, Solve, TaylorSeries, VectorStatement
+from xdynamics.methods.steppers import SERIES
 from xdynamics.methods.summation import Update
 
 
@@ -55,6 +56,7 @@ class LineWriter(Walker):
             self._views[name] = ("y", first, count)
             first += count
         assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
+        self._fused = layout.scheme.method.solver == SERIES and not layout.is_doubled
         self._updates = layout.scheme.compensated
         self._carry: dict[str, str] = {}
         first = layout.used.size + layout.evaluation.size
@@ -248,7 +250,8 @@ class LineWriter(Walker):
         def find(lines: Assignments, name: str) -> Operand:
             return self._scalars.named(name) if name in SCALARS else lines.load(element(name))
 
-        return Assignments(find, f"_{len(self._bodies[-1])}_")
+        kind = FusedAssignments if self._fused else Assignments
+        return kind(find, f"_{len(self._bodies[-1])}_")
 
     def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
         """Compute an expression for every component of a vector, or the difference of `taken_from` from it."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterable
+from re import findall
 
 from xdynamics.elementary import NAME
+from xdynamics.elementary.fma import FMA, fma_definition
 from xdynamics.elementary.text import INTERVALS, called_in, declarations, definition, definitions, interval_definitions
+from xdynamics.kernels import machine
 from xdynamics.kernels.heap_arrays import DECLARED
 from xdynamics.kernels.jets.series import ORDER
 from xdynamics.kernels.llvm_program import ProgramText
@@ -52,6 +55,8 @@ def llvm_of(
     bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}
     if any("@malloc(" in body for body in bodies.values()):
         text.append(DECLARED)
+    widths = {int(lanes) for body in bodies.values() for lanes in findall(rf"@{FMA}\.(\d+)\(", body)}
+    text += [fma_definition(width, native=machine.fuses()) for width in sorted({1, *widths} if widths else widths)]
     intervals = interval_definitions(bodies.values())
     used = {name: called_in(body) for name, body in (bodies | {INTERVALS: intervals}).items()}
     sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}

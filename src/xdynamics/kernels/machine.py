@@ -192,6 +192,14 @@ def processor() -> tuple[str, str, str]:
 
 
 @lru_cache
+def fuses() -> bool:
+    """Whether this processor has the fused multiply-add as an instruction."""
+    if not llvm.get_process_triple().startswith(("x86_64", "i386", "i686")):
+        return llvm.get_process_triple().startswith(("aarch64", "arm64"))
+    return "+fma" in processor()[2].split(",")
+
+
+@lru_cache
 def vector_lanes() -> int:
     """Return how many runs go side by side on this processor: two of its widest vectors."""
     features = llvm.get_host_cpu_features()

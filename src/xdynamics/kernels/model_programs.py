@@ -121,8 +121,8 @@ def expanded(layout: Layout, degree: int) -> Expansion:
     coordinates, states = layout.coordinates.size, layout.states.size
     motion_of = Motion(coordinates, states)
     with suppress(UnexpandedError):
-        return expansion(forces(layout), motion_of, degree)
-    return expansion(forces_by_elements(layout), motion_of, degree)
+        return expansion(forces(layout), motion_of, degree, fused=not layout.is_doubled)
+    return expansion(forces_by_elements(layout), motion_of, degree, fused=not layout.is_doubled)
 
 
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.double_double.operations import DoubleDoubles
+from xdynamics.elementary.fma import fma
 from xdynamics.elementary.numbers import (
     absolute,
     ceiling,
@@ -66,6 +67,7 @@ RULES: Mapping[str, Callable[..., Any]] = {
     "ceil": ceiling,
     "round": nearest,
     "mod": modulo,
+    "fma": fma,
     "newest": lambda _, new: new,
 }
 
@@ -91,6 +93,7 @@ PYTHON: dict[str, Any] = {
     **{f"_{name}" if name in _PRIVATE else name: _kept(function) for name, function in NUMERIC.items()},
     "_least": _kept(least),
     "_greatest": _kept(greatest),
+    "_fma": _kept(fma),
     "_ordinal": np.float64,
     "_unsound": unsound,
 }

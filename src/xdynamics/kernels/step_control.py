@@ -8,8 +8,10 @@ from __future__ import annotations
 from xdynamics.methods import radau
 
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
+STEADY = -1e4  # below the logarithm of every number: exp(-STEADY) is infinite
 CONSTANTS = {
     "least_logarithm": LEAST_LOGARITHM,
+    "steady": STEADY,
     "smallest": radau.SMALLEST,
     "few_turns": float(radau.FEW_TURNS),
     "slow": radau.SLOW,
@@ -51,6 +53,15 @@ PREDICTED = """
 factor = min(greatest, max(least, growth))
 next_log = least_logarithm
 shrink = min(0.9, growth)
+"""
+# By the coefficients of a Taylor series at the start of the step, each over what is allowed to errors: a term is as large
+# as the state after the radius of convergence, and falls to what is allowed in the step. Where an order has none, the
+# motion is a polynomial of a lower degree, and the step as long as it may be
+TERM = "ratio = where(term != 0, abs(term)/allowed, 0)"
+FORESEEN = """
+before = where(norm_before > 0, (log_before - log_size)/(order - 1), steady)
+last = where(norm_last > 0, (log_last - log_size)/order, steady)
+exponent = -(max(before, last) + log_size/order)
 """
 # no growth right after a rejection, no loss from a step that was cut
 NEXT = """

@@ -101,6 +101,9 @@ def factors(run: Run) -> tuple[float, float, float]:
 def grow(run: Run, h: float, cut: bool) -> None:
     """Choose the step after an accepted one: no growth right after a rejection, no loss from a cut step."""
     plan, now = run.plan[0], run.now[0]
+    if plan.series > 0:  # the next step is foreseen at its start
+        now.rejected = 0
+        return
     factor, now.step_log, _ = factors(run)
     now.step = _next(h, factor, cut, now.rejected, now.step, plan.min_step, plan.max_step)
     now.rejected = 0

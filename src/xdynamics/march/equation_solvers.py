@@ -17,12 +17,18 @@ from xdynamics.march.run import EQUATIONS, Run
 from xdynamics.march.settings import Settings
 from xdynamics.methods import Method
 from xdynamics.methods.radau import SHARE
-from xdynamics.methods.scheme import EMBEDDED
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED
 from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SERIES, SIMPLIFIED
+from xdynamics.schema import SERIES_ARITHMETIC
 
 Arrays = dict[str, NDArray[Any]]
 Floats = NDArray[np.float64]
 
+FUSED = (
+    "fma: each product is rounded together with the sum that it is added to, and a quotient by what does not change is a"
+    " product with a reciprocal of 106 bits"
+)
+SEPARATE = "products, sums and quotients are rounded one by one, to 106 bits"
 MOST_FACTORISED = 5  # velocities and states up to which lanes pay where equations are solved: factors are written out
 # runs of explicit methods share empty arrays, which nothing writes to
 _NOTHING: Arrays = {
@@ -117,6 +123,10 @@ def _simplified_reported(settings: Settings) -> dict[str, Any]:
     }
 
 
+def _series_reported(settings: Settings) -> dict[str, Any]:
+    return {SERIES_ARITHMETIC: SEPARATE if settings.precision == DOUBLE_DOUBLE else FUSED}
+
+
 def _newton_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
     last = run.equations[-1]
     first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
@@ -152,7 +162,7 @@ _SOLVERS = {
     SERIES: Solver(
         address=lambda: solvers().series,
         arrays=lambda _law: _NOTHING,
-        reported=lambda _settings: {},
+        reported=_series_reported,
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
         in_lanes=lambda _law, _settings: False,
     ),

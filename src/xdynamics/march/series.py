@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.formulas import larger
+from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXP, EXPAND, LOG, PROPOSE
 from xdynamics.kernels.program import T
+from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, TERM
 from xdynamics.march.calls import applied, called
 from xdynamics.march.control import allowed_of, shortest
 from xdynamics.march.run import STAYED, Run
 from xdynamics.march.tolerance_sizes import tops_of
 
 State = NDArray[Any]
+
+_ratio = function_of(TERM, "term allowed", "ratio")
+_foreseen = function_of(FORESEEN, "norm_before norm_last log_size log_before log_last order", "exponent", CONSTANTS)
 
 
 @compiled
@@ -47,19 +50,13 @@ def foresee(run: Run) -> None:
         return
     if plan.follows:
         tops_of(run, run.y)
-    size, time = norm_of(run, 0), time_of(run)
-    size = max(1.0, size)  # a state that is smaller than its tolerance
-    radius = math.inf
-    for order in range(plan.series - 1, plan.series + 1):
-        norm = norm_of(run, order) / size
-        for _ in range(order):  # without a unit, so that steps are the same in all units
-            norm = norm * time
-        if norm > 0.0:
-            radius = min(radius, time * applied(run.law[EXP], -applied(run.law[LOG], norm) / order))
-    tolerated = applied(run.law[EXP], -applied(run.law[LOG], size) / plan.series)
-    step = radius * tolerated
-    # a motion that is a polynomial of lower degree is one step to the end
-    now.step = min(max(plan.safety * step, shortest(run)), plan.max_step, plan.end - now.t)
+    size = larger(1.0, norm_of(run, 0))  # a state may be smaller than its tolerance
+    before, last = norm_of(run, plan.series - 1), norm_of(run, plan.series)
+    # of zero the logarithm is not looked at
+    logarithms = applied(run.law[LOG], size), applied(run.law[LOG], before), applied(run.law[LOG], last)
+    exponent = _foreseen(before, last, logarithms[0], logarithms[1], logarithms[2], plan.series)
+    step = plan.safety * applied(run.law[EXP], exponent)
+    now.step = min(max(step, shortest(run)), plan.max_step, plan.end - now.t)
     if now.rows == 1:
         now.first_step = now.step
 
@@ -69,15 +66,5 @@ def norm_of(run: Run, order: int) -> float:
     """Return the largest ratio of the coefficients of an order to what is allowed as errors."""
     plan, norm = run.plan[0], 0.0
     for i in range(plan.used):
-        term = abs(run.w[order * plan.used + i])
-        if term > 0.0:
-            norm = larger(norm, term / allowed_of(run, run.y, i))
+        norm = larger(norm, _ratio(run.w[order * plan.used + i], allowed_of(run, run.y, i)))
     return norm
-
-
-@compiled
-def time_of(run: Run) -> float:
-    """Return a time scale of the motion: its size over its slope."""
-    plan = run.plan[0]
-    size, slope = norm_of(run, 0), norm_of(run, 1)
-    return size / slope if size > 0.0 and slope > 0.0 else plan.end - run.now[0].t

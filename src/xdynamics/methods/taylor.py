@@ -5,6 +5,7 @@ from __future__ import annotations
 from decimal import ROUND_CEILING, Decimal
 from functools import lru_cache
 
+from xdynamics.expressions.parser import LARGEST_EXPONENT
 from xdynamics.methods.lines import Interpolant, spread
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import Jets
@@ -29,6 +30,12 @@ def order_for(rtol: float) -> int:
     """
     order = int((1 - Decimal(rtol).ln() / 2).to_integral_value(ROUND_CEILING))
     return min(max(order, LEAST_ORDER), MOST_ORDER)
+
+
+def _power_of_step(exponent: int) -> str:
+    """Write a power as factors whose exponents the language has."""
+    whole, rest = divmod(exponent, LARGEST_EXPONENT)
+    return "*".join([f"h**{LARGEST_EXPONENT}"] * whole + [f"h**{rest}"] * (rest > 0))
 
 
 @lru_cache(maxsize=64)
@@ -56,8 +63,12 @@ def of_order(order: int) -> Method:
             " Derivatives, 2nd ed., chapter 13; Moore 1966, Interval Analysis, chapter 11"
         ),
         refuses=(Trait.PYTHON_FORCES,),
-        # what the force at t1 lacks to the slope of the sum is (order + 1) h**order of the first coefficient left out
-        estimate=spread(f"ye = h*(k1 - sum(i*h**(i - 1)*y_i, i = 1 ... {order}))/{order + 1}"),
+        # what the force at t1 lacks to the slope of the sum is (order + 1) h**order of the first coefficient left out; that
+        # of the coordinates is known, as the slope of their sum is that of velocities but for the last term
+        estimate=f"qe = {_power_of_step(order + 1)}*v_{order}/{order + 1}\n"
+        + "\n".join(
+            f"{y}e = h*({k}1 - sum(i*h**(i - 1)*{y}_i, i = 1 ... {order}))/{order + 1}" for y, k in ("va", "xr")
+        ),
         estimate_order=order,
         interpolant=Interpolant(
             f"{series}\n" + spread(f"ys = y + sum((s*h)**i*y_i, i = 1 ... {order})"),

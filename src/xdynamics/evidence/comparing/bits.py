@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
 from xdynamics.record import own_attributes, plain
-from xdynamics.schema import ATOL_EFFECT, COUNTS, END_MEMORY, ORIGIN, ROOT_DIGEST, SELECTION_OF, STEPS, VOLATILE
+from xdynamics.schema import (
+    ATOL_EFFECT,
+    COUNTS,
+    END_MEMORY,
+    ORIGIN,
+    ROOT_DIGEST,
+    SELECTION_OF,
+    SERIES_ARITHMETIC,
+    STEPS,
+    VOLATILE,
+)
 
 SLAB = 1_000_000
 STATES = ("coordinate", "velocity", "state")  # roles
@@ -70,6 +80,9 @@ def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
         reasons.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
     if sets[0] != sets[1]:
         reasons.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
+    series = [str(run.attrs.get(SERIES_ARITHMETIC, "products and sums rounded one by one")) for run in (kept, again)]
+    if SERIES_ARITHMETIC in again.attrs and series[0] != series[1]:
+        reasons.append(f"the archive has Taylor series by '{series[0]}', here they are by '{series[1]}'")
     if not table.attrs["identical"]:
         return table.assign_attrs(arithmetic="; ".join([*reasons, _largest(kept, again)]))
     return table.assign_attrs(arithmetic="; ".join([*reasons, "every number has the same bits"]) if reasons else "")

@@ -26,14 +26,15 @@ from xdynamics.record import shapes_of
 from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit
 from xdynamics.record.partial_records import rows_apart
-from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, STEPS
+from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, SERIES_ARITHMETIC, STEPS
 from xdynamics.units import parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 
 NONE = np.zeros(0, np.int64)  # events
-FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest")  # attributes that differ with it
+# attributes that differ with it
+FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest", SERIES_ARITHMETIC)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 

@@ -23,8 +23,9 @@ class Coefficients(ABC):
         Where in `w` what is used ends.
     """
 
-    def __init__(self, forces: Program, motion: Motion, degree: int, first: int) -> None:
+    def __init__(self, forces: Program, motion: Motion, degree: int, first: int, *, fused: bool) -> None:
         self.lines: list[Line] = []
+        self.fused = fused
         self.motion, self.degree, self.first = motion, degree, first
         self.memory = first + (degree + 1) * motion.used
         self.local = forces.local

@@ -34,7 +34,13 @@ class Expansion:
 
 
 def expansion(
-    forces: Program, motion: Motion, degree: int, first: int = 0, *, written_out: bool | None = None
+    forces: Program,
+    motion: Motion,
+    degree: int,
+    first: int = 0,
+    *,
+    written_out: bool | None = None,
+    fused: bool = False,
 ) -> Expansion:
     """Return the program that expands the motion by some forces.
 
@@ -48,6 +54,9 @@ def expansion(
         Where in `w` coefficients begin.
     written_out : bool, optional
         Whether every coefficient is to be a value of the text; by default where they are few.
+    fused : bool
+        Whether products are added by fma, and quotients by what stays the same are products with reciprocals of 106 bits:
+        of floats alone, as other kinds of numbers are to have the exact ones.
 
     Raises
     ------
@@ -57,7 +66,7 @@ def expansion(
     body = needed(forces.body, motion)
     if written_out is None:
         written_out = is_small(body, degree)
-    lines = (written_lines if written_out else looped_lines)(forces, body, motion, degree, first)
+    lines = (written_lines if written_out else looped_lines)(forces, body, motion, degree, first, fused=fused)
     about = f"The Taylor coefficients of the motion, to order {degree}."
     program = Program("expand", about, tuple(lines.lines), tables=forces.tables)
     return Expansion(program, lines.memory, written_out)

@@ -8,8 +8,9 @@ from itertools import count
 
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.coefficients import Coefficients, Env
+from xdynamics.kernels.jets.looped_order import Looped
 from xdynamics.kernels.jets.motion import Motion, UnexpandedError
-from xdynamics.kernels.jets.series import MEMORY, ORDER, Looped, Series
+from xdynamics.kernels.jets.series import MEMORY, ORDER, Series
 from xdynamics.kernels.program import (
     AT,
     Compute,
@@ -39,8 +40,10 @@ class InLoops(Coefficients):
         Arrays that are known to have what changes, whatever they begin with.
     """
 
-    def __init__(self, forces: Program, motion: Motion, degree: int, first: int, moving: frozenset[str]) -> None:
-        super().__init__(forces, motion, degree, first)
+    def __init__(
+        self, forces: Program, motion: Motion, degree: int, first: int, moving: frozenset[str], *, fused: bool
+    ) -> None:
+        super().__init__(forces, motion, degree, first, fused=fused)
         self._moving = moving
         self._serial = count(1)
         self._envs: dict[int, Env] = {}
@@ -72,7 +75,8 @@ class InLoops(Coefficients):
             return Place(MEMORY, self._reserve(size), tuple(reversed(strides)))
 
         inside, stores = bool(around), self._stores
-        return Looped(lines, self.degree + 1, room, self._serial, started=started, inside=inside, stores=stores)
+        orders, fused = self.degree + 1, self.fused
+        return Looped(lines, orders, room, self._serial, started=started, inside=inside, stores=stores, fused=fused)
 
     def finish(self, lines: Sequence[Line]) -> None:
         """Take lines as the program, without what stores coefficients that nothing reads."""
@@ -200,12 +204,14 @@ class InLoops(Coefficients):
                 order.lines.lines.append(Loop("i", numbers, divided))
 
 
-def looped_lines(forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int) -> Coefficients:
+def looped_lines(
+    forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int, *, fused: bool
+) -> Coefficients:
     """Write order 0, and the loop over the others."""
     moving: frozenset[str] = frozenset()
     while True:
         try:
-            return _looped(InLoops(forces, motion, degree, first, moving), body, motion, degree, first)
+            return _looped(InLoops(forces, motion, degree, first, moving, fused=fused), body, motion, degree, first)
         except MovingArrayError as error:
             moving |= {str(error)}
 

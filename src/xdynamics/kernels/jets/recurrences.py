@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from xdynamics.kernels.jets.series import Order, Series, slope
+from xdynamics.kernels.jets.series import Order, Series, reciprocal, slope
 from xdynamics.kernels.program import Operand
 
 Recurrence = Callable[..., Operand]  # of an order, the function's series and those of its arguments
@@ -30,8 +30,32 @@ class Rule(NamedTuple):
     beginning: Callable[..., None] = lambda *_: None
 
 
-def _over_order(order: Order, value: Operand) -> Operand:
-    return order.compute("divide", value, order.number)
+def _begin_quotient(order: Order, own: Series, divisor: Operand) -> None:
+    """Keep the reciprocal of what all coefficients are divided by, to 106 bits."""
+    if not order.fused or _is_known(divisor):
+        return
+    nearest, rest = (order.part(own, name) for name in ("reciprocal", "rest"))
+    nearest.constant = rest.constant = True
+    order.keep(nearest, order.compute("divide", 1.0, divisor))
+    left = order.compute("fma", order.compute("negative", divisor), order.now(nearest), 1.0)
+    order.keep(rest, order.compute("divide", left, divisor))
+
+
+def _divided(order: Order, own: Series, value: Operand, divisor: Operand) -> Operand:
+    """Divide a coefficient by what `_begin_quotient` was given: rounded to nearest as a division is, in half the time."""
+    if not order.fused:
+        return order.compute("divide", value, divisor)
+    if _is_known(divisor):
+        nearest, rest = reciprocal(float(divisor))
+        product = order.compute("multiply", value, nearest)
+        return order.compute("fma", value, nearest, order.compute("multiply", value, rest)) if rest else product
+    parts = (order.first(order.part(own, name)) for name in ("reciprocal", "rest"))
+    return order.compute("fma", value, next(parts), order.compute("multiply", value, next(parts)))
+
+
+def _is_known(divisor: Operand) -> bool:
+    """Whether it is a literal, of which the reciprocal is known when the program is written."""
+    return not isinstance(divisor, str) and 1e-150 < abs(divisor) < 1e150
 
 
 def _turned(order: Order, value: Operand) -> Operand:
@@ -59,12 +83,28 @@ def _each(operation: str) -> Rule:
 
 
 def _product(order: Order, _own: Series, a: Series, b: Series) -> Operand:
+    if a is b and a.square is not None:
+        return order.now(a.square)
     return order.convolution(a, b)
+
+
+def _quotient_begun(order: Order, own: Series, _a: Series, b: Series) -> None:
+    _begin_quotient(order, own, order.first(b))
 
 
 def _quotient(order: Order, own: Series, a: Series, b: Series) -> Operand:
     rest = order.now(a) if b.constant else order.compute("subtract", order.now(a), order.convolution(b, own, skip=1))
-    return order.compute("divide", rest, order.first(b))
+    return _divided(order, own, rest, order.first(b))
+
+
+def _root_begun(order: Order, own: Series, *given: Series) -> None:
+    _begin_quotient(order, own, _twice(order, own))
+    if len(given) == 1:
+        own.square = given[0]
+
+
+def _twice(order: Order, own: Series) -> Operand:
+    return order.compute("add", order.first(own), order.first(own))
 
 
 def _root(order: Order, own: Series, a: Series) -> Operand:
@@ -74,16 +114,19 @@ def _root(order: Order, own: Series, a: Series) -> Operand:
 def _root_of(order: Order, own: Series, now: Operand) -> Operand:
     """The next coefficient of the root of a series, by that of the series."""
     rest = order.compute("subtract", now, order.convolution(own, own, skip=2))
-    twice = order.compute("add", order.first(own), order.first(own))
-    return _or_nothing(order, twice, order.compute("divide", rest, twice))
+    twice = _twice(order, own)
+    return _or_nothing(order, twice, _divided(order, own, rest, twice))
+
+
+def _power_begun(order: Order, own: Series, a: Series, _exponent: Series) -> None:
+    _begin_quotient(order, own, order.first(a))
 
 
 def _power(order: Order, own: Series, a: Series, exponent: Series) -> Operand:
     rising = order.convolution(slope(order, a), own, skip=1)
     rest = order.convolution(_slope_before(order, own), a, skip=2)
-    divisor = order.compute("multiply", order.number, order.first(a))
     top = order.compute("subtract", order.compute("multiply", order.first(exponent), rising), rest)
-    return _or_nothing(order, divisor, order.compute("divide", top, divisor))
+    return _or_nothing(order, order.first(a), order.over(_divided(order, own, top, order.first(a))))
 
 
 # ------------------------------------------------------------------------------------------------------- transcendental
@@ -94,13 +137,17 @@ def _with_slope(order: Order, _own: Series, a: Series) -> None:
 
 
 def _exp(order: Order, own: Series, a: Series) -> Operand:
-    return _over_order(order, order.convolution(slope(order, a), own, skip=1))
+    return order.over(order.convolution(slope(order, a), own, skip=1))
 
 
 def _quotient_of_slopes(order: Order, own: Series, rising: Operand, divisor: Series) -> Operand:
     """The next coefficient of y where y' d is known: k times that of y' is what is left of it, over d[0]."""
     rest = order.compute("subtract", rising, order.convolution(_slope_before(order, own), divisor, skip=2))
-    return _over_order(order, order.compute("divide", rest, order.first(divisor)))
+    return order.over(_divided(order, own, rest, order.first(divisor)))
+
+
+def _log_begun(order: Order, own: Series, a: Series) -> None:
+    _begin_quotient(order, own, order.first(a))
 
 
 def _log(order: Order, own: Series, a: Series) -> Operand:
@@ -116,8 +163,8 @@ def _pair(other: str, sign: str, other_sign: str) -> Rule:
 
     def following(order: Order, own: Series, a: Series) -> Operand:
         rising, partner = slope(order, a), order.part(own, other)
-        first = _over_order(order, order.convolution(rising, partner, skip=1))
-        second = _over_order(order, order.convolution(rising, own, skip=1))
+        first = order.over(order.convolution(rising, partner, skip=1))
+        second = order.over(order.convolution(rising, own, skip=1))
         order.keep(partner, second if other_sign == "+" else _turned(order, second))
         return first if sign == "+" else _turned(order, first)
 
@@ -137,7 +184,7 @@ def _by_square(sign: str) -> Rule:
 
     def following(order: Order, own: Series, a: Series) -> Operand:
         part = order.part(own, "square")
-        found = _over_order(order, order.convolution(slope(order, a), part, skip=1))
+        found = order.over(order.convolution(slope(order, a), part, skip=1))
         order.keep(own, found)
         value = square(order, own)
         order.keep(part, value if sign == "+" else _turned(order, value))
@@ -165,11 +212,13 @@ def _with_slopes(rule: Recurrence, begun: Callable[..., None] = lambda *_: None)
 
 def _one_more_than_square(order: Order, own: Series, a: Series) -> None:
     order.keep(order.part(own, "squares"), order.compute("add", 1.0, order.convolution(a, a)))
+    _begin_quotient(order, own, order.now(order.part(own, "squares")))
 
 
 def _sum_of_squares(order: Order, own: Series, y: Series, x: Series) -> None:
     total = order.compute("add", order.convolution(y, y), order.convolution(x, x))
     order.keep(order.part(own, "squares"), total)
+    _begin_quotient(order, own, total)
 
 
 def _atan(order: Order, own: Series, a: Series) -> Operand:
@@ -196,7 +245,10 @@ def _arc(*, turned: bool) -> Rule:
         # (1 - a)*(1 + a) keeps the digits that 1 - a**2 loses near 1
         value = order.first(a)
         product = order.compute("multiply", order.compute("subtract", 1.0, value), order.compute("add", 1.0, value))
-        order.keep(order.part(own, "root"), order.compute("sqrt", product))
+        root = order.part(own, "root")
+        order.keep(root, order.compute("sqrt", product))
+        _root_begun(order, root)
+        _begin_quotient(order, own, order.now(root))
 
     def rule(order: Order, own: Series, a: Series) -> Operand:
         root, rising = order.part(own, "root"), order.now(slope(order, a))
@@ -285,11 +337,11 @@ RULES: Mapping[str, Rule] = {
     "subtract": _each("subtract"),
     "negative": _each("negative"),
     "multiply": Rule(_product),
-    "divide": Rule(_quotient),
-    "sqrt": Rule(_root),
-    "power": _with_slopes(_power),
+    "divide": Rule(_quotient, _quotient_begun),
+    "sqrt": Rule(_root, _root_begun),
+    "power": _with_slopes(_power, _power_begun),
     "exp": Rule(_exp, _with_slope),
-    "log": _with_slopes(_log),
+    "log": _with_slopes(_log, _log_begun),
     "sin": _pair("cos", "+", "-"),
     "cos": _pair("sin", "-", "+"),
     "sinh": _pair("cosh", "+", "+"),
@@ -300,7 +352,7 @@ RULES: Mapping[str, Rule] = {
     "acos": _arc(turned=True),
     "atan": _with_slopes(_atan, _one_more_than_square),
     "atan2": _with_slopes(_atan2, _sum_of_squares),
-    "hypot": Rule(_hypot),
+    "hypot": Rule(_hypot, _root_begun),
     "abs": Rule(_abs),
     "least": _extreme(least=True),
     "greatest": _extreme(least=False),

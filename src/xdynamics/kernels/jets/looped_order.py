@@ -1,0 +1,213 @@
+"""The order that a loop is at: lines that compute one coefficient of every series in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import count
+
+from xdynamics.kernels.assignments import Assignments
+from xdynamics.kernels.jets.series import ORDER, TERM, Series
+from xdynamics.kernels.program import Gather, Line, Load, Operand, Ordinal, Place, Reduction
+
+AT_ONCE = 10  # sums by one loop: as many as a processor has registers for, with what they are of
+
+
+class Looped:
+    """The order that a loop is at, of series in memory; order 0 is before the loop.
+
+    Parameters
+    ----------
+    lines : Assignments
+    orders : int
+        How many coefficients series have.
+    room : callable
+        Gives a place for a number of coefficients of what is computed here, from one element of the loops around to the
+        next.
+    serial : iterator
+        Numbers for names.
+    started : bool
+        Whether this is the loop; else order 0.
+    inside : bool
+        Whether loops over elements are around, so that what does not change is in memory, too.
+    stores : dict
+        Series that have a place for what is computed here, and the lines that store their coefficients; shared by all.
+    fused : bool
+    """
+
+    def __init__(
+        self,
+        lines: Assignments,
+        orders: int,
+        room: Callable[[int], Place],
+        serial: count[int],
+        *,
+        started: bool,
+        inside: bool,
+        stores: dict[int, tuple[Series, list[Line]]],
+        fused: bool,
+    ) -> None:
+        self.lines, self.started, self._stores, self.fused = lines, started, stores, fused
+        self._orders, self._room, self._serial, self._inside = orders, room, serial, inside
+        self._now: dict[int, Operand] = {}
+        self._first: dict[int, Operand] = {}
+        self._number: Operand | None = None
+        self._sums: list[tuple[Series, Series, str]] = []
+
+    @property
+    def number(self) -> Operand:
+        """The order as a number: one more than the loop's index."""
+        if not self.started:
+            return 0.0
+        if self._number is None:
+            before = f"_k{next(self._serial)}_"
+            self.lines.lines.append(Ordinal(before, ORDER))
+            self._number = self.lines.compute("add", before, 1.0)
+        return self._number
+
+    def over(self, value: Operand) -> Operand:
+        """Divide by the order."""
+        return self.compute("divide", value, self.number)
+
+    def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
+        """Write a*b + total, rounded once where that is asked for."""
+        if not self.fused:
+            return self.compute("add", total, self.compute("multiply", a, b))
+        return self.compute("fma", a, b, total)
+
+    def compute(self, operation: str, *arguments: Operand) -> Operand:
+        """Write one operation; return its operand."""
+        return self.lines.compute(operation, *arguments)
+
+    def first(self, series: Series) -> Operand:
+        """Return the coefficient of order 0."""
+        if not self.started:
+            return self.now(series)
+        if series.place is None:
+            return series.terms[0]
+        if id(series) not in self._first:
+            loaded = self._read(series, series.place)
+            self._first[id(series)] = self.compute("unequal", loaded, 0.0) if series.truth else loaded
+        return self._first[id(series)]
+
+    def second(self, series: Series) -> Operand:
+        """Return the coefficient of order 1, which in the loop's first pass is that of this order."""
+        if series.constant or not self.started:
+            return 0.0
+        assert series.place is not None  # noqa: S101 - series that change are in memory
+        place = series.place
+        return self._read(series, Place(place.array, place.offset + series.apart, place.strides))
+
+    def now(self, series: Series) -> Operand:
+        """Return the coefficient of this order."""
+        if self.started and series.constant:
+            return 0.0
+        if id(series) not in self._now and series.place is None:
+            return series.terms[0]
+        if id(series) not in self._now:
+            self._now[id(series)] = self._read(series, self._at(series, int(self.started)))
+        return self._now[id(series)]
+
+    def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
+        """Sum the products: those of inner orders, ascending, then those of an end with the other's beginning."""
+        if not self.started:
+            return 0.0 if skip else self.compute("multiply", self.now(a), self.now(b))
+        if a.constant or b.constant:
+            moving, still = (b, a) if a.constant else (a, b)
+            none = moving.constant or (skip == 1 and a.constant) or skip == 2
+            return 0.0 if none else self.compute("multiply", self.now(moving), self.first(still))
+        total = self._inner(a, b)
+        if skip == 0:
+            total = self.product_added(self.first(a), self.now(b), total)
+        if skip < 2:
+            total = self.product_added(self.now(a), self.first(b), total)
+        return total
+
+    def _inner(self, a: Series, b: Series) -> Operand:
+        """Sum a[j]*b[k - j] over j from 1 to k - 1, by `sum_up`."""
+        total = f"_s{next(self._serial)}_"
+        self._sums.append((a, b, total))
+        return total
+
+    def sum_up(self) -> None:
+        """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
+        lines = self.lines.lines
+        found: list[Line] = [line for line in lines if isinstance(line, Gather)]
+        found += [self._summed(self._sums[i : i + AT_ONCE]) for i in range(0, len(self._sums), AT_ONCE)]
+        lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
+        self._sums.clear()
+
+    def _summed(self, sums: Sequence[tuple[Series, Series, str]]) -> Reduction:
+        """Write some sums by one loop over their terms."""
+        inner = Assignments(lambda _lines, name: name, f"_c{next(self._serial)}_")
+        loaded: dict[Place, Operand] = {}
+        pairs: list[tuple[Operand, Operand]] = []
+        for a, b, _ in sums:
+            assert a.place is not None  # noqa: S101 - series that change are in memory
+            assert b.place is not None  # noqa: S101
+            a.read = b.read = True
+            ahead = Place(a.place.array, a.place.offset + a.apart, (*a.place.strides, (TERM, a.apart)))
+            back = Place(b.place.array, b.place.offset, (*b.place.strides, (ORDER, b.apart), (TERM, -b.apart)))
+            loaded |= {place: inner.load(place) for place in (ahead, back) if place not in loaded}
+            pairs.append((loaded[ahead], loaded[back]))
+        totals = tuple(total for *_, total in sums)
+        operation = "newest" if self.fused else "add"
+        terms = tuple(
+            inner.compute("fma", *pair, total) if self.fused else inner.compute("multiply", *pair)
+            for pair, total in zip(pairs, totals, strict=True)
+        )
+        # with index i of the loop the order is k = i + 1, so that terms j = 1 + its index stay below i
+        return Reduction(TERM, self._orders - 1, tuple(inner.lines), terms, totals, operation, 0.0, below=ORDER)
+
+    def part(self, owner: Series, name: str) -> Series:
+        """Return a series that is computed along with another, at a place of its own."""
+        if name not in owner.parts:
+            owner.parts[name] = Series()
+        return owner.parts[name]
+
+    def keep(self, series: Series, value: Operand) -> None:
+        """Store the coefficient of this order."""
+        if series.constant and not self._inside:
+            series.terms[0] = value
+            return
+        if series.place is None:
+            series.place = self._room(1 if series.constant else self._orders)
+            self._stores[id(series)] = series, []
+        self._now[id(series)] = value
+        if series.truth:
+            value = self.compute("choose", value, 1.0, 0.0)
+        self.lines.store(self._at(series, int(self.started)), value)
+        if id(series) in self._stores:
+            self._stores[id(series)][1].append(self.lines.lines[-1])
+
+    def knows(self, series: Series) -> bool:
+        """Whether the coefficient of this order is written here."""
+        return id(series) in self._now or (series.constant and bool(series.terms))
+
+    def read(self, place: Place) -> Operand:
+        """Read a number that does not change."""
+        return self._load(place)
+
+    def _read(self, series: Series, place: Place) -> Operand:
+        series.read = True
+        return self._load(place)
+
+    def remember(self, around: Looped) -> None:
+        """Know what the lines around these know."""
+        self._now |= around._now
+        self._first |= around._first
+
+    def pass_on(self, series: Series, value: Operand) -> None:
+        """Let a value be the coefficient of this order, of a series whose coefficients are never read again."""
+        self._now[id(series)] = value
+
+    def _at(self, series: Series, ahead: int) -> Place:
+        """Return the place of a coefficient: of order 0, or of the loop's."""
+        assert series.place is not None  # noqa: S101 - those of others are values
+        place = series.place
+        moved = ((ORDER, series.apart),) if self.started else ()
+        return Place(place.array, place.offset + ahead * series.apart, (*place.strides, *moved))
+
+    def _load(self, place: Place) -> Operand:
+        name = f"_a{next(self._serial)}_"
+        self.lines.lines.append(Load(name, place))
+        return name
