@@ -21,8 +21,8 @@ euler_cromer and the compositions of velocity Verlet are made RATTLE, with impul
 in every drift: energy does not drift. ruth3, pefrl and dprkn6 would lose their order, and refuse.
 
 The motion has to start where constraints hold; else the message has the nearest such state, and
-[initial] consistent = true goes there. Impacts and friction obey constraints. Balls, hinges, sliders
-and welds of bodies need not be written out: `xdynamics help joints`.
+[initial] consistent = true goes there. Impacts and friction obey constraints. Balls, hinges,
+sliders and welds of bodies need not be written out: `xdynamics help joints`.
 
 What rolls without any slip is a constraint. A wheel that also slips, where more force were needed
 than Coulomb's law allows, is dry friction, whose sticking is the same constraint:
