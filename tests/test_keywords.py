@@ -242,7 +242,7 @@ def test_the_help_gathers_what_belongs_together() -> None:
     told = CliRunner().invoke(main, ["run", "--help"], terminal_width=200).output
     at = [told.index(f"\n{name}:\n") for name in ("Options", "March", "Step control", "Events", "Arithmetic", "Record")]
     assert at == sorted(at)
-    assert "--switches located|stepped over" in told
+    assert "--switches located|landed on|stepped over" in told
     assert told.index("--safety") > told.index("\nStep control:\n")
 
 

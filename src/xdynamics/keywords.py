@@ -99,7 +99,7 @@ KEYWORDS = {
         Keyword("max_step", CONTROL, TIME, "longest step that control may take", "the whole span", '"1 s"'),
         Keyword("max_steps", CONTROL, WHOLE, "accepted and rejected steps after which the run ends", "1000000", "100000", "", "solver_max_steps"),
         Keyword("time_tolerance", EVENTS, TIME, "how well events are located that do not say so themselves", "1 ps, below a second 1e-12 of the span", '"1 ns"', "", "solver_time_tolerance"),
-        Keyword("switches", EVENTS, WORD, "what is done about kinks and jumps inside forces", "located", '"located"', '"located" | "stepped over"'),
+        Keyword("switches", EVENTS, WORD, "what is done about kinks and jumps inside forces", "located; of tables of over 100 points landed on", '"located"', '"located" | "landed on" | "stepped over"'),
         Keyword("event_root_method", EVENTS, WORD, "how events are located; the last as version 0.2 did", "earliest first", "", '"earliest first" | "earliest first by Hermite" | "one by one"'),
         Keyword("scales", ARITHMETIC, SCALES, "length, time or mass scale of the nondimensional variables to march in", "SI units", '{ length = "0.5 m" }', "table of length, time, mass", "", "--scale", "NAME=VALUE"),
         Keyword("summation", ARITHMETIC, WORD, "whether rounding is carried to the next update", "compensated for symplectic methods", '"plain"', '"compensated" | "plain"'),

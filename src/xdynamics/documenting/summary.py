@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from xdynamics.documenting.remarks import at_rest, halves, kinks_of_tables, pace
 from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
 from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
-from xdynamics.methods.scheme import DOUBLE_DOUBLE
-from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit, words_of
 from xdynamics.record.partial_records import (
     ended,
@@ -27,7 +26,6 @@ from xdynamics.record.partial_records import (
     rows_apart,
 )
 from xdynamics.schema import (
-    AT_REST,
     CHOSEN,
     CROSSING,
     EVENT_KINDS,
@@ -46,7 +44,6 @@ from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
 WIDTH = 120  # of a line of remarks
 FEW_EVENTS = 4  # of one name, that are listed one by one
 _OF_FLAGS = ("units", "long_name", "role", "flag_values", "flag_meanings", "comment")
-SHORT = 0.25  # of the slowest period
 LONGEST = 400  # characters of a setting that are shown
 ENDS = ("first", "second")  # of a link
 
@@ -68,11 +65,11 @@ def _lines_of(run: xr.Dataset) -> list[str]:
     if not is_whole(attributes) or not has_its_rows(run):
         return [escaped(line) for line in _partly(run)]
     lines = [
-        *_at_rest(attributes),
+        *at_rest(attributes),
         attributes["title"],
         *_ended("outcome", attributes),
         f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_steps(run)}",
-        *_digits(attributes),
+        *halves(attributes),
         f"log       {_counts(run)}",
         f"end       {', '.join(_end(run))}",
     ]
@@ -84,7 +81,7 @@ def _lines_of(run: xr.Dataset) -> list[str]:
             f"energy    {energy[0]:.{digits(float(energy[0]), relative=_uncertain_part(run))}g} {units} at the start, band {band:.3g} {units}{among}, end minus start"
             f" {change:.3g} {units}"
         )
-    return [escaped(line) for line in (*lines, *_pace(attributes), *_events(run))]
+    return [escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_events(run))]
 
 
 def _ended(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
@@ -94,36 +91,6 @@ def _ended(label: str, attributes: Mapping[Any, Any], method: str = "") -> Itera
     yield from textwrap.wrap(
         remarks, WIDTH, initial_indent="remark    ", subsequent_indent=" " * 10, break_long_words=False
     )
-
-
-def _at_rest(attributes: Mapping[Any, Any]) -> Iterator[str]:
-    """Report the velocities that the model does not give."""
-    if AT_REST in attributes:
-        names = ", ".join(str(attributes[AT_REST]).split())
-        yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
-
-
-def _digits(attributes: Mapping[Any, Any]) -> Iterator[str]:
-    """Say where the other half of numbers is, if they are sums of two floats."""
-    if precision_of(attributes) == DOUBLE_DOUBLE:
-        yield "numbers   of 31 digits, x + rest_x: `xdynamics help precision`"
-
-
-def _pace(attributes: Mapping[Any, Any]) -> Iterator[str]:
-    """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
-    if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
-        yield (
-            f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at"
-            " most, of the fastest rate"
-        )
-    if float(attributes.get("run_slowest_periods", 1.0)) < SHORT:
-        unit_suffix = (
-            "" if attributes["run_slowest_period_units"] == "1" else f" {attributes['run_slowest_period_units']}"
-        )
-        yield (
-            f"span      {attributes['run_slowest_periods']:.2g} of the slowest period at the start,"
-            f" {attributes['run_slowest_period']:g}{unit_suffix}: what it does in a period is not seen"
-        )
 
 
 def _evidence(evidence: xr.Dataset) -> Iterator[str]:

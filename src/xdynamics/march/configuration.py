@@ -25,7 +25,15 @@ from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, ord
 from xdynamics.model import Model, check_model
 from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.motion import variables
-from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
+from xdynamics.model.switches import (
+    LANDED_ON,
+    LOCATED,
+    LOCATED_EVERYWHERE,
+    MANY_POINTS,
+    STEPPED_OVER,
+    landed_on,
+    watched_switches,
+)
 from xdynamics.model.table_keys import near
 from xdynamics.shapes.naming import written
 from xdynamics.units import UNSCALED, Quantity, Scales, Unit, parse_quantity, time_in
@@ -88,7 +96,7 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         _jacobian(jacobian, method, model),
         read.get("summation") or _summation(method, model, read.get("precision")),
         _nodes(model, read.get("nodes")),
-        _switches(model, read.get("switches") or LOCATED),
+        _switches(model, read.get("switches")),
         _time_tolerance(model, read),
         read.get("math_functions", NAME),
         read.get("keep_every", 1),
@@ -272,9 +280,14 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 
-def _switches(model: Model, choice: str) -> str:
+def _switches(model: Model, choice: str | None) -> str:
     """Return how to treat hidden switches: located only if there are any, everywhere only if some are nested."""
-    watched = watched_switches(model)
+    watched, tables = watched_switches(model), landed_on(model).values()
+    if not choice:
+        many = any(len(model.drives[name].table.argument) > MANY_POINTS for name in tables)
+        choice = LANDED_ON if many else LOCATED
+    if choice == LANDED_ON and not tables:
+        choice = LOCATED
     if choice == LOCATED_EVERYWHERE and not any(switch.nested for switch in watched):
         choice = LOCATED
     return STEPPED_OVER if choice == LOCATED and not watched else choice

@@ -47,7 +47,7 @@ from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.reactions import modes
-from xdynamics.model.switches import switch_inputs
+from xdynamics.model.switches import LANDED_ON, switch_inputs
 from xdynamics.model.whole import acting, has_wholes, written_out
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
@@ -201,7 +201,7 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "regime": first_regime(model),
         "evaluated": layout.evaluation.size,
         "reactions": layout.reactions.size,
-        "switches": sum(detector.role in (SWITCH, KINK) for detector in layout.watched),
+        **_switching(layout, settings),
         "contacts": HOLD if scheme.method.stepper.locates else STEP_IN_TIME,
         "apart": settings.apart,
         "margin": LEAST_OF_0_2 if settings.apart else LEAST,
@@ -214,6 +214,12 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
+
+
+def _switching(layout: Layout, settings: Settings) -> dict[str, int]:
+    """Return the number of switches, and whether those at points of tables are passed without events."""
+    count = sum(detector.role in (SWITCH, KINK) for detector in layout.watched)
+    return {"switches": count, "passing": int(settings.switches == LANDED_ON)}
 
 
 def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float]:

@@ -33,13 +33,14 @@ def _record(floats: str, integers: str) -> np.dtype[Any]:
 # of the Taylor series that steps are chosen by, 0 where they are not; `doubled` is 1 where numbers are sums of two floats,
 # and `start_rest` and `step_rest` are then what is left of the start and of the step beside the nearest float; `held` is
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
-# how far it did, and `consistent` is 1 where the start may be moved, too.
+# how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
+# are landed on without a row of events each.
 PLAN = _record(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies together"
-    " degree curve polynomial series doubled held moved consistent",
+    " degree curve polynomial series doubled held moved consistent passing",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.

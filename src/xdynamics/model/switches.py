@@ -30,8 +30,10 @@ from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
-LOCATED, STEPPED_OVER = "located", "stepped over"
-SWITCHES = (LOCATED, STEPPED_OVER)
+# `landed on` is located, too, but points of tables where forces have a kink are counted, and no events.
+LOCATED, LANDED_ON, STEPPED_OVER = "located", "landed on", "stepped over"
+SWITCHES = (LOCATED, LANDED_ON, STEPPED_OVER)
+MANY_POINTS = 100  # of a table, from which they are landed on if nothing else is asked for
 # As in version 0.2, to reproduce archives: also in a branch of `where` that is not taken, where they have no effect.
 LOCATED_EVERYWHERE = "located everywhere"
 BENT = (
@@ -169,6 +171,11 @@ def _between(model: Model, owner: str, name: str) -> Switch:
     return Switch(owner, f"{owner}.{name}", Binary("*", below, above), jumps, drive=name)
 
 
+def landed_on(model: Model) -> dict[str, str]:
+    """Return the tables, by the detectors of their points, where forces have kinks that can be landed on without events."""
+    return {switch.name: switch.drive for switch in watched_switches(model) if switch.drive and not switch.jumps}
+
+
 def watched_switches(model: Model) -> tuple[Switch, ...]:
     """Return the switches that a march locates: all, or none if there are too many."""
     hidden = switches(model)
@@ -234,7 +241,7 @@ def regime_model(model: Model, located: str = LOCATED) -> Model:
     watched = watched_switches(model)
     if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
         return model
-    return RegimeModel(model, watched, located)
+    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located)
 
 
 def switch_inputs(model: Model) -> tuple[str, ...]:

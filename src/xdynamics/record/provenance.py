@@ -27,7 +27,7 @@ from xdynamics.methods.lines import printed
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
-from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, watched_switches
+from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
 from xdynamics.record.element_names import listed
@@ -123,6 +123,7 @@ def _ended(march: March) -> dict[str, Any]:
     return recorded | {
         "run_force_evaluations": int(march.now.evaluations),
         **_effort(march),
+        **_landed_on(march),
         "run_accepted_steps": march.accepted,
         "run_rejected_trials": int(march.now.trials),
         **_time_scales(march),
@@ -204,6 +205,8 @@ def _switches(march: March) -> dict[str, str]:
     choice, watched = march.settings.switches, watched_switches(march.model)
     if not watched:
         return {}
+    if choice == LANDED_ON:
+        return {"solver_switches": choice, "solver_switches_landed_on": " ".join(landed_on(march.model))}
     if choice == STEPPED_OVER or not any(switch.nested for switch in watched):
         return {"solver_switches": choice}
     where = EVERYWHERE if choice == LOCATED_EVERYWHERE else "where the side of the where around them holds"
@@ -337,6 +340,15 @@ def _of_constraints(march: March) -> dict[str, Any]:
         return {}
     words = KEPT_BY_IMPULSES if march.settings.method.kept else KEPT_BY_PROJECTION
     return {"solver_constraints": words, "solver_constraint_tolerance": CONSTRAINT_TOLERANCE}
+
+
+def _landed_on(march: March) -> dict[str, int]:
+    """Count the points of tables that were landed on without an event."""
+    if march.settings.switches != LANDED_ON:
+        return {}
+    tables = landed_on(march.model)
+    seen = [int(march.run.watches[i].seen) for i, part in enumerate(march.layout.watched) if part.name in tables]
+    return {"run_kinks_landed_on": sum(seen)}
 
 
 def _effort(march: March) -> dict[str, int]:

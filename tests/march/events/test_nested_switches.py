@@ -167,7 +167,7 @@ def test_conditions_that_stand_still_and_tables(tmp_path: Path) -> None:
         initial={"x": "0.8 m", "v_x": "0 m s-1"},
     )
     run = xd.simulate(model, method="rk4", step=0.01, until=3.0)
-    inner = ~np.isin(run.row_kind.values, [3, 4])
+    inner = ~np.isin(run.row_kind.values, [2, 3, 4])
     assert (run.side_spring_pull.values == np.searchsorted(np.linspace(-1, 1.5, 300), run.x.values, "right"))[
         inner
     ].all()

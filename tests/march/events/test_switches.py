@@ -158,7 +158,7 @@ def test_wrong_settings_are_named() -> None:
     """Assert errors for what is neither a truth nor a word."""
     with pytest.raises(xd.ModelError, match="force 'relay': smooth is 'yes', needs true or false"):
         pushed("-f*sign(x)", smooth="yes")
-    with pytest.raises(xd.InputError, match="switches is 'some'; there are 'located', 'stepped over'"):
+    with pytest.raises(xd.InputError, match="switches is 'some'; there are 'located', 'landed on', 'stepped over'"):
         xd.simulate(pushed("-f*sign(x)"), method="rk4", step=0.1, until=1.0, switches="some")
 
 

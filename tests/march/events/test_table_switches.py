@@ -12,6 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.contacts import FITTING, asked, words
 from xdynamics.model.switches import MOST_SWITCHES, switches
+from xdynamics.record.flag_words import words_of
 
 STIFFER = [(-2, 4), (-1, 1), (0, 0), (1, -1), (2, -4)]  # a spring of 1 N/m, beyond a metre of 3 N/m
 RELAY = [(-3, 1), (0, -1), (3, -1)]
@@ -267,3 +268,45 @@ def test_which_tables_are_switches(tmp_path: Path) -> None:
     for interpolation in ("pchip", "cubic"):
         assert switches(measured(tmp_path, interpolation=interpolation)) == ()
     assert len(switches(measured(tmp_path))) < MOST_SWITCHES
+
+
+def test_kinks_of_long_tables_are_landed_on_and_counted(tmp_path: Path) -> None:
+    """Assert that a bent spring of 201 points has the motion of located points, bit for bit, and not one event."""
+    rows = [(x / 10, -((x / 10) ** 3)) for x in range(-100, 101)]
+    model = measured(tmp_path, rows)
+    landed, located = (
+        xd.simulate(model, method="rk4", step=0.05, until=3.0, switches=word) for word in (None, "located")
+    )
+    assert (landed.sizes["event"], landed.attrs["solver_switches"]) == (0, "landed on")
+    assert landed.attrs["run_kinks_landed_on"] == located.sizes["event"] > 40
+    behind = np.flatnonzero(np.array(words_of(located.row_kind)) != "event_before")
+    for name in ("time", "x", "v_x", "a_x", "side_spring_force"):
+        assert np.array_equal(landed[name], located[name][behind]), name
+    among = np.array(words_of(landed.row_kind))[1:-1]
+    assert (among == "node").sum() == located.sizes["event"]
+
+
+def test_landed_on_kinks_are_reproduced_and_completed(tmp_path: Path) -> None:
+    """Assert that a file has what its kinks need, and that forces left out are recomputed behind them."""
+    model = measured(tmp_path)
+    run = xd.simulate(model, method="dop853", rtol=1e-9, until=9.0, switches="landed on")
+    assert run.attrs["run_kinks_landed_on"] == 11
+    xd.save(run, tmp_path / "run.nc")
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    short = xd.simulate(model, method="dop853", rtol=1e-9, until=9.0, switches="landed on", log="states")
+    assert np.array_equal(xd.complete(short).force_spring_x, run.force_spring_x)
+
+
+def test_jumps_and_coincident_events_stay_events(tmp_path: Path) -> None:
+    """Assert that points at which a force jumps are events all the same, and so is a kink that an event meets."""
+    relay = xd.simulate(
+        measured(tmp_path, RELAY, interpolation="previous"), method="rk4", step=0.1, until=1.0, switches="landed on"
+    )
+    assert relay.attrs["solver_switches"] == "located"
+    measured(tmp_path)
+    text = (tmp_path / "model.toml").read_text() + '[events.middle]\nfunction = "x"\n'
+    (tmp_path / "model.toml").write_text(text)
+    model = xd.Model.from_toml(tmp_path / "model.toml")
+    run = xd.simulate(model, method="rk4", step=0.1, until=3.0, switches="landed on")
+    assert sorted(words(run)) == [("middle", "crossing"), ("spring.force", "regime_switch")]
+    assert run.attrs["run_kinks_landed_on"] == 3

@@ -49,10 +49,11 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.trial_step import copy, look, propose_apart
-from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
+from xdynamics.model.detectors import KINK
+from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_CONTACT, REASON_EVENT
 
 # no literals: numba compiles a copy of a function for each literal that it is given
-_BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)
+_BEFORE, _AFTER, _NODE = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER), np.int64(NODE)
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
 State = NDArray[Any]
 note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
@@ -96,6 +97,9 @@ def ring_alone(run: Run) -> None:
 def note_both_sides(run: Run, reached: bool) -> None:
     """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
     row_before = run.now[0].rows
+    if run.plan[0].passing > 0 and passes_kinks(run):
+        pass_kinks(run, reached, row_before)
+        return
     if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
@@ -110,6 +114,34 @@ def note_both_sides(run: Run, reached: bool) -> None:
     if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
         end(run, NONFINITE_OBSERVABLE)
         return
+    go_on(run, reached)
+
+
+@shared
+def passes_kinks(run: Run) -> bool:
+    """Whether nothing happens at the trial's end but kinks at points of tables."""
+    for i in range(run.detectors.shape[0]):
+        detector = run.detectors[i]
+        if run.watches[i].hit != NONE and (detector.role != KINK or detector.drive < 0):
+            return False
+    return not tick_at_end(run)
+
+
+@shared
+def pass_kinks(run: Run, reached: bool, row: int) -> None:
+    """Go on behind points of tables, in one row that has the forces behind them, and count them."""
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].seen += np.int64(run.watches[i].hit != NONE)
+    keep_sides(run, False)
+    if run.plan[0].held > 0:
+        settle_constraints(run, run.trial[0].t, run.z, 0.0)
+    else:
+        evaluate(run, run.trial[0].t, run.z)
+    if not (finite_state(run) and note_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
+        end(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite(run))
+        return
+    note_samples_apart(run, row)
+    note_sample(run, run.trial[0].t, run.z, row)
     go_on(run, reached)
 
 
