@@ -97,6 +97,73 @@ def test_andrews_squeezer_ends_where_others_found_it() -> None:
         assert abs(run[f"constraint_rate_{name}"]).max() < 1e-12
 
 
+def test_a_slider_crank_of_bodies_is_that_of_one_freedom() -> None:
+    """Assert stroke, pin and the force on the piston of three bodies in four joints by the equation of the crank's angle.
+
+    J(a) a'' + J'(a) a'**2/2 + V'(a) = 0, with the energies of a crank, a rod and a piston by one angle.
+    """
+    r, l, g, crank, rod, piston = 0.15, 0.4, 9.81, 1.0, 0.8, 0.5
+
+    def shape(a: complex) -> tuple[complex, complex, complex, complex]:
+        """The inertia of the angle, the potential, the stroke and its derivative."""
+        s, c = np.sin(a), np.cos(a)
+        lean = np.sqrt(l**2 - r**2 * s**2)
+        stroke, turn = -r * s - r**2 * s * c / lean, r * c / lean  # by the angle
+        centre = (-r * s - r**2 * s * c / (2 * lean)) ** 2 + (r * c / 2) ** 2
+        inertia = crank * r**2 / 3 + rod * (centre + l**2 / 12 * turn**2) + piston * stroke**2
+        return inertia, g * (crank + rod) * r / 2 * s, r * c + lean, stroke
+
+    def second(a: float, rate: float) -> float:
+        """The acceleration of the angle, with derivatives by a complex step."""
+        inertia, potential, _, _ = shape(a + 1e-30j)
+        return float(-(inertia.imag * rate**2 / 2 + potential.imag) / 1e-30 / inertia.real)
+
+    run = xd.simulate(xd.Model.from_toml(MODELS / "slider_crank.toml"), until="0.6 s")
+    exact = solve_ivp(
+        lambda _, y: [y[1], second(*y)],
+        (0.0, 0.6),
+        [0.0, 16.0],
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        dense_output=True,
+    )
+    angle, rate = exact.sol(run.time.values)
+    assert angle[-1] > 4.0
+    assert abs(run.stroke - shape(angle)[2]).max() < 1e-10
+    pushed = [
+        piston * ((shape(a + 1e-30j)[3].imag / 1e-30) * w**2 + shape(a)[3] * second(a, w))
+        for a, w in zip(angle, rate, strict=True)
+    ]
+    assert abs(run.joint_force_wrist.sel(axis="x") + pushed).max() < 1e-8
+    assert abs(run.total_energy - run.total_energy[0]).max() < 1e-11
+    assert (run.constraint_rank == 17).all()
+
+
+# Meijaard, Papadopoulos, Ruina, Schwab, Proc. R. Soc. A 463, 2007: M, C1, K0, K2 of the benchmark, and Table 2 at 5 m/s
+BICYCLE_EIGENVALUES = (
+    -14.07838969279822,
+    -0.77534188219585 - 4.46486771378823j,
+    -0.77534188219585 + 4.46486771378823j,
+    -0.32286642900409,
+)
+
+
+@pytest.mark.dear
+def test_the_bicycle_has_the_published_eigenvalues() -> None:
+    """Assert that lean and steer after a small push follow from one another, step by step, as Table 2 says."""
+    model = xd.Model.from_toml(MODELS / "bicycle.toml").replace(parameters={"push": 1e-4})
+    run = xd.simulate(model, method="dop853", step="10 ms", until="2 s")
+    states = np.array([run.leaning.values, run.steer.values]).T / 1e-4
+    pairs = np.hstack([states[:-1], states[1:]])
+    propagator = np.linalg.lstsq(pairs[:-1], pairs[1:], rcond=None)[0]
+    found = np.log(np.linalg.eigvals(propagator).astype(complex)) / 0.01
+    assert sorted(found, key=lambda value: (value.real, value.imag)) == pytest.approx(BICYCLE_EIGENVALUES, rel=1e-7)
+    assert (run.constraint_rank == 21).all()
+    for name in ("rear_ground", "front_ground"):
+        assert abs(run[f"constraint_residual_{name}"]).max() < 1e-13
+
+
 TWO_LOOPS = """
 name = "two loops"
 [coordinates]

@@ -6,7 +6,7 @@ a method stays (Hairer and Wanner, Solving Ordinary Differential Equations II, 2
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from xdynamics.expressions import Node
@@ -62,11 +62,14 @@ def _turn(layout: Layout) -> Program:
     # To rounding: near singular positions what is left of a residual is divided by the square of the distance to them.
     close = lines.compute("less", turns, CLOSE_TURNS)
     tolerance = lines.compute("choose", close, SMALLEST, TOLERANCE)
+    positions = _largest(lines, layout, {name: name for name in model.coordinates}, 1.0)
+    speeds = _largest(lines, layout, {name: velocity(name) for name in model.coordinates}, 0.0)
     for k, condition in enumerate(conditions(model)):
         judged = _Judged(lines, lines.named(inverse_pivot(k)), tolerance)
-        far, most = judged(condition.residual, far, most, _reached(lines, layout, condition))
+        reached = _swept(lines, layout, condition, positions)
+        far, most = judged(condition.residual, far, most, _reached(lines, layout, condition), reached)
         gained = (lines.compute("multiply", step, term) for term in _accelerated(lines, layout, condition))
-        fast, most = judged(condition.rate, fast, most, gained, swept=_swept(lines, layout, condition))
+        fast, most = judged(condition.rate, fast, most, gained, _swept(lines, layout, condition, speeds))
     first = lines.compute("less", turns, 0.5)
     far, fast = lines.compute("more", far, 0.0), lines.compute("more", fast, 0.0)
     moves = lines.compute("choose", far, is_open, 0.0)
@@ -137,15 +140,26 @@ def _accelerated(lines: Assignments, layout: Layout, condition: Condition) -> It
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), own))
 
 
-def _swept(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
-    """Yield the sizes of a rate's change by velocities as large as any of the kind: terms alone may cancel to rounding."""
-    model = layout.model
+def _largest(lines: Assignments, layout: Layout, named: Mapping[str, str], least: float) -> dict[Dimension, Operand]:
+    """Return the largest coordinate, or velocity, of each kind; of angles `least` where that is not zero."""
     largest: dict[Dimension, Operand] = {}
-    for name in model.coordinates:
-        speed, kind = lines.compute("abs", lines.named(velocity(name))), model.dimensions[name]
-        largest[kind] = lines.compute("greatest", largest[kind], speed) if kind in largest else speed
+    for name, own in named.items():
+        kind = layout.model.dimensions[name]
+        size: Operand = least if least > 0.0 and kind == NONE else lines.compute("abs", lines.named(own))
+        largest[kind] = lines.compute("greatest", largest[kind], size) if kind in largest else size
+    return largest
+
+
+def _swept(
+    lines: Assignments, layout: Layout, condition: Condition, largest: Mapping[Dimension, Operand]
+) -> Iterator[Operand]:
+    """Yield the sizes of a condition's change by the largest of the kind: its own terms may be rounding of those.
+
+    The height of a piston on a level guide is, or the rate of a body that spins about its axis.
+    """
     for name, tree in condition.row.items():
-        yield lines.compute("abs", lines.compute("multiply", lines.value(tree), largest[model.dimensions[name]]))
+        reach = largest[layout.model.dimensions[name]]
+        yield lines.compute("abs", lines.compute("multiply", lines.value(tree), reach))
 
 
 @dataclass(frozen=True)
@@ -180,8 +194,9 @@ class _Judged:
         for term in (*(lines.compute("abs", lines.value(term)) for term in summands(tree)), *further):
             size = lines.compute("add", size, term)
         over = lines.compute("subtract", value, lines.compute("multiply", self.tolerance, size))
-        over = lines.compute("choose", lines.compute("equal", self.acts, 0.0), 0.0, over)
         for term in swept:
             size = lines.compute("add", size, term)
+            over = lines.compute("subtract", over, lines.compute("multiply", SMALLEST, term))
+        over = lines.compute("choose", lines.compute("equal", self.acts, 0.0), 0.0, over)
         share = lines.compute("choose", lines.compute("more", size, 0.0), lines.compute("divide", value, size), 0.0)
         return lines.compute("greatest", excess, over), lines.compute("greatest", most, share)
