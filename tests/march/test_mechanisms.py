@@ -57,7 +57,7 @@ def test_the_car_axis_ends_where_others_found_it() -> None:
     assert abs(across - held).max() < 1e-15
 
 
-@pytest.mark.parametrize(("loops", "bound"), [(1, 1e-9), (2, 2e-9)])
+@pytest.mark.parametrize(("loops", "bound"), [(1, 1e-9), (2, 1e-8)])
 def test_four_bars_pass_positions_where_all_rods_are_in_line(loops: int, bound: float) -> None:
     """Assert that parallel cranks swing as one pendulum, through positions where constraints imply each other."""
     model = xd.Model.from_toml(MODELS / "four_bar.toml") if loops == 1 else xd.Model.from_text(TWO_LOOPS)

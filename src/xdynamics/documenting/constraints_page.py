@@ -30,7 +30,7 @@ than Coulomb's law allows, is dry friction, whose sticking is the same constrain
 Of a ball thrown with backspin, event stick is where it begins to roll; slip is where that ends.
 
 Singular positions, where a constraint is implied by others for an instant, are passed: within about
-1e-4 (radians, say) of one the weakest is not kept, which leaves some nine digits of the motion.
+3e-4 (radians, say) of one the weakest is not kept, which leaves some eight digits of the motion.
 
 """
 

@@ -36,8 +36,8 @@ from xdynamics.units import NONE, Dimension, spell
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 MOST_TURNS = 50
 # A gradient of which less is left beside the others, squared, is one that these imply. Near a singular position what is left
-# of a residual is divided by this number, and what is dropped is missed for as long as its root: 1e-8 weighs the two.
-DEPENDENT = 1e-8
+# of a residual is divided by this number, and what is dropped is missed for as long as its root: 1e-7 weighs the two.
+DEPENDENT = 1e-7
 INDEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs to one that others imply
 
 Floats = NDArray[np.float64]
