@@ -14,7 +14,7 @@ from llvmlite import binding as llvm
 
 from cases.problems import ROOT
 
-# a model that uses every function of the language, and the others by two methods each
+# a model that uses every function of the language, another by two methods; constraints, a body, a controller
 PROGRAM = """
 import xdynamics as xd
 every = xd.Model(
@@ -30,6 +30,8 @@ runs = [xd.simulate(every, method=one, until="20 s", **how) for one, how in (("d
 for name in ("double_pendulum",):
     model = xd.Model.from_toml(f"data/models/{name}.toml")
     runs += [xd.simulate(model, method="dormand_prince", rtol=1e-8, atol=1e-8), xd.simulate(model, method="midpoint")]
+for name, until in (("four_bar", "0.3 s"), ("heavy_top", "0.1 s"), ("cart_pid", "1 s")):  # constraints, a body, a controller
+    runs.append(xd.simulate(xd.Model.from_toml(f"data/models/{name}.toml"), until=until))
 import hashlib
 import numpy as np
 from xdynamics.march import march_many
@@ -80,14 +82,14 @@ def here() -> str:
 @pytest.mark.every(2)
 @pytest.mark.parametrize("where", ELSEWHERE)
 def test_digests_are_the_same(where: str, here: str, request: pytest.FixtureRequest) -> None:
-    """Assert equal digests of models with every function of the language."""
+    """Assert equal digests of models with every function of the language, constraints, a body and a controller."""
     if len(ELSEWHERE[where]) == 1 and not request.config.getoption("--whole"):
         pytest.skip("with --whole: one difference alone")
     if not llvm.get_process_triple().startswith("x86_64"):
         pytest.skip("another architecture")
     if where == "AVX2" and not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this machine has no AVX2")
-    assert len(here.split()) == 6
+    assert len(here.split()) == 9
     assert digests(**ELSEWHERE[where]) == here
 
 
