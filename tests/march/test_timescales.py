@@ -235,3 +235,12 @@ def test_what_rounding_leaves_of_zero_is_no_news() -> None:
     t = run.time.values
     assert run.valve.values == pytest.approx(1e-6 * np.exp(-t), rel=1e-9)
     assert run.tank.values == pytest.approx(10.0 * t * np.exp(-t), abs=1e-8)
+
+
+def test_what_constraints_keep_is_no_slow_motion() -> None:
+    """Assert 2 pi/sqrt(6 g/(5 l)) of a linkage of four bars that hangs, and no slow period of one that stands upright."""
+    text = (MODELS / "four_bar.toml").read_text().replace('"1 m s-1"', '"0 m s-1"')
+    hanging = xd.Model.from_text(text.replace('"1 m"\nx1', '"-1 m"\nx1').replace('y1 = "1 m"', 'y1 = "-1 m"'))
+    upright, hanging = (xd.simulate(model, until="10 ms") for model in (xd.Model.from_text(text), hanging))
+    assert hanging.attrs["run_slowest_period"] == pytest.approx(2 * np.pi / np.sqrt(1.2 * 9.81), rel=5e-3)
+    assert "run_slowest_period" not in upright.attrs

@@ -27,6 +27,7 @@ MOST_TOGETHER = 1 << 20  # numbers of states that are examined in one call
 FEW = 12  # numbers of a state up to which all eigenvalues are computed
 MOST_NUMBERS = 240  # of a state up to which a fixed step is compared with what is stable: eigenvalues take 0.1 s
 SLOW = 1e-5  # of the fastest rate, below which differences resolve none
+KEPT = 3e-3  # the same where constraints keep what has a zero twice, which differences part by the root of their error
 DIGITS = 3  # of eigenvalues, so that the last bits of a library enter no digest
 _STEP_SIZE = (PLAN.names or ()).index("step_size")
 _STANDING = (
@@ -85,7 +86,8 @@ def time_scales(march: March) -> TimeScales | None:
     steps[0] = first
     products = rates[0] * steps
     scale = march.settings.scales.of(TIME)
-    period = slowest_period(jacobian_at(march, 0)) * scale if n <= FEW else np.nan
+    resolved = KEPT if march.model.constraints else SLOW
+    period = slowest_period(jacobian_at(march, 0), resolved) * scale if n <= FEW else np.nan
     return TimeScales(float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(chosen) - 1, period)
 
 
@@ -144,8 +146,11 @@ def _chosen(march: March) -> list[int]:
     return [0, *(1 + (i * (rows - 1)) // count for i in range(count))] if count > 0 else [0]
 
 
-def slowest_period(matrix: Floats) -> float:
-    """Return the longest period of the oscillating eigenmodes of a matrix, to a few digits; inf if there are none."""
+def slowest_period(matrix: Floats, resolved: float = SLOW) -> float:
+    """Return the longest period of the oscillating eigenmodes of a matrix, to a few digits; inf if there are none.
+
+    Modes slower than a part of the fastest rate, `resolved`, are left out.
+    """
     if not matrix.size or not np.isfinite(matrix).all():
         return np.nan
     if len(matrix) == 2:  # one coordinate: most models that are marched for a moment
@@ -155,7 +160,7 @@ def slowest_period(matrix: Floats) -> float:
     else:
         eigenvalues = np.linalg.eigvals(matrix)
         turning = np.abs(eigenvalues.imag)
-        fast = (turning > SLOW * np.abs(eigenvalues).max()) & (turning > np.abs(eigenvalues.real))
+        fast = (turning > resolved * np.abs(eigenvalues).max()) & (turning > np.abs(eigenvalues.real))
         slowest = float(turning[fast].min(initial=math.inf))
     return float(f"{2.0 * math.pi / slowest:.{DIGITS}g}") if slowest < math.inf else math.inf
 
