@@ -73,6 +73,20 @@ def test_a_hinge_holds_the_rod_aside_of_it(sign: float) -> None:
     assert (run.joint_torque_pin.units, run.joint_force_pin.units) == ("N m", "N")
 
 
+@pytest.mark.dear
+def test_extremes_of_reactions_are_kept_of_grids() -> None:
+    """Assert that lanes end as single runs do, and have the largest reactions that `diagnose` finds."""
+    model, asked = xd.Model.from_text(HINGED), {"method": "dop853", "rtol": 1e-9, "until": "0.5 s"}
+    keep = ["end_angle", "maximum_joint_force_pin", "minimum_joint_torque_pin"]
+    grid = xd.sweep(model, {"rod_mass": [1.0, 2.0, 3.0, 4.0, 5.0]}, keep=keep, **asked).compute()
+    alone = xd.simulate(model, **asked)
+    found = xd.diagnose(alone, companion=False)
+    assert float(grid.end_angle[1]) == float(alone.angle[-1])
+    assert grid.maximum_joint_force_pin[1].values.tolist() == found.maximum_joint_force_pin.values.tolist()
+    assert grid.minimum_joint_torque_pin[1].values.tolist() == found.minimum_joint_torque_pin.values.tolist()
+    assert float(found.maximum_joint_force_pin.sel(axis="z")) > float(alone.joint_force_pin.sel(axis="z").max())
+
+
 def test_a_block_slides_down() -> None:
     """Assert that a block on a rail is accelerated as on an incline, and what it does to the rail."""
     run = xd.simulate(

@@ -13,6 +13,7 @@ from xdynamics.model import Model
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
+from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.parts import Function
 from xdynamics.model.switches import switches
 from xdynamics.reaction_names import constraint_force
@@ -113,6 +114,12 @@ def _occasions(model: Model) -> Iterator[str]:
             f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
             f" {contact.tangential}"
         )
+    for name, joint in model.joints.items():
+        first, second = joint.bodies
+        word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)
+        axis = ", ".join(f"{part:g}" for part in joint.axis[0]) if word else ""
+        where = f", {word} [{axis}] in {first}" if word else ""
+        yield f"joint     {name}: {joint.kind} of {first} and {second}{where}"
     implied = implied_at_start(model.statement) if model.constraints else ()
     for k, (name, constraint) in enumerate(model.constraints.items()):
         word = "rolls" if constraint.holds is None else "holds"

@@ -14,6 +14,7 @@ from xdynamics.evidence.evidence_dataset import about
 from xdynamics.evidence.observables import comparable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.model.joints import joint_reactions
 from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
 from xdynamics.record.element_names import Names, Whole, expanded
 from xdynamics.record.run_columns import columns_of
@@ -159,7 +160,7 @@ class _WordReader:
             *self.layout.used,
             *self.layout.reactions,
         )  # what states inside steps are computed from
-        self.loads = (*self.layout.loads,)  # they have extremes too
+        self.loads = (*self.layout.loads, *joint_reactions(model.joints))  # they have extremes too
         self.words = expanded(map(written, keeping.words), self.known(), model.shapes)
 
     def known(self) -> list[str]:

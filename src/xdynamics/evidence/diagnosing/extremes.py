@@ -33,7 +33,7 @@ Functions = Mapping[str, Callable[..., float]]
 Rows = NDArray[np.int64]
 
 STATES = ("coordinate", "velocity", "state")  # roles of what steps integrate
-SOUGHT = (*STATES, "energy", "observable", "force", "reaction")  # and of everything whose extremes are sought
+SOUGHT = (*STATES, "energy", "observable", "force", "reaction", "joint")  # and of everything whose extremes are sought
 SAMPLED, INTERPOLATED, LOCATED = range(3)
 RULES = ("sampled", "interpolated", "located")
 SAID = ("sampled at an accepted state", "interpolated between accepted states", "located by an event")
