@@ -25,6 +25,10 @@ from xdynamics.march.configuration import settings_for
 END = 50.0
 DUFFING, PENDULUM = "Duffing oscillators", "damped pendulums"
 OURS = {DUFFING: 6.6e-10, PENDULUM: 1.9e-9}
+TAYLOR = {
+    DUFFING: (2e-9, 18),
+    PENDULUM: (3e-9, 16),
+}  # with an order above that of the tolerance: coefficients cost little
 HEYOKA = {DUFFING: 1.9e-8, PENDULUM: 1.0e-7}
 DIFFRAX = {DUFFING: 2.6e-10, PENDULUM: 1.9e-9}
 SCIPY = {DUFFING: 4.2e-10, PENDULUM: 1.0e-9}
@@ -59,10 +63,10 @@ def varied(family: str, n: int) -> np.ndarray:
     return np.linspace(0.05, 3.0, n) if family == PENDULUM else 8.192 * np.arange(n) / n
 
 
-def ours(family: str, values: np.ndarray, lanes: int | None, rtol: float, threads: int = 1) -> Run:
+def ours(family: str, values: np.ndarray, lanes: int | None, rtol: float, threads: int = 1, **asked: Any) -> Run:
     """Set up our own march."""
-    model = model_of(family)
-    settings = settings_for(model, method="dop853", rtol=rtol, atol=rtol, until=END, force_samples="none")
+    model, asked = model_of(family), {"method": "dop853"} | asked
+    settings = settings_for(model, rtol=rtol, atol=rtol, until=END, force_samples="none", **asked)
     given = {"initial": {"x": values}} if family == PENDULUM else {"parameters": {"k": values}}
     return lambda: march_many(model, settings, lanes=lanes, threads=threads, **given).state[:, 0]
 
@@ -74,9 +78,8 @@ def with_heyoka(family: str, values: np.ndarray, batch: int) -> Run:
     x, v = hy.make_vars("x", "v")
     force = -hy.sin(x) if family == PENDULUM else -x - hy.par[0] * x**3
     start = np.zeros((2, batch))
-    stepper = hy.taylor_adaptive_batch(
-        [(x, v), (v, force - 0.1 * v)], start, tol=HEYOKA[family], pars=np.zeros((1, batch))
-    )
+    more = {} if family == PENDULUM else {"pars": np.zeros((1, batch))}
+    stepper = hy.taylor_adaptive_batch([(x, v), (v, force - 0.1 * v)], start, tol=HEYOKA[family], **more)
 
     def run() -> np.ndarray:
         found = np.empty(len(values))
@@ -144,10 +147,12 @@ def with_scipy(family: str, values: np.ndarray) -> Run:
 
 def competitors(family: str, values: np.ndarray) -> dict[str, tuple[Run, np.ndarray]]:
     """Return everybody who is here, each with the members that it marches."""
-    few = values[:: max(1, len(values) // 32)]
+    few, (rtol, order) = values[:: max(1, len(values) // 32)], TAYLOR[family]
     found = {
         "xdynamics, lanes": (ours(family, values, None, OURS[family]), values),
         "xdynamics, one lane": (ours(family, values, 1, OURS[family]), values),
+        "xdynamics taylor, lanes": (ours(family, values, None, rtol, method="taylor", order=order), values),
+        "xdynamics taylor, one lane": (ours(family, values, 1, rtol, method="taylor", order=order), values),
         "xdynamics, lanes, two threads": (ours(family, values, None, OURS[family], threads=2), values),
         "scipy DOP853": (with_scipy(family, few), few),
     }

@@ -65,6 +65,8 @@ def test_every_explicit_method(method: str, lanes: int) -> None:
     [
         ("kepler", "x", {"method": "dop853", "rtol": 1e-9, "until": 6.0}),
         ("kepler", "x", {"method": "dprkn6", "rtol": 1e-7, "until": 6.0}),
+        ("kepler", "x", {"method": "taylor", "rtol": 1e-11, "until": 6.0}),
+        ("double_pendulum", "theta1", {"method": "taylor", "rtol": 1e-8, "atol": 1e-10, "until": 2.0}),
         ("pendulum", "theta", {"method": "dormand_prince", "rtol": 1e-6, "until": 3.0}),
         ("double_pendulum", "theta1", {"method": "dop853", "rtol": 1e-8, "until": 2.0}),
         ("coupled_masses", "x1", {"method": "yoshida6", "step": 0.01, "until": 2.0}),
@@ -109,7 +111,15 @@ def driven() -> xd.Model:
     )
 
 
-@pytest.mark.parametrize("way", [{"method": "dop853", "rtol": 1e-8}, {"method": "heun", "step": 0.07}])
+@pytest.mark.parametrize(
+    "way",
+    [
+        {"method": "dop853", "rtol": 1e-8},
+        {"method": "heun", "step": 0.07},
+        {"method": "taylor", "rtol": 1e-8},
+        {"method": "taylor", "step": 0.07, "order": 9},
+    ],
+)
 def test_nodes_of_drives(way: dict[str, Any]) -> None:
     """Assert the bits of one lane where the march lands on breakpoints, and on nodes that are asked for."""
     model = driven()
@@ -131,6 +141,36 @@ def test_members_that_fail_and_members_that_are_over_at_once() -> None:
     alone = march_many(duffing(), limited, lanes=1, **given)
     assert {*alone.outcomes} >= {"step_limit"}
     assert_same(march_many(duffing(), limited, lanes=8, **given), alone)
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        {"rtol": 1e-9, "atol": 1e-9},
+        {"rtol": 1e-9},
+        {"rtol": 1e-9, "order": 2, "max_steps": 300},
+        {"rtol": 1e-6, "order": 30, "step": 3.0},
+        {"step": 0.1},
+    ],
+)
+def test_taylor_series_side_by_side(way: dict[str, Any]) -> None:
+    """Assert that lanes are taken, and the bits of one lane, with tolerances that follow, and trials that are rejected."""
+    settings = asked(duffing(), method="taylor", until=6.0, log="full", **way)
+    law = law_of(settings.layout(duffing()), sampled=False)
+    assert lanes_for(law, settings, N, 8) == 8
+    given = {"parameters": {"k": np.linspace(0.0, 8.0, N)}, "initial": {"x": np.linspace(0.5, 2.0, N)}}
+    alone = march_many(duffing(), settings, lanes=1, logs=True, **given)
+    assert_same(march_many(duffing(), settings, lanes=8, logs=True, **given), alone)
+    if way.get("step") == 3.0:
+        assert alone.trials.sum() > 0
+    one = march_many(
+        duffing(),
+        settings,
+        lanes=8,
+        logs=True,
+        **{kind: {k: v[5:6] for k, v in of.items()} for kind, of in given.items()},
+    )
+    assert one.state.tobytes() == alone.state[5:6].tobytes()
 
 
 def test_steps_and_tolerances_of_their_own() -> None:
@@ -202,6 +242,9 @@ def watched(name: str) -> xd.Model:
         ("relay_oscillator", {"method": "dormand_prince", "rtol": 1e-7, "until": 5.0}),
         ("staged_rocket", {"method": "dormand_prince", "rtol": 1e-7}),
         ("rocket_c6", {"method": "heun", "rtol": 1e-4}),
+        ("bouncing_ball", {"method": "taylor", "rtol": 1e-9, "until": 10.0}),
+        ("impact_oscillator", {"method": "taylor", "rtol": 1e-9, "until": 5.0}),
+        ("relay_oscillator", {"method": "taylor", "rtol": 1e-7, "until": 5.0}),
         ("woodpecker", {"method": "dormand_prince", "rtol": 1e-6, "until": 0.3}),
     ],
 )

@@ -125,6 +125,21 @@ def nearest(x: Number) -> Number:
     return choose(absolute(x) < LARGEST_FRACTION, signed((absolute(x) + MAGIC) - MAGIC, x), x)
 
 
+def significand(x: Number) -> Number:
+    """Return a positive normal number over the largest power of two that it is not below."""
+    return number((bits(x) & FRACTION) | ONE)
+
+
+def exponent(x: Number) -> Number:
+    """Return the power to which 2 is raised there."""
+    return number((bits(x) >> 52) + (MAGIC_BITS - 1023)) - MAGIC
+
+
+def binary_power(k: Number) -> Number:
+    """Return 2**k of a number that is whole, from -1022 to 1023."""
+    return power_of_two(bits(k + MAGIC) - MAGIC_BITS)
+
+
 def modulo(x: Number, y: Number) -> Number:
     """Return x - y*floor(x/y), exactly rounded, with the sign of y, as Python's %; nan from 2**53 turns on."""
     turns = floor(quotient(x, y))

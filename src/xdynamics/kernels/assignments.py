@@ -186,10 +186,12 @@ class Assignments:
 
 
 class FusedAssignments(Assignments):
-    """The same with sums of a product and what stands before it rounded once."""
+    """The same with sums of a product and what stands before it rounded once, and with products for quotients by numbers."""
 
     def _joined(self, node: Binary, left: Operand) -> Operand:
         product = node.right
+        if node.operator == "/" and isinstance(product, Number):
+            return self.compute("multiply", left, 1.0 / product.value)
         if node.operator != "+" or not isinstance(product, Binary) or product.operator != "*":
             return super()._joined(node, left)
         return self.compute("fma", self.value(product.left), self.value(product.right), left)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from xdynamics.elementary.numbers import greatest, least
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
@@ -63,6 +65,6 @@ def function_of(text: str, given: str, results: str, constants: Mapping[str, flo
     lines = Formulas({}, "_", dict(constants or {}) | {name: name for name in given.split()})
     lines.write(text)
     source = function_text("lines", given.split(), lines.lines, [lines.known[name] for name in results.split()])
-    scope: dict[str, Any] = {"_greatest": larger, "_least": smaller, "sqrt": math.sqrt}
+    scope: dict[str, Any] = {"_greatest": larger, "_least": smaller, "_floor": np.floor, "sqrt": math.sqrt}
     exec(source, scope)  # noqa: S102 - printed from checked trees
     return compiled(scope["lines"])

@@ -244,7 +244,7 @@ class Law:
         return {}
 
     def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...]) -> machine.Code:  # noqa: FBT001
-        step = stride(self.layout, self.steps.programs, adaptive=adaptive, followers=followers)
+        step = stride(self.layout, self.steps, adaptive=adaptive, followers=followers)
         programs = (self.entries[0], *self.constraining, *step)
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])

@@ -20,8 +20,10 @@ from xdynamics.elementary.double_double.operations import DoubleDoubles
 from xdynamics.elementary.fma import fma
 from xdynamics.elementary.numbers import (
     absolute,
+    binary_power,
     ceiling,
     choose,
+    exponent,
     floor,
     greatest,
     least,
@@ -29,6 +31,7 @@ from xdynamics.elementary.numbers import (
     nearest,
     positive,
     sign,
+    significand,
     sqrt,
 )
 from xdynamics.expressions import CALLED_ALONE
@@ -68,6 +71,9 @@ RULES: Mapping[str, Callable[..., Any]] = {
     "round": nearest,
     "mod": modulo,
     "fma": fma,
+    "significand": significand,
+    "exponent": exponent,
+    "binary_power": binary_power,
     "newest": lambda _, new: new,
 }
 

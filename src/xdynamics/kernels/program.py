@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 Operand = str | float | int  # a value by its name, a number, or the number of a table
 # kinds of numbers: a value is one float, lies between two (enclosed: by functions that are called), or is the sum of two
@@ -287,6 +288,28 @@ class Program:
     sound: tuple[int, int] | None = None
     spread: bool = False
     tables: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+
+def moved(program: Program, array: str, by: int) -> Program:
+    """Return a program whose places in an array are so much further on."""
+
+    def place(of: Place) -> Place:
+        return replace(of, offset=of.offset + by) if of.array == array else of
+
+    def line(of: Any) -> Any:
+        match of:
+            case Load() | StoreTo() | Gather():
+                return replace(of, place=place(of.place))
+            case When() | While():
+                return replace(of, place=place(of.place))
+            case Loop() | Reduction():
+                return replace(of, body=tuple(map(line, of.body)))
+        return of
+
+    views = {
+        name: (of, first + by if of == array else first, count) for name, (of, first, count) in program.views.items()
+    }
+    return replace(program, body=tuple(map(line, program.body)), views=views)
 
 
 def soundness(array: str, first: int, count: int, total: str) -> Reduction:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from xdynamics.methods import radau
 
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
-STEADY = -1e4  # below the logarithm of every number: exp(-STEADY) is infinite
+STEADY = -900.0  # the power of two of a term that stays zero
 CONSTANTS = {
     "least_logarithm": LEAST_LOGARITHM,
     "steady": STEADY,
@@ -55,13 +55,28 @@ next_log = least_logarithm
 shrink = min(0.9, growth)
 """
 # By the coefficients of a Taylor series at the start of the step, each over what is allowed to errors: a term is as large
-# as the state after the radius of convergence, and falls to what is allowed in the step. Where an order has none, the
-# motion is a polynomial of a lower degree, and the step as long as it may be
-TERM = "ratio = where(term != 0, abs(term)/allowed, 0)"
+# as the state after the radius of convergence, and falls to what is allowed in the step. Without a unit in a time of the
+# motion, so that steps are the same in all units, roots to three digits are enough. Where an order has none, the motion is a
+# polynomial of a lower degree, and the step as long as it may be
+WEIGHT = "weight = 1/(allowed + rtol*abs(value))"
+TERM = "norm_{0} = where(term_{0} != 0, abs(term_{0})*weight, 0)"
+TIME_OF = "time = where(norm_size > 0, where(norm_slope > 0, norm_size/norm_slope, remaining), remaining)"
+WITHOUT_UNIT = """
+top = min(1e300, max(1, norm_size))
+share = half/top
+first = norm_before*share*rest_before
+second = norm_last*share*rest_last
+before = min(1e300, max(1e-300, first))
+last = min(1e300, max(1e-300, second))
+"""
+LOG2 = "log2 = whole + (part - 1)*(1 + (2 - part)*(0.42157659 - 0.15684817*(part - 1)))"  # of part*2**whole, to 0.001
 FORESEEN = """
-before = where(norm_before > 0, (log_before - log_size)/(order - 1), steady)
-last = where(norm_last > 0, (log_last - log_size)/order, steady)
-exponent = -(max(before, last) + log_size/order)
+rise_before = where(first > 0, log2_before*per_before, steady)
+rise_last = where(second > 0, log2_last*per_last, steady)
+exponent = max(-1000, min(1000, -(max(rise_before, rise_last) + log2_top*per_last)))
+whole = floor(exponent)
+part = exponent - whole
+factor = safety*time*(part*(1 - (1 - part)*(0.30414315 + 0.07914497*part)) + 1)
 """
 # no growth right after a rejection, no loss from a step that was cut
 NEXT = """

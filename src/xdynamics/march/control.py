@@ -55,13 +55,13 @@ def accepts(norm: float) -> bool:
     return norm <= 1.0
 
 
-@shared
+@compiled
 def allowed_of(run: Run, state: State, i: int) -> float:
-    """Return the error that a variable may have at a state."""
+    """Return the error that a variable may have at a state, besides its share of the value there."""
     plan, atol = run.plan[0], run.atol[i]
-    if plan.follows and run.followers[i]:
+    if plan.follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
         atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope_of(run, state, i))
-    return atol + plan.rtol * abs(state[i])
+    return float(atol)
 
 
 @compiled
@@ -71,11 +71,7 @@ def error_norm(run: Run) -> float:
     if plan.follows:
         tops_of(run, run.z)
     for i in range(plan.used):
-        allowed = run.atol[i]
-        if plan.follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
-            slope = slope_of(run, run.z, i)
-            allowed = _allowed(allowed, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope)
-        norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol)
+        norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed_of(run, run.z, i), plan.rtol)
     return norm
 
 

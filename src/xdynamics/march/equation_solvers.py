@@ -29,6 +29,7 @@ FUSED = (
     " product with a reciprocal of 106 bits"
 )
 SEPARATE = "products, sums and quotients are rounded one by one, to 106 bits"
+MOST_COEFFICIENTS = 1 << 13  # of a run up to which lanes pay with Taylor series: of 16, 1 MB
 MOST_FACTORISED = 5  # velocities and states up to which lanes pay where equations are solved: factors are written out
 # runs of explicit methods share empty arrays, which nothing writes to
 _NOTHING: Arrays = {
@@ -151,6 +152,11 @@ def _simplified_in_lanes(law: Law, settings: Settings) -> bool:
     return settings.adaptive and small and exact and not layout.carried
 
 
+def _series_in_lanes(law: Law, _settings: Settings) -> bool:
+    """Whether the coefficients of some runs are few enough to stay near the processor."""
+    return law.memory <= MOST_COEFFICIENTS
+
+
 _SOLVERS = {
     NOTHING: Solver(
         address=lambda: 0,
@@ -164,7 +170,7 @@ _SOLVERS = {
         arrays=lambda _law: _NOTHING,
         reported=_series_reported,
         corrections=lambda _run, n: (np.zeros(n), np.ones(n)),
-        in_lanes=lambda _law, _settings: False,
+        in_lanes=_series_in_lanes,
     ),
     NEWTON: Solver(
         address=lambda: solvers().newton,

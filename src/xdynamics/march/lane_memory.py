@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
-from xdynamics.kernels.lane_step import PLACES as L
+from xdynamics.kernels.lane_numbers import PLACES as L
 from xdynamics.kernels.program import REGIME
 from xdynamics.march.contacts.projection import choose
 from xdynamics.march.implicit.lanes import enter_kept, leave_kept
@@ -35,7 +35,7 @@ def enter(run: Run, blocks: Any, lane: int) -> None:
     w[L.floor, lane], w[L.rest, lane] = plan.floor, plan.rest
     w[L.k, lane], w[L.safety, lane] = plan.order, plan.safety
     w[L.least, lane], w[L.greatest, lane] = plan.least, plan.greatest
-    w[L.min_step, lane], w[L.max_step, lane] = plan.min_step, plan.max_step
+    w[L.min_step, lane], w[L.max_step, lane], w[L.end, lane] = plan.min_step, plan.max_step, plan.end
     w[L.lives, lane], w[L.ordinary, lane] = 1.0, 1.0
     if waits(run):
         w[L.most, lane] = -1.0  # not a step for a lane

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
-from xdynamics.kernels.lane_step import PLACES as L
+from xdynamics.kernels.lane_numbers import PLACES as L
 from xdynamics.march.run import Run
 from xdynamics.schema import NODE, STEP
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.kernels.lane_step import PLACES as L
+from xdynamics.kernels.lane_numbers import PLACES as L
 from xdynamics.march.calls import march_by, run_at, strode_by
 from xdynamics.march.engine_entries import begin, keep_last, keep_passed
 from xdynamics.march.force_evaluation import evaluate, finite_state

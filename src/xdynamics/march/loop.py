@@ -12,7 +12,7 @@ import numpy as np
 
 from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.kernels.lane_step import STRETCH
+from xdynamics.kernels.lane_writing import STRETCH
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
 from xdynamics.march.acceptance import AT_BOTH, AT_GRID, AT_NODE, end, judge, land, move, nonfinite

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from math import frexp, ldexp
 from typing import Any
 
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
-from xdynamics.kernels.law import EXP, EXPAND, LOG, PROPOSE
+from xdynamics.kernels.law import EXPAND, PROPOSE
 from xdynamics.kernels.program import T
-from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, TERM
-from xdynamics.march.calls import applied, called
+from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, WEIGHT, WITHOUT_UNIT
+from xdynamics.march.calls import called
 from xdynamics.march.control import allowed_of, shortest
 from xdynamics.march.run import STAYED, Run
 from xdynamics.march.tolerance_sizes import tops_of
 
 State = NDArray[Any]
 
-_ratio = function_of(TERM, "term allowed", "ratio")
-_foreseen = function_of(FORESEEN, "norm_before norm_last log_size log_before log_last order", "exponent", CONSTANTS)
+_weight = function_of(WEIGHT, "allowed rtol value", "weight")
+_ratio = function_of(TERM.format("any"), "term_any weight", "norm_any")
+_time_of = function_of(TIME_OF, "norm_size norm_slope remaining", "time")
+_without_unit = function_of(
+    WITHOUT_UNIT, "norm_size norm_before norm_last half rest_before rest_last", "top first second before last"
+)
+_log2 = function_of(LOG2, "part whole", "log2")
+_foreseen = function_of(
+    FORESEEN, "first second log2_top log2_before log2_last per_before per_last safety time", "factor whole", CONSTANTS
+)
 
 
 @compiled
@@ -50,21 +59,61 @@ def foresee(run: Run) -> None:
         return
     if plan.follows:
         tops_of(run, run.y)
-    size = larger(1.0, norm_of(run, 0))  # a state may be smaller than its tolerance
-    before, last = norm_of(run, plan.series - 1), norm_of(run, plan.series)
-    # of zero the logarithm is not looked at
-    logarithms = applied(run.law[LOG], size), applied(run.law[LOG], before), applied(run.law[LOG], last)
-    exponent = _foreseen(before, last, logarithms[0], logarithms[1], logarithms[2], plan.series)
-    step = plan.safety * applied(run.law[EXP], exponent)
-    now.step = min(max(step, shortest(run)), plan.max_step, plan.end - now.t)
+    remaining, order, half = plan.end - now.t, plan.series, plan.series // 2
+    size, slope, before, last = norms_of(run, order)
+    time = _time_of(size, slope, remaining)
+    powers = power(time, half), power(time, order - 1 - half), power(time, order - half)
+    top, first, second, before, last = _without_unit(size, before, last, powers[0], powers[1], powers[2])
+    logarithms = coarse_log2(top), coarse_log2(before), coarse_log2(last)
+    factor, doublings = _foreseen(
+        first,
+        second,
+        logarithms[0],
+        logarithms[1],
+        logarithms[2],
+        1.0 / (order - 1),
+        1.0 / order,
+        plan.safety,
+        time,
+    )
+    step = factor * ldexp(1.0, int(doublings))
+    now.step = min(max(step, shortest(run)), plan.max_step, remaining)
     if now.rows == 1:
         now.first_step = now.step
 
 
 @compiled
-def norm_of(run: Run, order: int) -> float:
-    """Return the largest ratio of the coefficients of an order to what is allowed as errors."""
-    plan, norm = run.plan[0], 0.0
+def power(base: float, exponent: int) -> float:
+    """Return a whole power by squaring from the highest bit on: as `Assignments.power` writes it."""
+    if exponent == 0:
+        return 1.0
+    bit = 1
+    while 2 * bit <= exponent:
+        bit *= 2
+    found = base
+    while bit > 1:
+        bit //= 2
+        found = found * found
+        if exponent & bit:
+            found = found * base
+    return found
+
+
+@compiled
+def coarse_log2(x: float) -> float:
+    """Return the logarithm of a number to base 2, to 0.001."""
+    part, whole = frexp(x)
+    return _log2(2.0 * part, whole - 1)
+
+
+@compiled
+def norms_of(run: Run, order: int) -> tuple[float, float, float, float]:
+    """Return the largest ratios of the first two and the last two coefficients to what is allowed as errors."""
+    plan, (size, slope, before, last) = run.plan[0], (0.0, 0.0, 0.0, 0.0)
     for i in range(plan.used):
-        norm = larger(norm, _ratio(run.w[order * plan.used + i], allowed_of(run, run.y, i)))
-    return norm
+        weight = _weight(allowed_of(run, run.y, i), plan.rtol, run.y[i])
+        size = larger(size, _ratio(run.w[i], weight))
+        slope = larger(slope, _ratio(run.w[plan.used + i], weight))
+        before = larger(before, _ratio(run.w[(order - 1) * plan.used + i], weight))
+        last = larger(last, _ratio(run.w[order * plan.used + i], weight))
+    return size, slope, before, last

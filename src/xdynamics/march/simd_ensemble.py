@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.kernels.interval_program import can_be_watched
-from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
+from xdynamics.kernels.lane_numbers import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
@@ -54,7 +54,7 @@ def march_abreast(
     one = posed(model, settings, law, log, addresses_of(law))
     twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
     part = EnsemblePart.of(n, law, inputs[2])
-    blocks = _blocks(one, layout, lanes)
+    blocks = _blocks(one, layout, law.memory, lanes)
     table = table_of(blocks | {"tables": one.tables})
     stride = law.striding(lanes, adaptive=settings.adaptive, followers=tuple(map(bool, one.followers)))
     state_blocks = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
@@ -97,11 +97,14 @@ def march_abreast(
     return part
 
 
-def _blocks(run: Run, layout: Layout, lanes: int) -> dict[str, NDArray[Any]]:
+def _blocks(run: Run, layout: Layout, memory: int, lanes: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of a step in lanes."""
     blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
     blocks["before"], blocks["noted"] = np.zeros_like(blocks["y"]), np.zeros((noted_width(layout), lanes))
-    return blocks | {"pieces": np.zeros((len(run.places), lanes), np.int64), "w": np.zeros((lane_width(layout), lanes))}
+    return blocks | {
+        "pieces": np.zeros((len(run.places), lanes), np.int64),
+        "w": np.zeros((lane_width(layout, memory), lanes)),
+    }
 
 
 class _Rows(NamedTuple):

@@ -197,8 +197,8 @@ class Jets(Stepper):
     compensates: ClassVar[bool] = True
     controller: ClassVar[str] = (
         "by the last two coefficients at the start of the step: safety*radius*norm(y)**(-1/order), radius = min over i ="
-        " order - 1, order of (norm(y)/norm(y_i))**(1/i), with the norm of errors (Jorba, Zou 2005, Exp. Math. 14, 99,"
-        " section 3.2); after a rejected trial safety*norm**(-1/(order + 1)) within the limits of growth"
+        " order - 1, order of (norm(y)/norm(y_i))**(1/i), roots to three digits, with the norm of errors (Jorba, Zou 2005,"
+        " Exp. Math. 14, 99, section 3.2); after a rejected trial safety*norm**(-1/(order + 1)) within the limits of growth"
     )
 
     def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:

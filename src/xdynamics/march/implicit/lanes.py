@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import borrowing
-from xdynamics.kernels.lane_step import LANE
+from xdynamics.kernels.lane_numbers import LANE
 from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.kernels.radau_memory import PLACES as K
