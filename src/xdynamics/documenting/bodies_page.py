@@ -28,6 +28,7 @@ After every step the quaternion is brought back to length 1; attitude_deviation 
 it was, which falls with the error of the step. With precision = "double_double" it is left.
 Attitudes as scipy has them are
   Rotation.from_quat(np.column_stack([run.frame_q0, run.frame_q]), scalar_first=True)
+and run.dynamics.animate("film.gif") shows bodies by their points, joints and ellipsoids of inertia.
 
 """
 

@@ -12,8 +12,9 @@ import numpy as np
 from xdynamics.archive.place import Given, Place, placed
 from xdynamics.faults import InputError
 from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
+from xdynamics.figures.frame_sizes import LABELS
 from xdynamics.figures.marks import at_time, words
-from xdynamics.figures.scenes import LABELS, Scene, scene_of
+from xdynamics.figures.scenes import Scene, scene_of
 from xdynamics.figures.sheet import check_path, kept, lit
 from xdynamics.record import of_elements
 from xdynamics.record.run_dataset import check_dataset
@@ -39,14 +40,16 @@ def animate(
     dpi: int = 90,
     dark: bool = False,
 ) -> Film:
-    """Film the motion of a run in its plane; without a plane, a quantity along a dimension.
+    """Film the motion of a run in its plane; of bodies that turn, in space; without either, a quantity along a dimension.
 
     Parameters
     ----------
     run : xarray.Dataset
         A run record whose model names a plane in `[figure]`, or that has two or three coordinates of one length, or
         bodies with positions along a dimension of two or three elements: links of a relation that is a table, or of
-        neighbours, are lines between them. Else the first coordinate or state along a dimension of many elements.
+        neighbours, are lines between them. Bodies that turn, of a model that names no plane of lengths, are seen from the
+        side and above: lines to their points and joints, and the ellipsoid that has their mass and inertia; where they go
+        far the picture goes along. Else the first coordinate or state along a dimension of many elements.
     path : str or Path, optional
         Where to write it: GIF, HTML with a slider, or MP4 where ffmpeg is installed. Without one it is for a notebook, which
         shows a film that is the last line of a cell.

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.dynamics.shortened_steps import model_of
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.boundaries import Boundary, boundaries, radii_of
+from xdynamics.figures.frame_sizes import MARGIN, SLIM, frame_size
 from xdynamics.figures.lattice import name_elements, profiled, shapes_of
 from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import COLOURS, typeset, words
+from xdynamics.figures.mechanism import mechanism_of
 from xdynamics.figures.plane import MOST_BODIES, along_a_line, colours_of, drawn_links, left_out, short, views
 from xdynamics.figures.scenery import Fastening, fastenings
 from xdynamics.shapes import Extent
@@ -24,10 +27,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-MARGIN = 0.06  # of the larger side
-SLIM = 0.15  # of the longer side, that half of the shorter one has at least
-SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, of what stands beside the axes
-KEY, LETTER = 0.4, 0.075  # inches: of a legend beside the axes, and of each letter in it
 PROFILE = (6.0, 4.0)  # inches
 MOST_TRAILED = 1000  # points of a trail
 MOST_TRAILS = 30  # bodies with a trail; many would hide each other
@@ -52,8 +51,12 @@ class Scene(Protocol):
 
 
 def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
-    """Return the scene of a run's plane, or of its first quantity along a dimension; None if it has neither."""
-    if (shown := views(run) or along_a_line(run)) and shown[0]:
+    """Return the scene of a run's plane, of bodies that turn, or of a quantity along a dimension; None if it has neither."""
+    shown = views(run)
+    in_space = bool(shown and shown[0]) and shown[0][0].is_space and bool(model_of(run, None).pictured.plane)
+    if not in_space and (mechanism := mechanism_of(run, trail)) is not None:
+        return mechanism
+    if (shown := shown or along_a_line(run)) and shown[0]:
         view = shown[0]
         radii = radii_of(run, view)
         return Bodies(view, drawn_links(run), trail, fastenings(run, view), boundaries(run, view, radii), radii)
@@ -105,10 +108,7 @@ class Bodies:
         """A frame as wide and as high as the motion."""
         if not self.view[0].is_space:
             return PROFILE
-        width, height = np.ptp(self._limits, axis=-1)
-        longer = max(width, height)
-        beside = LABELS + (KEY + LETTER * max(map(len, self._names)) if self._names else 0.0)
-        return max(LEAST, SIDE * width / longer) + beside, max(LEAST, SIDE * height / longer) + LABELS
+        return frame_size(self._limits, self._names)
 
     @property
     def _names(self) -> list[str]:

@@ -1,0 +1,29 @@
+"""How large the frames of films are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+MARGIN = 0.06  # of the larger side
+SLIM = 0.15  # of the longer side, that half of the shorter one has at least
+SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, of what stands beside the axes
+KEY, LETTER = 0.4, 0.075  # inches: of a legend beside the axes, and of each letter in it
+
+
+def frame_size(limits: NDArray[np.float64], names: Sequence[str]) -> tuple[float, float]:
+    """Return width and height of a frame with one scale, in inches.
+
+    Parameters
+    ----------
+    limits : ndarray, shape (2, 2)
+        What the axes hold, across and up.
+    names : sequence of str
+        Of the legend beside them.
+    """
+    width, height = np.ptp(limits, axis=-1)
+    longer = max(width, height)
+    beside = LABELS + (KEY + LETTER * max(map(len, names)) if names else 0.0)
+    return max(LEAST, SIDE * width / longer) + beside, max(LEAST, SIDE * height / longer) + LABELS
