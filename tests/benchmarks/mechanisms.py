@@ -56,11 +56,15 @@ def linkage(loops: int) -> xd.Model:
         name="linkage",
         coordinates={f"{q}_{name}": unit for name, *_ in bars for q, unit in (("x", "m"), ("y", "m"), ("turn", "rad"))},
         parameters={"m": "1 kg", "l": "1 m", "g": "9.81 m s-2"},
-        mass={f"{q}_{name}": inertia for name, *_ in bars for q, inertia in zip(("x", "y", "turn"), ("m", "m", "m*l**2/12"), strict=True)},
+        mass={
+            f"{q}_{name}": inertia
+            for name, *_ in bars
+            for q, inertia in zip(("x", "y", "turn"), ("m", "m", "m*l**2/12"), strict=True)
+        },
         forces={"weight": {"potential": f"m*g*({' + '.join(f'y_{name}' for name, *_ in bars)})"}},
         constraints={name: {"holds": text} for name, text in holds.items()},
         initial=initial,
-    )  # fmt: skip
+    )
 
 
 def pendulum(loops: int, seconds: float, times: np.ndarray) -> np.ndarray:
