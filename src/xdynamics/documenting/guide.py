@@ -27,7 +27,7 @@ from xdynamics.documenting.words_page import words_page
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
-from xdynamics.model.section import NEEDED, Key
+from xdynamics.model.section import Key
 from xdynamics.model.table_keys import near
 from xdynamics.schema import Variable
 from xdynamics.units import CALENDAR, CONSTANTS, PREFIX, SPELLING
@@ -314,7 +314,8 @@ def _keys(keys: Iterable[Key]) -> Iterator[str]:
     entries = list(keys)
     width = max(len(key.name) for key in entries)
     for key in entries:
-        default_note = {"": "", NEEDED: "; needed"}.get(key.default, f"; default: {key.default}")
+        stated = key.default if key.default.startswith("needed") else f"default: {key.default}"
+        default_note = f"; {stated}" if key.default else ""
         yield from folded(f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})", width + 4)
 
 

@@ -8,19 +8,19 @@ from xdynamics.documenting.folding import folded
 from xdynamics.expressions.parser import FORMS
 
 MEANINGS = {
-    "sum": "over one dimension, or several: sum(a, body, axis); ascending, one addition after the other",
-    "mean": "sum over number of elements",
-    "min": "the least, where the last argument is a dimension: min(a, body); min(a, b) compares as ever",
-    "max": "the greatest, likewise",
-    "norm": "sqrt of the sum of squares",
-    "dot": "sum of products",
-    "cross": "where the dimension has three elements; it keeps it",
-    "first": "a value of the first element of each link",
-    "second": "a value of the second element of each link",
-    "shift": "the value n places before, as xarray's; beyond the end it is fill, in the unit of a: 0*metre",
-    "roll": "the value n places before, in a ring",
-    "take": "the element of that number, made of index, size and numbers",
-    "index": "number of an element, from 0",
+    "sum": "the sum over one dimension, or several: sum(a, body, axis), added in ascending order",
+    "mean": "the sum over the number of elements",
+    "min": "the least element, if the last argument is a dimension; min(a, b) compares two values",
+    "max": "the greatest element, likewise",
+    "norm": "the square root of the sum of squares",
+    "dot": "the sum of products",
+    "cross": "the vector product along a dimension of three elements, which the result has, too",
+    "first": "the value of a at the first end of each link",
+    "second": "the value of a at the second end of each link",
+    "shift": "the value n places before, as in xarray; fill beyond the end, in the unit of a: 0*metre",
+    "roll": "the value n places before, the dimension being a ring",
+    "take": "the element with that number, an expression of index, size and whole numbers",
+    "index": "the number of each element, from 0",
     "size": "how many elements there are",
 }
 MODEL = """\
@@ -45,19 +45,17 @@ r = { table = "planets.csv", columns = ["x", "y", "z"] }   # rows by a column `b
 
 
 CLOSING = (
-    "What is assigned may have no dimension more than its place: what is missing is the same for every element.",
-    "In [mass], matrix = [[…], …] has an entry for every two quantities: it is of the elements that agree in what both have.",
-    "A potential is summed over its dimensions. Events, contacts and frictions with dimensions are one for each element.",
-    "Values: a list (of lists), values = { label = … }, a table, or an expression of index(…) and, at the start, parameters.",
+    "An expression may not have a dimension that its place lacks; one that it lacks itself is the same for all elements.",
+    "In [mass], matrix = [[…], …] has an entry for every two coordinates; it couples elements whose shared dimensions agree.",
+    "A potential is summed over its dimensions. An event, contact or friction with dimensions is one for each element.",
+    "Values are a list (of lists), values = { label = … }, a table, or an expression of index(…), and at the start of parameters.",
     "An element is named the same way elsewhere: --quantity 'u[3]', --axis 'm[Sun]=1:2:5 kg', parameters={'m[Sun]': …}.",
 )
 
 
 def shapes_page() -> Iterator[str]:
     """Explain dimensions, relations, and what expressions do along them."""
-    yield from folded(
-        "A quantity may have named dimensions, and expressions are joined by their names, as arrays of xarray are."
-    )
+    yield from folded("A quantity may have named dimensions. Expressions broadcast by these names, as xarray does.")
     yield from (f"  {line}" for line in MODEL)
     yield "In expressions stand, besides what `xdynamics help language` has,"
     width = max(map(len, FORMS.values()))

@@ -296,21 +296,21 @@ SECTIONS: dict[str, Section] = {
     "constraints": Section(
         "what a motion keeps: rods, guides, gears, rolling without slipping; the force of each is found with the accelerations", "constraint",
         (
-            Key("holds", CONDITION.of("any unit"), "of coordinates and time: zero throughout. The force on a coordinate is constraint_force_<name> times its derivative by it", "rolls"),
-            Key("rolls", CONDITION.of("any unit"), "linear in velocities: zero throughout. The force on a coordinate is constraint_force_<name> times its derivative by the velocity", "holds"),
+            Key("holds", CONDITION.of("any unit"), "an expression of coordinates and time that stays zero. The force on a coordinate is constraint_force_<name> times the derivative of this by it", "needed without rolls"),
+            Key("rolls", CONDITION.of("any unit"), "an expression linear in velocities that stays zero. The force on a coordinate is constraint_force_<name> times the derivative of this by its velocity", "needed without holds"),
             DESCRIPTION,
         ),
         '[constraints.rod]\nholds = "(x**2 - l**2)/(2*metre)"\ndescription = "of steel"\n[constraints.wheel]\nrolls = "v_x - l*v_theta/radian"\n',
         full=entries.constraint_table, make=entries.constraint, brief="holds", apart=True,
     ),
     "controllers": Section(
-        "sampled controllers: at each tick all values are computed from what holds just before it; a tick is a node of the march, not an event", "controller",
+        "sampled controllers: at each tick all values are computed from the state just before it; a tick is a node of the march, not an event", "controller",
         (
-            Key("every", DURATION, "from tick to tick; ticks lie at exact multiples of it, the first at the start. In expressions of the controller, every is this time", NEEDED),
+            Key("every", DURATION, "the period; ticks lie at exact multiples of it, the first at the start. The controller's own expressions may read it as `every`", NEEDED),
             Key("phase", WAIT, "how long after the start the first tick is", "0"),
-            Key("delay", WAIT, "how long after a tick its outputs take effect: a computing time; perhaps several periods", "0"),
-            Key("outputs", entries_of(OUTPUT), "what forces read by name, as they do states", NEEDED),
-            Key("states", entries_of(MEMORY), "integrals, filtered values, modes: changed at ticks, without delay", "none"),
+            Key("delay", WAIT, "from a tick until its outputs take effect, such as a computing time; it may be several periods", "0"),
+            Key("outputs", entries_of(OUTPUT), "numbers that are held from tick to tick, which forces read by name as they do states", NEEDED),
+            Key("states", entries_of(MEMORY), "memory of the controller, such as integrals, filtered values, modes: updated at ticks, without delay", "none"),
             DESCRIPTION,
         ),
         '[controllers.brake]\nevery = "10 ms"\nphase = "2 ms"\ndelay = "1 ms"\ndescription = "PI, sampled"\n'
