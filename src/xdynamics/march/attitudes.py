@@ -11,7 +11,7 @@ from math import nan, sqrt
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels.compiling import shared
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
+from xdynamics.march.force_evaluation import finite_state, settle
 from xdynamics.march.run import Run
 
 PARTS = 4
@@ -35,10 +35,7 @@ def hold_attitudes(run: Run, t: float) -> None:
             shorten(run, k, sqrt(square))
             moved = True
     if moved:
-        if run.plan[0].held > 0:
-            settle_constraints(run, t, run.z, trial.h)
-        else:
-            evaluate(run, t, run.z)
+        settle(run, t, run.z, trial.h)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
 
 

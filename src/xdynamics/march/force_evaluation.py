@@ -26,6 +26,15 @@ def evaluate(run: Run, t: float, state: State) -> None:
 
 
 @shared
+def settle(run: Run, t: float, state: State, h: float) -> None:
+    """Evaluate the forces at a state, which is put where constraints hold, if there are any, after a step or none (0)."""
+    if run.plan[0].held > 0:
+        settle_constraints(run, t, state, h)
+    else:
+        evaluate(run, t, state)
+
+
+@shared
 def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
     """Put a state where constraints hold, after a step or none (0), and evaluate the forces there."""
     set_time(run, T, t)

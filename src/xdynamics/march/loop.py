@@ -64,7 +64,6 @@ from xdynamics.schema import (
 )
 
 ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
-CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
 _INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 note_apart = apart(note)
 

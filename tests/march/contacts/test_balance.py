@@ -179,7 +179,7 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(balance, "examine", plain("examine"))
     touches = np.array([SimpleNamespace(total=0.0, lost=0.0, slack=0.0, hit=-1) for _ in "ab"])
     run = SimpleNamespace(
-        plan=[SimpleNamespace(coordinates=2, kinetic=0)],
+        plan=[SimpleNamespace(coordinates=2, kinetic=0, held=0)],
         touches=touches,
         reactions=[SimpleNamespace(role=NORMAL), SimpleNamespace(role=NORMAL + 1)],
         entry=np.zeros(4),

@@ -12,6 +12,7 @@ from xdynamics.kernels.compiling import shared
 from xdynamics.march.contacts.delassus import NOISE
 from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
 from xdynamics.march.contacts.projection import choose
+from xdynamics.march.force_evaluation import settle_constraints
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.march.run import (
     APART,
@@ -108,10 +109,13 @@ def weigh_energies(run: Run, first: int) -> None:
     """Check kinetic energy on both sides, and the energies of a group's rows, against the impulses of these rows.
 
     Kinetic energy changes by each impulse times the mean of its velocities before and after: for masses M and impulses
-    p with M (v1 - v0) = p it is (v1 + v0) p/2.
+    p with M (v1 - v0) = p it is (v1 + v0) p/2. Constraints that move lead velocities by u, and do the work of what they
+    add to p: with them it is ((v1 + v0)/2 - u) p.
     """
     n, last = run.plan[0].coordinates, run.now[0].events - run.base[0].events
     work, terms, lost = 0.0, run.balance[BEFORE] + run.balance[BEHIND], 0.0
+    if run.plan[0].held > 0:
+        lead(run)
     for i in range(n):
         impulse = 0.0
         for e in range(first, last):
@@ -119,14 +123,24 @@ def weigh_energies(run: Run, first: int) -> None:
         for k in range(run.touches.shape[0]):
             impulse += run.directions[k, i] * run.pulled[k]
         before, after = run.entry[n + i], run.z[n + i]
-        work += impulse * (before + after) / 2.0
-        terms += abs(impulse) * (abs(before) + abs(after))
+        led = run.whole[n + i] if run.plan[0].held > 0 else 0.0
+        work += impulse * ((before + after) / 2.0 - led)
+        terms += abs(impulse) * (abs(before) + abs(after) + abs(led))
     for e in range(first, last):
         lost += run.log_impulses[n, e]
     bound = LEFT * (n + run.touches.shape[0]) * (terms + run.balance[TERMS])
     if run.plan[0].kinetic >= 0:
         examine(run, WORK, 0, abs(run.balance[BEHIND] - run.balance[BEFORE] - work), bound)
     examine(run, LOSSES, 0, abs(lost - run.balance[SKIPPED] - run.balance[TAKEN]), bound)
+
+
+@shared
+def lead(run: Run) -> None:
+    """Leave in `whole` the velocities that constraints give to a motion that has none."""
+    n = run.plan[0].coordinates
+    for i in range(run.z.shape[0]):
+        run.whole[i] = 0.0 if n <= i < 2 * n else run.z[i]
+    settle_constraints(run, run.trial[0].t, run.whole, 0.0)
 
 
 @shared

@@ -23,7 +23,7 @@ from xdynamics.march.events.switch_sides import keep_sides, slides
 from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end
 from xdynamics.march.events.zero_tests import NONE, resolution
 from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
+from xdynamics.march.force_evaluation import finite_state, settle
 from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,
@@ -133,10 +133,7 @@ def pass_kinks(run: Run, reached: bool, row: int) -> None:
     for i in range(run.detectors.shape[0]):
         run.watches[i].seen += np.int64(run.watches[i].hit != NONE)
     keep_sides(run, False)
-    if run.plan[0].held > 0:
-        settle_constraints(run, run.trial[0].t, run.z, 0.0)
-    else:
-        evaluate(run, run.trial[0].t, run.z)
+    settle(run, run.trial[0].t, run.z, 0.0)
     if not (finite_state(run) and note_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
         end(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite(run))
         return
@@ -208,10 +205,7 @@ def cross(run: Run, before: int) -> bool:
     if plan.switches > 0:
         changed = keep_sides(run, changed) or changed
     if changed:
-        if plan.held > 0:
-            settle_constraints(run, trial.t, run.z, 0.0)
-        else:
-            evaluate(run, trial.t, run.z)
+        settle(run, trial.t, run.z, 0.0)
         note_sample(run, trial.t, run.z, before + 1)
     if plan.switches > 0 and slides(run):
         now.status = SLIDING_MODE

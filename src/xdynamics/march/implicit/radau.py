@@ -16,7 +16,7 @@ from xdynamics.kernels.compiling import apart, compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.control import NONFINITE_FACTOR, error_norm
-from xdynamics.march.force_evaluation import State, evaluate, keep_sample, settle_constraints
+from xdynamics.march.force_evaluation import State, evaluate, keep_sample, settle
 from xdynamics.march.implicit.derivatives import linearise, slope_apart
 from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
@@ -61,10 +61,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
             run.w[k * used + i] = y[i] + run.stages[k * used + i]
     for i in range(used):
         z[i] = run.w[2 * used + i]
-    if plan.held > 0:
-        settle_constraints(run, t1, z, h)
-    else:
-        evaluate(run, t1, z)
+    settle(run, t1, z, h)
     keep_sample(run, t1, z, sample + 3 * width)
     run.at[UNSOUND] = 0.0
     for i in range(plan.state):
