@@ -53,6 +53,7 @@ from xdynamics.march.run import (
 from xdynamics.march.series import foresee
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy, propose
+from xdynamics.model.constraint_consistency import CONSISTENT
 from xdynamics.schema import (
     INITIAL,
     NODE,
