@@ -402,3 +402,11 @@ def test_rolling_with_a_limit_is_dry_friction(key: str) -> None:
     rolling = f'rolls = "v_x - L*v_y/metre"\n{key} = "0.3"'
     with pytest.raises(xd.ModelError, match=rf"{key} is no key.*\[frictions\], with slip = 'v_x - L\*v_y/metre'"):
         rod('holds = "sqrt(x**2 + y**2) - L"', rolling)
+
+
+def test_events_are_located_on_interpolants_of_constrained_steps() -> None:
+    """Assert when a pendulum hangs down, by a method whose interpolant needs the end of the step, where the rod holds."""
+    low = rod("[initial]", '[events.low]\nfunction = "x"\nroot_state = "interpolant"\n[initial]')
+    run = xd.simulate(low, method="dop853", rtol=1e-10, until="3 s")
+    quarter = float(ellipk(0.5)) / math.sqrt(GRAVITY / LENGTH)
+    assert run.event_time.values == pytest.approx([quarter, 3 * quarter], rel=1e-9)

@@ -280,7 +280,11 @@ class Law:
     @cached_property
     def _inside(self) -> machine.Code:
         return self.compiled(
-            without=[entry for i, entry in enumerate(self.entries, FORCES) if i not in (FORCES, INSIDE)]
+            without=[
+                entry
+                for i, entry in enumerate(self.entries, FORCES)
+                if i not in (FORCES, INSIDE) and entry not in self.constraining  # which the end of a step calls
+            ]
         )
 
 

@@ -52,7 +52,7 @@ class Model(ModelTrees):
     Parameters
     ----------
     **statement
-        The sections of a model file by name (`name`, `description`, `bodies`, `coordinates`, `parameters`, `mass`,
+        The sections of a model file by name (`name`, `description`, `bodies`, `joints`, `coordinates`, `parameters`, `mass`,
         `definitions`, `forces`, `drives`, `states`, `lagrangian`, `initial`, `events`, `contacts`, `frictions`, `regimes`,
         `observables`, `validation`, `correlations`, `discrepancy`, `run`), each a mapping with the keys of the file. A
         force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
