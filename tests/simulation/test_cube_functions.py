@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import xdynamics as xd
 from xdynamics.expressions import text_of
+from xdynamics.model.switches import are_too_many, jumping_switches
 from xdynamics.simulation.scipy_interface import model_of
 
 BODIES = 54  # 324 numbers, more than are written out one by one
@@ -101,6 +102,25 @@ def test_cubes_have_scipys_numbers(name: str) -> None:
     right = solve_ivp(fun, (0, 0.2), y0, **how)
     last = run.y.values[-1]
     assert last == pytest.approx(right.y[:, -1], rel=1e-9, abs=1e-10)
+
+
+def test_the_largest_of_a_row_is_one_loop() -> None:
+    """Assert that numbers that decay by their largest follow the closed form, and that few of their switches are made.
+
+    Each of 400 has a switch for each of the other 399 in its rate; none is located.
+    """
+
+    def decay(t: Any, y: Any) -> Any:
+        return -y * y.max()
+
+    y0 = 2.0 + waves(400)
+    model = model_of(decay, (0, 2), y0, (), None, None, None)
+    assert are_too_many(model)
+    assert dict.__len__(model.states) == 1
+    assert jumping_switches(model) == ()
+    with pytest.warns(xd.AccuracyWarning, match=r"over 100 switches are hidden in 'y' \(abs"):
+        run = xd.solve(decay, (0, 2), y0, rtol=1e-10, atol=1e-13)
+    assert run.y.values[-1] == pytest.approx(y0 / (1 + 2 * y0.max()), rel=1e-9)
 
 
 def test_elements_that_are_not_there_are_refused() -> None:

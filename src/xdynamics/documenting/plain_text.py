@@ -15,7 +15,7 @@ from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import held, limited
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.parts import Function
-from xdynamics.model.switches import switches
+from xdynamics.model.switches import are_too_many, count_of_switches, owners_of_switches, switches
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.units import unit_suffix
@@ -130,7 +130,10 @@ def _occasions(model: Model) -> Iterator[str]:
             f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
             f" {printed_simply(friction.kinetic)} while it slips"
         )
-    if hidden := [switch.name for switch in switches(model)]:
+    if are_too_many(model):
+        owners = ", ".join(owners_of_switches(model))
+        yield f"switches  {count_of_switches(model)} in {owners}: kinks and jumps inside forces, which are stepped over"
+    elif hidden := [switch.name for switch in switches(model)]:
         yield f"switches  {', '.join(hidden)}: kinks and jumps inside forces, which are located"
 
 

@@ -32,7 +32,7 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.derivatives import jacobian
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
-from xdynamics.model.switches import STEPPED_OVER, switch_inputs, switches, watched_by
+from xdynamics.model.switches import STEPPED_OVER, jumping_switches, switch_inputs, watched_by
 from xdynamics.reaction_names import contact_state, friction_state
 from xdynamics.record.flag_words import words_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -116,8 +116,8 @@ class RunPath:
             owner = name.removeprefix(contact_state("")).removeprefix(friction_state(""))
             raise NotVariedError(f"contact '{owner}' is not open from t = {float(run['time'][row]):.6g} on")
         stepped_over = str(run.attrs.get("solver_switches", STEPPED_OVER)) == STEPPED_OVER
-        if stepped_over and (jumping := [entry.name for entry in switches(model) if entry.jumps]):
-            raise NotVariedError(f"'{jumping[0]}' jumps, and the run stepped over it")
+        if stepped_over and (jumping := jumping_switches(model)):
+            raise NotVariedError(f"'{jumping[0].name}' jumps, and the run stepped over it")
         if run.sizes.get("event", 0):
             kinds = zip(words_of(run["event_kind"]), words_of(run["event_detector"]), strict=True)
             if lost := [f"the {kind} of '{name}'" for kind, name in kinds if kind in NO_MAP]:

@@ -24,7 +24,7 @@ from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, Reaction, reactions
-from xdynamics.model.switches import switches
+from xdynamics.model.switches import watched_switches
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
 
@@ -286,7 +286,7 @@ class Met:
             return model.expanded(tree)
         if name in model.contacts:
             return next(element.gap for element in reactions(model) if element.owner == name and element.sort == NORMAL)
-        for element in switches(model):
+        for element in watched_switches(model):
             if element.name == name and not element.drive:
                 return element.function
         raise NotVariedError(f"'{name}' has no function of the state alone")

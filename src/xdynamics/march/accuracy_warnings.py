@@ -25,7 +25,7 @@ from xdynamics.model.linearisation import initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
-from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, switches
+from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, are_too_many, count_of_switches, owners_of_switches
 from xdynamics.stability import decay_limit, fastest_rate, stiffness
 from xdynamics.units import TIME, parse_unit, spell, unit_suffix
 
@@ -94,11 +94,11 @@ def _of_mass(march: March) -> Iterator[str]:
 
 def _of_switches(march: March) -> Iterator[str]:
     """Report a model with more hidden switches than can be located."""
-    hidden = switches(march.model)
-    if len(hidden) > MOST_SWITCHES and march.settings.switches == STEPPED_OVER:
-        owners = ", ".join(f"'{switch}'" for switch in dict.fromkeys(switch.owner for switch in hidden))
+    model = march.model
+    if march.settings.switches == STEPPED_OVER and are_too_many(model):
+        owners = ", ".join(f"'{owner}'" for owner in owners_of_switches(model))
         yield (
-            f"{len(hidden)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES}"
+            f"{count_of_switches(model)} switches are hidden in {owners} (abs, sign, min, max, where, tables), and {MOST_SWITCHES}"
             " at most are located: all were stepped over, which costs the order; declare those smooth that need not be"
             " located"
         )

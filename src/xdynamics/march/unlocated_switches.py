@@ -15,7 +15,7 @@ from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
-from xdynamics.model.switches import MOST_SWITCHES, Switch, switches
+from xdynamics.model.switches import Switch, are_too_many, jumping_switches
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import TIME
 
@@ -33,8 +33,7 @@ RETAINED = "passages"  # its name in the memory of a march
 
 def unlocated(model: Model) -> tuple[Switch, ...]:
     """Return the switches at which a force jumps, if there are more than are located."""
-    hidden = switches(model)
-    return tuple(switch for switch in hidden if switch.jumps) if len(hidden) > MOST_SWITCHES else ()
+    return jumping_switches(model) if are_too_many(model) else ()
 
 
 def may_slide(model: Model, settings: Settings) -> bool:

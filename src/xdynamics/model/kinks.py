@@ -18,7 +18,8 @@ from xdynamics.expressions import (
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.tree import children
 
-SWITCHING = ("abs", "sign", "min", "max", "where", *CALLED_ALONE)
+JUMPING = ("sign", "where", *CALLED_ALONE)
+SWITCHING = ("abs", "min", "max", *JUMPING)
 
 
 _ROUNDING = Number(1e-15)

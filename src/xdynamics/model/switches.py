@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import inf
 
 from xdynamics.expressions import (
     Along,
@@ -22,18 +23,20 @@ from xdynamics.expressions import (
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.kinks import SWITCHING, Path, kinks
+from xdynamics.model.kinks import JUMPING, SWITCHING, Path, kinks
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Function
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
+from xdynamics.shapes.trees import expanded
 
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 # `landed on` is located, too, but points of tables where forces have a kink are counted, and no events.
 LOCATED, LANDED_ON, STEPPED_OVER = "located", "landed on", "stepped over"
 SWITCHES = (LOCATED, LANDED_ON, STEPPED_OVER)
 MANY_POINTS = 100  # of a table, from which they are landed on if nothing else is asked for
+MOST_COUNTED = 100  # of elements
 # As in version 0.2, to reproduce archives: also in a branch of `where` that is not taken, where they have no effect.
 LOCATED_EVERYWHERE = "located everywhere"
 BENT = (
@@ -83,13 +86,57 @@ class Switch:
 
 @lru_cache(maxsize=64)
 def switches(model: Model) -> tuple[Switch, ...]:
-    """Return the hidden switches of forces and rates that are not declared smooth, in the order written."""
+    """Return the hidden switches of forces and rates that are not declared smooth, in the order written.
+
+    Those of elements may be many: of the largest of n numbers, n - 1 for each rate that it is in.
+    """
+    return tuple(_hidden(model, inf))
+
+
+def _hidden(model: Model, most: float) -> list[Switch]:
+    """Return the hidden switches, or some of them as soon as there are more than `most`."""
     hidden: list[Switch] = []
     for owner, trees in _trees(model, smooth=False):
         drives = {switch.drive for switch in hidden}
         hidden += [_between(model, owner, name) for name in _bent(model, trees) if name not in drives]
-        hidden += _of_trees(model, owner, trees)
-    return tuple(hidden)
+        hidden += _of_trees(model, owner, trees, most - len(hidden))
+        if len(hidden) > most:
+            break
+    return hidden
+
+
+@lru_cache(maxsize=64)
+def are_too_many(model: Model) -> bool:
+    """Whether more switches are hidden than a march locates."""
+    return len(_hidden(model, MOST_SWITCHES)) > MOST_SWITCHES
+
+
+def count_of_switches(model: Model) -> str:
+    """Return in words how many switches are hidden; of elements they may be a million, and are counted to a hundred."""
+    counted = len(_hidden(model, MOST_COUNTED if model.shapes.dims else inf))
+    return f"over {MOST_COUNTED}" if model.shapes.dims and counted > MOST_COUNTED else str(counted)
+
+
+def jumping_switches(model: Model) -> tuple[Switch, ...]:
+    """Return the hidden switches at which a force itself jumps, and not a derivative."""
+    if model.shapes.dims and not model.shaped.drives:
+        # derivatives of a potential jump where it has a kink
+        derived = any(force.potential is not None for force in model.shaped.forces.values())
+        if not any(_call_any(trees, SWITCHING if derived else JUMPING) for _, trees, _ in _wholes(model)):
+            return ()
+    return tuple(switch for switch in switches(model) if switch.jumps)
+
+
+def owners_of_switches(model: Model) -> tuple[str, ...]:
+    """Return the forces, and states by their rates, that switches are hidden in; of elements, the quantity."""
+    if not model.shapes.dims:
+        return tuple(dict.fromkeys(switch.owner for switch in switches(model)))
+    drives = model.shaped.drives.keys()
+    return tuple(
+        owner
+        for owner, trees, smooth in _wholes(model)
+        if not smooth and (_call_any(trees, SWITCHING) or any(free_names(tree) & drives for tree in trees))
+    )
 
 
 @lru_cache(maxsize=64)
@@ -106,8 +153,8 @@ def bent_and_smooth(model: Model) -> tuple[str, ...]:
     return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees))
 
 
-def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
-    """Return the switches of one force or rate; one that occurs again gets further paths."""
+def _of_trees(model: Model, owner: str, trees: list[Node], most: float = inf) -> list[Switch]:
+    """Return the switches of one force or rate, or some if they are more than `most`; one that occurs again gets paths."""
     merged: dict[tuple[str, Node], Switch] = {}
     counts: dict[str, int] = {}
     for tree in trees:
@@ -124,6 +171,8 @@ def _of_trees(model: Model, owner: str, trees: list[Node]) -> list[Switch]:
             merged[name, function] = Switch(
                 owner, f"{owner}.{name}{number}", function, jumps, at_zero, paths=(path,), flatness=flatness
             )
+            if len(merged) > most:
+                return list(merged.values())
     return list(merged.values())
 
 
@@ -178,8 +227,7 @@ def landed_on(model: Model) -> dict[str, str]:
 
 def watched_switches(model: Model) -> tuple[Switch, ...]:
     """Return the switches that a march locates: all, or none if there are too many."""
-    hidden = switches(model)
-    return hidden if len(hidden) <= MOST_SWITCHES else ()
+    return () if are_too_many(model) else switches(model)
 
 
 class RegimeModel(Model):
@@ -274,19 +322,32 @@ def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, list[Node]]]:
                 term,
                 [model.expanded(component) for component in components.values() if not isinstance(component, Function)],
             )
-    for name, state in model.states.items():
+    for name in model.states:  # of elements, one after the other is made
+        state = model.states[name]
         if state.smooth == smooth:
             yield name, [model.expanded(state.rate)]
 
 
 def _may_switch(model: Model) -> bool:
     """Whether a model with dimensions has anything that switches; if not, no trees of its elements are asked for."""
+    return bool(model.shaped.drives) or any(_call_any(trees, SWITCHING) for _, trees, _ in _wholes(model))
+
+
+def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
+    """Yield every force and state of a model with dimensions: its trees, and whether it is declared smooth."""
     whole = model.shaped
-    trees = [*whole.definitions.values(), *(state.rate for state in whole.states.values())]
-    parts = [part for force in whole.forces.values() for part in (force.potential, *force.components.values())]
-    trees += [part for part in parts if part is not None and not isinstance(part, Function)]
+    for name, force in whole.forces.items():
+        parts = (force.potential, *force.components.values())
+        trees = [part for part in parts if part is not None and not isinstance(part, Function)]
+        yield name, [expanded(tree, whole.definitions, model.shapes) for tree in trees], force.smooth
+    for name, state in whole.states.items():
+        yield name, [expanded(state.rate, whole.definitions, model.shapes)], state.smooth
+
+
+def _call_any(trees: list[Node], functions: tuple[str, ...]) -> bool:
+    """Whether trees call one of some functions, of more than numbers of elements."""
     calls = (node for tree in trees for node in every(tree) if isinstance(node, Call | Along))
-    return bool(whole.drives) or any(call.function in SWITCHING and not _of_numbers(call) for call in calls)
+    return any(call.function in functions and not _of_numbers(call) for call in calls)
 
 
 def _of_numbers(node: Call | Along) -> bool:
@@ -297,5 +358,9 @@ def _of_numbers(node: Call | Along) -> bool:
 
 def _moves(model: Model, function: Node) -> bool:
     """Whether the function of a switch changes along a motion."""
-    moving = {"t", *model.coordinates, *map(velocity, model.coordinates), *model.states}
-    return bool(model.reads(function) & moving)
+    return bool(model.reads(function) & _moving(model))
+
+
+@lru_cache(maxsize=1)
+def _moving(model: Model) -> frozenset[str]:
+    return frozenset({"t", *model.coordinates, *map(velocity, model.coordinates), *model.states})
