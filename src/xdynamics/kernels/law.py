@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import law_cache, machine, model_programs, step_programs
+from xdynamics.kernels.coalescing import coalesced
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.constraint_programs import constraining
 from xdynamics.kernels.double_double import doubled
@@ -221,7 +222,12 @@ class Law:
         """Return the law as LLVM text, without some of the programs."""
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
         programs = [entry for entry in self.programs if entry not in without]
-        abreast = machine.vector_lanes() // 2 if model_programs.has_loops(self.layout.model) else 1
+        abreast = 1
+        if model_programs.has_loops(self.layout.model):
+            abreast, layout = machine.vector_lanes() // 2, self.layout
+            lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
+            by_name = {program.name: program for program in programs}
+            programs = [coalesced(program, by_name, lengths) for program in programs]
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
 
     def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:

@@ -1,0 +1,267 @@
+"""Copies of vectors that machine code need not make: a vector stands where its copy goes, if nothing tells the difference.
+
+The lines of a method give every vector a name of its own, and the last of them copy some to the new state. As text that is
+what a reader wants; for large models a step is as fast as its numbers come from memory, and half of them were copies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xdynamics.kernels.program import (
+    Compute,
+    Gather,
+    Instruction,
+    Load,
+    Loop,
+    Ordinal,
+    Place,
+    Program,
+    ProgramCall,
+    Reduction,
+    StoreTo,
+    nested,
+)
+
+Part = tuple[str, int, int]  # of an array: its name, the first element, the one after the last
+Link = tuple[str, int, str, int, int]  # two arrays with the first elements of parts alike, and how many there are
+Spans = dict[str, tuple[str, int]]  # by name: in which array it stands, and from which element on
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """What a line reads and writes, by the names that it has for arrays.
+
+    Attributes
+    ----------
+    reads, writes : tuple of Part
+    whole : bool
+        Whether every element of what it writes is written.
+    copies : bool
+        Whether what it writes is what it reads, element by element.
+    """
+
+    reads: tuple[Part, ...]
+    writes: tuple[Part, ...]
+    whole: bool
+    copies: bool
+
+
+def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
+    """Return a program with fewer copies and the same results.
+
+    Parameters
+    ----------
+    program : Program
+    others : mapping of str to Program
+        Those that it may call.
+    lengths : mapping of str to int
+        Of given arrays that results go to, and of `y`. None of them overlap.
+    """
+    effects = _effects(program.body, others, {})
+    if effects is None or program.spread:
+        return program
+    current, sizes = program, {**lengths, **program.local}
+    for effect in effects:
+        if not effect.copies:
+            continue
+        spans = _spans(current, sizes)
+        (source, first), (target, begin) = (_root(part, spans) for part in (*effect.reads, *effect.writes))
+        if source not in current.local or target not in sizes or target in (source, "y"):
+            continue
+        distance, size = begin - first, current.local[source]
+        if distance < 0 or distance + size > sizes[target]:
+            continue
+        candidate, link = _moved(current, source, target, distance), (source, 0, target, distance, size)
+        if _seen(effects, _spans(candidate, sizes), sizes, link) == _seen(effects, spans, sizes, link):
+            current = candidate
+    spans = _spans(current, sizes)
+    body = tuple(line for line in current.body if not _is_idle(line, spans))
+    return replace(current, body=body)
+
+
+def _moved(program: Program, source: str, target: str, distance: int) -> Program:
+    """Let a local array be a part of another one."""
+    views = {
+        name: (target, first + distance, count) if array == source else (array, first, count)
+        for name, (array, first, count) in program.views.items()
+    }
+    views[source] = (target, distance, program.local[source])
+    return replace(program, views=views, local={name: n for name, n in program.local.items() if name != source})
+
+
+def _spans(program: Program, sizes: Mapping[str, int]) -> Spans:
+    """Return where every array stands that has a known length."""
+    own: Spans = {name: (name, 0) for name in (*sizes, *program.local)}
+    return own | {name: (array, first) for name, (array, first, _) in program.views.items() if array in own}
+
+
+def _root(part: Part, spans: Spans) -> tuple[str, int]:
+    array, first = spans.get(part[0], (part[0], 0))
+    return array, first + part[1]
+
+
+def _is_idle(line: Instruction, spans: Spans) -> bool:
+    """Whether a line copies a vector to where it stands."""
+    effect = _effect(line, {}) if isinstance(line, Loop) else None
+    return effect is not None and effect.copies and _root(effect.reads[0], spans) == _root(effect.writes[0], spans)
+
+
+# ------------------------------------------------------------------------------------------------ what a program does
+
+
+def _effects(
+    body: Sequence[Instruction], others: Mapping[str, Program], names: Mapping[str, Part | None]
+) -> list[_Effect] | None:
+    """Return what each line does, with those of programs that are called; None where a line may do more.
+
+    `names` has where arrays of a called program stand, None for those that nobody else sees.
+    """
+    found: list[_Effect] = []
+    for line in body:
+        if isinstance(line, ProgramCall):
+            called = others.get(line.program)
+            if called is None or names:
+                return None
+            given: dict[str, Part | None] = {
+                "at": (line.at, 0, 0),
+                "y": (line.y, 0, 0),
+                "z": (line.z, 0, 0),
+                "e": (line.e, 0, 0),
+            }
+            inner = dict.fromkeys(called.local) | given
+            for name, (array, first, _) in called.views.items():
+                known = inner.get(array, (array, 0, 0))
+                inner[name] = known and (known[0], known[1] + first, 0)
+            effects = _effects(called.body, {}, inner)
+            if effects is None:
+                return None
+            found += effects
+        elif isinstance(line, Load | StoreTo | Loop | Reduction):
+            found.append(_effect(line, names))
+        elif not isinstance(line, Compute | Gather | Ordinal):
+            return None
+    return found
+
+
+def _effect(line: Instruction, names: Mapping[str, Part | None]) -> _Effect:
+    """Return what one line reads and writes."""
+    lines = list(nested((line,)))
+    counts = {inner.index: inner.count for inner in lines if isinstance(inner, Loop | Reduction)}
+    reads = [part for inner in lines if isinstance(inner, Load) for part in _parts(inner.place, counts, names)]
+    stores = [inner for inner in lines if isinstance(inner, StoreTo)]
+    writes = [part for store in stores for part in _parts(store.place, counts, names)]
+    bounded = any(isinstance(inner, Reduction) and (inner.below or inner.above) for inner in lines)
+    whole = not bounded and all(_is_whole(store.place, counts) for store in stores)
+    return _Effect(tuple(reads), tuple(writes), whole, _is_copy(line) and len(reads) == len(writes) == 1)
+
+
+def _is_copy(line: Instruction) -> bool:
+    """Whether a loop copies neighbouring elements."""
+    match line:
+        case Loop(index, _, (Load(value, source), StoreTo(target, stored))) if stored == value:
+            return source.strides == target.strides == ((index, 1),)
+    return False
+
+
+def _parts(place: Place, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
+    """Yield the part of an array in which a place is, for all values of its indices."""
+    known = names.get(place.array, (place.array, 0, 0))
+    if known is None:
+        return
+    name, first, _ = known
+    if any(index not in counts for index, _ in place.strides):  # a gathered one: anywhere
+        yield name, -1, -1
+        return
+    ends = [stride * (counts[index] - 1) for index, stride in place.strides]
+    low = first + place.offset + sum(end for end in ends if end < 0)
+    high = first + place.offset + sum(end for end in ends if end > 0)
+    yield name, low, high + 1
+
+
+def _is_whole(place: Place, counts: Mapping[str, int]) -> bool:
+    """Whether a place is every element between its first and its last."""
+    return not place.strides or (
+        len(place.strides) == 1 and place.strides[0][1] == 1 and counts.get(place.strides[0][0], 0) > 0
+    )
+
+
+# ------------------------------------------------------------------------------------------ what its lines find there
+
+
+def _seen(effects: Sequence[_Effect], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
+    """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
+
+    Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
+    that reads where it writes by another name is noted, too: its passes may not be made in any order.
+    """
+    cuts = _cuts(effects, spans, sizes, link)
+    held: dict[tuple[str, int], Any] = {}
+    found: list[Any] = []
+
+    def atoms(part: Part) -> list[tuple[str, int, int]]:
+        """Return array, first element, and the same from the beginning of the part's name, piece by piece."""
+        if part[0] not in spans:
+            return []
+        array, first = spans[part[0]]
+        low, high = (0, sizes[array]) if part[1] < 0 else (first + part[1], first + part[2])
+        return [(array, cut, cut - first) for cut in cuts[array][:-1] if low <= cut < high]
+
+    for number, effect in enumerate(effects):
+        read = [(array, cut) for part in effect.reads for array, cut, _ in atoms(part)]
+        values = [held.get(atom, atom) for atom in read]
+        found.append(values)
+        written: list[tuple[tuple[str, int], Any]] = [
+            (atom[:2], (number, part[0], atom[2])) for part in effect.writes for atom in atoms(part)
+        ]
+        crossing = _crossing(effect, atoms)
+        if crossing:
+            found.append(crossing)
+        if effect.copies and len(written) == len(values):
+            written = [(atom, value) for (atom, _), value in zip(written, values, strict=True)]
+        elif not effect.whole:
+            written = [(atom, (value, held.get(atom, atom))) for atom, value in written]
+        held.update(written)
+    results = [name for name in sizes if spans.get(name) == (name, 0) and name in ("z", "e")]
+    return [found, [(cut, held.get((name, cut), (name, cut))) for name in results for cut in cuts[name][:-1]]]
+
+
+def _crossing(effect: _Effect, atoms: Any) -> list[tuple[str, str]]:
+    """Return pairs of names by which a line reads, or writes twice, and writes the same elements."""
+    places = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.writes]
+    others = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
+    return [
+        (name, other)
+        for i, (name, own) in enumerate(places)
+        for other, there in (*others, *places[:i])
+        if own & there and not (effect.copies and own == there)
+    ]
+
+
+def _cuts(effects: Sequence[_Effect], spans: Spans, sizes: Mapping[str, int], link: Link) -> dict[str, list[int]]:
+    """Return the elements at which parts of arrays begin or end, those of copies wherever their originals have one.
+
+    `link` is of two arrays that may become one.
+    """
+    cuts: dict[str, set[int]] = {name: {0, size} for name, size in sizes.items()}
+    links = [link]
+    for effect in effects:
+        known = [part for part in (*effect.reads, *effect.writes) if part[0] in spans]
+        for name, low, high in known:
+            if low >= 0:
+                array, first = spans[name]
+                cuts[array] |= {first + low, first + high}
+        if effect.copies and len(known) == 2:
+            (source, begin), (target, end) = (_root(part, spans) for part in known)
+            links.append((source, begin, target, end, known[0][2] - known[0][1]))
+    changed = True
+    while changed:
+        changed = False
+        for source, begin, target, end, count in links:
+            for one, first, other, second in ((source, begin, target, end), (target, end, source, begin)):
+                new = {cut - first + second for cut in cuts[one] if first <= cut <= first + count} - cuts[other]
+                cuts[other] |= new
+                changed |= bool(new)
+    return {name: sorted(own) for name, own in cuts.items()}
