@@ -29,6 +29,7 @@ from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.thinning import Around, Thinning
 from xdynamics.march.unlocated_switches import Passages
+from xdynamics.march.witnesses import Witnesses
 from xdynamics.model import Model
 from xdynamics.model.switches import Switch
 from xdynamics.runtime.cached_properties import cached_property
@@ -38,13 +39,11 @@ from xdynamics.units import TIME, unit_suffix
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
 LOOK = 0.5  # s between two checks where steps are slow
 LARGEST_BLOCK = 1 << 24
-MOST_WITNESSES = 50
-FEWEST_WITNESSES, WITNESSED_NUMBERS = 4, 1 << 21  # of them where a state has many numbers
 SHORTEST_PART = 1 << 12
 FIRST_PART = 1 << 6  # rows, where the clock matters and the time of one is unknown
 FIRST_BLOCK = 1 << 10  # rows, where their number is unknown
 THINNED_BLOCK = 1 << 14  # rows, of which some are kept: as many as a processor's cache holds
-RECYCLED_NUMBERS = 1 << 21  # of a block that is filled again and again, where rows are wide
+RECYCLED_NUMBERS = 1 << 19  # of a block that is filled again and again, where rows are wide: they stay in a cache
 COPIED_BLOCK = 1 << 17  # rows of which some columns are kept, each in memory that goes back to the system
 
 Progress = Callable[[float, float, int], None]  # fraction done, time in s, rows
@@ -95,8 +94,7 @@ class March:
         self.misplaced = np.zeros(
             len(self.layout.watched), bool
         )  # detectors with an event outside its position tolerance
-        self.witnesses: NDArray[np.float64] = np.empty((3 + self.layout.used.size, 0))  # row number, time, step, state
-        self.errors: NDArray[np.float64] = np.empty((len(self.estimated), 0))  # of the steps that led to them
+        self.witnesses = Witnesses(self.layout.used.size, self.estimated)
 
     @cached_property
     def run(self) -> Run:
@@ -167,7 +165,7 @@ class March:
                     log = kept[0]  # the older one
                     kept.reverse()
                 block = self._filled(log, patience)
-                self._remember(block)
+                self.witnesses.take(block, _counts(self.run)[0])
                 self._look_at_the_end(block)
                 self._judge_events(block)
                 self.event_pairs += int(np.count_nonzero(log.flags[0, : block.rows] == EVENT_AFTER))
@@ -233,8 +231,8 @@ class March:
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return everything needed to go on from here, by name."""
         kept = {
-            "witnesses": self.witnesses,
-            "errors": self.errors,
+            "witnesses": np.ascontiguousarray(self.witnesses.rows),
+            "errors": np.ascontiguousarray(self.witnesses.errors),
             "event_pairs": np.array([self.event_pairs]),
             "gains": np.array(self.gains),
             "misplaced": self.misplaced,
@@ -251,11 +249,12 @@ class March:
         """
         put_back(self.run, memory)
         self.passages.go_on_from(memory)
-        self.witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
+        witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])
         if "gains" in memory:  # version 0.2 kept none, and empty arrays are not kept
             self.gains = Gains(*memory["gains"].tolist())
         self.misplaced = memory.get("misplaced", self.misplaced).copy()
-        self.errors = memory.get("errors", np.full((len(self.estimated), self.witnesses.shape[1]), np.nan))
+        unknown = np.full((len(self.estimated), witnesses.shape[1]), np.nan)
+        self.witnesses.put(witnesses, memory.get("errors", unknown))
         if self.thinning:
             self.thinning.go_on_from(memory)
 
@@ -290,31 +289,6 @@ class March:
             in_time = looked - started < patience
         rows, trials, events, samples = (after - before for after, before in zip(counts, first, strict=True))
         return LogBlock(log, rows, trials, events, samples)
-
-    def _remember(self, block: LogBlock) -> None:
-        """Keep some rows of the whole run, independent of its blocks: those whose number a power of two divides."""
-        rows, n = _counts(self.run)[0], 2 + self.layout.used.size
-        first = rows - block.rows
-        stride = self.stride(rows)
-        new = range(-(-first // stride) * stride, rows, stride)
-        witnesses = np.empty((1 + n, len(new)))
-        witnesses[0], witnesses[1:] = (
-            np.arange(new.start, rows, stride),
-            block.log.rows[:n, new.start - first : block.rows : stride],
-        )
-        errors = block.log.rows[self.estimated, new.start - first : block.rows : stride]
-        if first:
-            retained = self.witnesses[0] % stride == 0
-            witnesses, errors = (
-                np.hstack([self.witnesses[:, retained], witnesses]),
-                np.hstack([self.errors[:, retained], errors]),
-            )
-        self.witnesses, self.errors = witnesses, errors
-
-    def stride(self, rows: int) -> int:
-        """Return the spacing of the witnesses of a number of rows; of wide ones there are fewer."""
-        most = max(FEWEST_WITNESSES, min(MOST_WITNESSES, WITNESSED_NUMBERS // self.layout.used.size))
-        return 1 << max(0, (rows // most).bit_length())
 
     def _look_at_the_end(self, block: LogBlock) -> None:
         """Find out, while the log is available, which event stopped the run, what was not finite, where it rested."""

@@ -69,7 +69,7 @@ class TimeScales:
 
 def time_scales(march: March) -> TimeScales | None:
     """Return the time scales of the motion; None where forces cannot be evaluated at the start."""
-    witnesses, run, n = march.witnesses, march.run, march.layout.used.size
+    witnesses, run, n = march.witnesses.rows, march.run, march.layout.used.size
     if not witnesses.shape[1]:
         return None
     plan = run.plan.tolist()[0]
@@ -99,7 +99,7 @@ def jacobian_at(march: March, row: int) -> Floats:
     n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
     with put_aside(march):
-        engine().fastest_rates(march.run, states_of(march.witnesses, [row]), derivatives)
+        engine().fastest_rates(march.run, states_of(march.witnesses.rows, [row]), derivatives)
     return derivatives[1:]
 
 
@@ -139,7 +139,7 @@ def states_of(witnesses: Floats, chosen: list[int]) -> Floats:
 
 def _chosen(march: March) -> list[int]:
     """Return the start and some rows, independent of a march's parts; with several regimes only the start."""
-    rows = march.witnesses.shape[1]
+    rows = march.witnesses.rows.shape[1]
     if len(march.model.regimes) > 1:
         return [0]
     count = min(MOST, max(FEWEST, int(march.now.evaluations) // SHARE), rows - 1)

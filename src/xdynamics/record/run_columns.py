@@ -130,9 +130,9 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
     entries += passed(march)
     names, numbers = numbers_at_end(march.run)
     if not march.settings.keeps_states:  # rows by which a march is judged, and which its record leaves out
-        names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses)
-        if march.errors.size:
-            names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.errors)
+        names, numbers = f"{names} {schema.WITNESSES}", np.append(numbers, march.witnesses.rows)
+        if march.witnesses.errors.size:
+            names, numbers = f"{names} {schema.ERRORS}", np.append(numbers, march.witnesses.errors)
     entries.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
         f"\n\n# Python function {function.name}, sha256 {function.digest}\n{function.source}"

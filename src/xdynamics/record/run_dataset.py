@@ -168,38 +168,61 @@ def _gathered(
     march: March, spec: Sequence[Column], blocks: Iterable[LogBlock], before: Iterable[tuple[str, Array]]
 ) -> dict[str, _Gathered]:
     """March, and return the values of all columns."""
-    gathered = {column.variable.name: _Gathered() for column in spec}
+    is_lent = march.settings.log != FULL
+    # where rows are left out, how many are kept is known in the end
+    rows = march.expected_rows if is_lent and not march.thinning else None
+    gathered = {column.variable.name: _Gathered(rows if column.variable.dims[0] == STEPS else None) for column in spec}
     for name, values in before:
         gathered[name].add(values, is_lent=False)
     for block in chain(blocks, _rest(march)):
         for column in spec:
-            gathered[column.variable.name].add(column.take(block), is_lent=march.settings.log != FULL)
+            gathered[column.variable.name].add(column.take(block), is_lent=is_lent)
     return gathered
 
 
 class _Gathered:
     """The values of a column, piece by piece.
 
-    Rows of many numbers are put at once where the record has them: joined in the end they would be there twice.
+    Those of memory that is filled again are put at once where the record has them: joined in the end they would be there
+    twice, and half of the time of a step of a large model would go into memory that the system makes ready.
+
+    Parameters
+    ----------
+    expected : int, optional
+        How many rows there will be, without those of events.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, expected: int | None) -> None:
+        self.expected = expected
         self.pieces: list[Array] = []
-        self.wide: Array | None = None
+        self.room: Array | None = None
+        self.filled = 0  # rows of it
 
     def add(self, values: Array, *, is_lent: bool) -> None:
         """Add the values of some rows, whose memory is filled again if it is lent."""
-        if not is_lent or values[:1].size < WIDE:
+        if not is_lent or (self.expected is None and values[:1].size < WIDE):
             self.pieces.append(values.copy() if is_lent else values)
             return
-        if self.wide is None:
-            self.wide = np.concatenate([*self.pieces, np.empty((0, *values.shape[1:]), values.dtype)])
-        rows = len(self.wide)
-        self.wide.resize((rows + len(values), *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
-        self.wide[rows:] = values
+        room = self._begun(values) if self.room is None else self.room
+        rows = self.filled + len(values)
+        if rows > len(room):
+            # of a row of a million numbers one more is made, of others twice as many
+            most = rows if values[:1].size >= WIDE else max(rows, 2 * len(room))
+            room.resize((most, *values.shape[1:]), refcheck=False)  # the system moves pages, no numbers
+        room[self.filled : rows] = values
+        self.filled = rows
+
+    def _begun(self, values: Array) -> Array:
+        """Make room for all rows that are expected, behind those that were there before."""
+        earlier = sum(map(len, self.pieces))
+        self.room = np.empty((earlier + (self.expected or 0), *values.shape[1:]), values.dtype)
+        for piece in self.pieces:
+            self.room[self.filled : self.filled + len(piece)] = piece
+            self.filled += len(piece)
+        return self.room
 
     def whole(self) -> Array:
         """Return all of them."""
-        if self.wide is not None:
-            return self.wide
+        if self.room is not None:
+            return self.room[: self.filled]
         return self.pieces[0] if len(self.pieces) == 1 else np.concatenate(self.pieces)

@@ -194,35 +194,34 @@ def _stand_behind(kept: xr.Dataset, march: March) -> None:
     march.event_pairs = int((kept["row_kind"].values == EVENT_AFTER).sum())
     if recalled:
         return
-    stride = march.stride(rows)
+    stride = march.witnesses.stride(rows)
     columns = {str(name): kept[name][::stride].values for name in ("time", "step_size", *march.layout.used)}
     scale = march.settings.scales.of(TIME)
     factors = {"time": scale, "step_size": scale} | record.factors(march.model, march.settings.scales)
-    march.witnesses = np.array(
-        [np.arange(0.0, rows, stride), *(entry / factors[name] for name, entry in columns.items())]
-    )
-    march.errors = np.empty((len(march.estimated), march.witnesses.shape[1]))
+    witnesses = np.array([np.arange(0.0, rows, stride), *(entry / factors[name] for name, entry in columns.items())])
+    errors = np.empty((len(march.estimated), witnesses.shape[1]))
     for i, name in enumerate(march.layout.used if march.estimated else ()):
-        march.errors[i] = kept[error(name)][::stride].values / factors[name]
+        errors[i] = kept[error(name)][::stride].values / factors[name]
+    march.witnesses.put(witnesses, errors)
 
 
 def _recall_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
     """Split off the rows of the whole march that a record without all rows keeps after its memory."""
-    kept, count, used = memory, len(range(0, rows, march.stride(rows))), march.layout.used.size
-    march.errors = np.full((len(march.estimated), count), np.nan)
-    if memory.endswith(f" {ERRORS}") and numbers.size >= march.errors.size:
-        border = numbers.size - march.errors.size
-        kept, numbers, march.errors = (
+    kept, count, used = memory, len(range(0, rows, march.witnesses.stride(rows))), march.layout.used.size
+    errors = np.full((len(march.estimated), count), np.nan)
+    if memory.endswith(f" {ERRORS}") and numbers.size >= errors.size:
+        border = numbers.size - errors.size
+        kept, numbers, errors = (
             kept.removesuffix(f" {ERRORS}"),
             numbers[:border],
-            numbers[border:].reshape(march.errors.shape).copy(),
+            numbers[border:].reshape(errors.shape),
         )
     border = numbers.size - (3 + used) * count
     if not kept.endswith(f" {WITNESSES}") or border < 0:
         raise InputError(
             f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end"
         )
-    march.witnesses = numbers[border:].reshape(3 + used, count).copy()
+    march.witnesses.put(numbers[border:].reshape(3 + used, count), errors)
     return kept.removesuffix(f" {WITNESSES}"), numbers[:border]
 
 
