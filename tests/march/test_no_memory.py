@@ -13,7 +13,7 @@ from xdynamics.kernels.heap_arrays import forget_refusal, refuse, was_refused
 
 pytest.importorskip("resource")
 
-# arrays of a program beyond 10,000 numbers are asked for at every evaluation
+# arrays of a program beyond 10,000 numbers are asked for at every evaluation, of rk4 those of its stages
 MARCH = """
 import resource, sys
 from xdynamics import Model
@@ -31,7 +31,7 @@ model = Model(
     forces={"spring": {"u": "k*(shift(bend, site, 1, 0) - 2*bend + shift(bend, site, -1, 0))"}},
     initial={"u": "sin(index(site)/1000)"},
 )
-settings = settings_for(model, method="velocity_verlet", step=1e-3, until=0.1, force_samples="none")
+settings = settings_for(model, method="rk4", step=1e-3, until=0.1, force_samples="none")
 engine, lanes = runner.engine(), simd_ensemble.side_by_side()
 
 

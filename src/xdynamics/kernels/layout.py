@@ -158,6 +158,13 @@ class Layout:
             self._sizes[scales] = found
         return found
 
+    def divide_by_sizes(self, numbers: Floats, scales: Scales) -> None:
+        """Divide the numbers of a state in SI units by their sizes, in place."""
+        first = 0
+        for block in self.used.blocks:
+            numbers[first : first + block.size] /= scales.of(self.model.dimensions[block.first])
+            first += block.size
+
     @cached_property
     def _sizes(self) -> dict[Scales, Floats]:  # those of the last scales that were asked for
         return {}

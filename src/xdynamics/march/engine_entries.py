@@ -311,8 +311,8 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
 
 @shared
 def stand_at(run: Run, states: Floats, k: int) -> None:
-    """Set the run to a time and a state, between steps."""
-    for i in range(run.y.shape[0]):
+    """Set the run to a time and a state, between steps; errors of rounding are not read there, and not written."""
+    for i in range(run.y.shape[0] if run.plan[0].doubled > 0 else run.plan[0].used + run.plan[0].evaluated):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
     enter_here(run, states[0, k])
 

@@ -38,13 +38,13 @@ from xdynamics.march.search_arrays import watching
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
-from xdynamics.methods.steppers import DIFFERENCES
+from xdynamics.methods.steppers import DIFFERENCES, NOTHING
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import together
 from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, exact_time, ticks
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.elementwise import in_si
+from xdynamics.model.elementwise import put_in_si
 from xdynamics.model.motion import constants, first_regime, tables_of
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import LANDED_ON, switch_inputs
@@ -129,8 +129,7 @@ def addresses_of(law: Law) -> NDArray[np.int64]:
 
 def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
     """Return the initial state, its tolerances, and room for trial states."""
-    layout, tolerances = law.layout, settings.tolerances
-    sizes = layout.sizes(settings.scales)
+    layout = law.layout
     n, events = layout.used.size, len(layout.watched)
     lengths = dict.fromkeys(("y", "z", "half", "whole", "located_z"), layout.record.size)
     lengths |= dict.fromkeys(("e", "located_e", "full_e", "largest"), n)
@@ -139,18 +138,27 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: np.zeros(length) for name, length in lengths.items()}
-    arrays["y"][:n] = in_si(model.initial, layout.used) / sizes
+    put_in_si(model.initial, layout.used, arrays["y"])
+    layout.divide_by_sizes(arrays["y"], settings.scales)
     if layout.is_doubled:
         first = n + layout.evaluation.size
         arrays["y"][first : first + n] = [rest_of(model.initial[name]) for name in layout.used]
-    # without tolerances an error may have any size
-    wider = widened(law, tolerances.rtol) if tolerances else 1.0
-    atols = np.full(n, np.inf) if tolerances is None else tolerances.of_all(layout.used)
-    # a tolerance that follows its variable is not known yet
-    arrays["atol"] = np.where(np.isnan(atols), 0.0, atols / sizes * wider)
+    arrays["atol"] = _tolerances(law, settings)
     arrays["probe"], arrays["turning"] = np.zeros(layout.record.size), np.zeros(4 * n)
     arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())))
     return arrays
+
+
+def _tolerances(law: Law, settings: Settings) -> Floats:
+    """Return the absolute tolerances; without any an error may have any size."""
+    layout, tolerances = law.layout, settings.tolerances
+    if tolerances is None:
+        # of a million zeros that nothing reads the system gives no memory
+        judged = layout.estimates or law.scheme.method.solver != NOTHING
+        return np.full(layout.used.size, np.inf) if judged else np.zeros(layout.used.size)
+    atols = tolerances.of_all(layout.used)
+    # a tolerance that follows its variable is not known yet
+    return np.where(np.isnan(atols), 0.0, atols / layout.sizes(settings.scales) * widened(law, tolerances.rtol))
 
 
 def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int64]]:

@@ -17,6 +17,8 @@ from xdynamics.march.run import ARRAYS, CHANGING, Run
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
+LARGE = 1 << 20  # bytes of an array that is worth it
+OF_TRIALS = ("z", "e", "samples", "half", "whole", "located_z", "located_e", "located_samples", "full", "full_e")
 _OF_CONTACTS = ("modes", "touches", "closed", "greatest", "grips")
 # of contacts, after all others: archives of version 0.2 lack them, and go on as if nothing had moved before
 LATER = ("swiftest", "lingering")
@@ -54,6 +56,23 @@ def numbers_at_end(run: Run) -> tuple[str, Floats]:
         names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
         parts += [array[field] for field in fields] if fields else [array]
     return " ".join(names), np.concatenate(parts, dtype=float, casting="unsafe")
+
+
+def rest_on(run: Run, numbers: Floats) -> None:
+    """Let the arrays of a march that has ended be parts of the numbers that its record keeps, instead of copies."""
+    first = 0
+    for name in _at_end(run):
+        array, fields = getattr(run, name), _fields(run, name)
+        if not fields and array.dtype == numbers.dtype and array.nbytes >= LARGE:
+            run.put(**{name: numbers[first : first + array.size].reshape(array.shape)})
+        first += array.size * max(1, len(fields))
+
+
+def give_back(run: Run) -> None:
+    """Give back the memory of trials of a march that has ended: zeros, which take none, stand in their place."""
+    for name in OF_TRIALS:
+        if (array := getattr(run, name)).nbytes >= LARGE:
+            run.put(**{name: np.zeros(array.shape)})
 
 
 def go_on(run: Run, names: str, numbers: Floats) -> None:

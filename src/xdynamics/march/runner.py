@@ -23,7 +23,7 @@ from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, posed
 from xdynamics.march.log import Log, LogBlock, allocate, is_wide, misplaced_events, most_recycled
-from xdynamics.march.memory import arrays_of, put_back
+from xdynamics.march.memory import arrays_of, give_back, put_back, rest_on
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.run import BASE, NOW, Run
 from xdynamics.march.settings import Settings
@@ -257,6 +257,12 @@ class March:
         self.witnesses.put(witnesses, memory.get("errors", unknown))
         if self.thinning:
             self.thinning.go_on_from(memory)
+
+    def let_go(self, numbers: NDArray[np.float64]) -> None:
+        """After a good end, give back memory that nothing reads any more; its numbers at the end are in the record."""
+        if not self.unfinished and self.outcome.good:
+            rest_on(self.run, numbers)
+            give_back(self.run)
 
     def _filled(self, log: Log, patience: float) -> LogBlock:
         """Fill one log, with checks of clock and keyboard now and then."""

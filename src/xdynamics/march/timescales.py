@@ -31,11 +31,11 @@ KEPT = 3e-3  # the same where constraints keep what has a zero twice, which diff
 DIGITS = 3  # of eigenvalues, so that the last bits of a library enter no digest
 _STEP_SIZE = (PLAN.names or ()).index("step_size")
 _STANDING = (
-    "y",
     "at",
     "places",
     "now",
 )  # what an evaluation at another state changes, where there are neither events nor contacts
+_CHANGING = tuple(name for name in CHANGING if name != "y")
 RULE = (
     "omega: the fastest rate, estimated by six products of the Jacobian and a vector, contacts open; at the"
     " start with the first step, and at {rows} rows spread over the run with the step that led to them"
@@ -170,10 +170,13 @@ def put_aside(march: March) -> Iterator[None]:
     """Restore a march's current numbers afterwards."""
     run = march.run
     plain = not (len(run.detectors) or len(run.touches))
-    kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*CHANGING, "p"))}
+    kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*_CHANGING, "p"))}
+    y = run.y
+    run.put(y=np.zeros(y.size))  # of which what is not written takes no memory
     march.now.regime = run.plan[0].regime
     try:
         yield
     finally:
+        run.put(y=y)
         for name, array in kept.items():
             getattr(run, name)[...] = array

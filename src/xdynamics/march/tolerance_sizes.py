@@ -94,7 +94,8 @@ def natural_sizes(run: Run, y: State) -> float:
     tops_of(run, turning)
     for i in range(used):
         turning[i] = max(turning[i], LITTLE * run.tops[run.kinds[i]])
-        turning[used + i] = 0.0
+        if turning[used + i] != 0.0:
+            turning[used + i] = 0.0
     return time
 
 
@@ -152,7 +153,7 @@ def fastest_rate(run: Run, t: float, y: State) -> float:
         for i in range(used):
             product = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE
             turning[before + i], turning[now + i] = turning[now + i], product
-            if k == 0:
+            if k == 0 and run.plan[0].follows:  # who reads it
                 turning[used + i] = abs(product)
     return rate
 

@@ -49,16 +49,17 @@ class Numbers:
         return np.array([self.unit.to_si(number) for number in self.numbers.ravel().tolist()])
 
 
-def in_si(quantities: Mapping[str, Quantity], blocks: Blocks) -> NDArray[np.float64]:
-    """Return quantities in SI units, in the order of some blocks."""
-    parts = []
+def put_in_si(quantities: Mapping[str, Quantity], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
+    """Put quantities in SI units into an array, in the order of some blocks."""
+    first = 0
     for block in blocks.blocks:
         if isinstance(quantities, Elementwise) and block.dims and block.name not in quantities.changed:
             made = quantities.makers[block.name]
-            parts.append(made.si if isinstance(made, Numbers) else np.full(block.size, quantities[block.first].si))
+            part: Any = made.si if isinstance(made, Numbers) else quantities[block.first].si
         else:
-            parts.append(np.array([quantities[name].si for name in block.elements()]))
-    return np.concatenate(parts)
+            part = [quantities[name].si for name in block.elements()]
+        numbers[first : first + block.size] = part
+        first += block.size
 
 
 class Elementwise(dict[str, Part]):

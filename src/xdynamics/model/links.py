@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,10 @@ def written_extent(value: Extent, *_: Any) -> Any:
     return list(value.labels) if value.labels else value.size
 
 
+# links between neighbours that are in use: of a model and of its statement they are the same million
+_NEAR: WeakValueDictionary[tuple[Any, ...], Relation] = WeakValueDictionary()
+
+
 @dataclass(frozen=True)
 class Links:
     """A relation as it is declared; its attributes are the keys of `[relations]`."""
@@ -87,6 +92,9 @@ class Links:
             If a dimension is unknown, or the links are none, too many, twice, or of an element with itself.
         """
         dims = (self.of, self.of) if self.of else (self.source, self.target)
+        made = (name, self, *(extents[dim].size for dim in dims if dim in extents))
+        if self.neighbours and made in _NEAR:
+            return _NEAR[made]
         for dim in dims:
             if dim not in extents:
                 raise InputError(f"'{dim}' is no dimension; there are: {', '.join(extents) or 'none'}")
@@ -99,7 +107,10 @@ class Links:
             first, second = self._all(source, target)
         if not len(first):
             raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
-        return Relation(name, source.name, target.name, first, second)
+        relation = Relation(name, source.name, target.name, first, second)
+        if self.neighbours:
+            _NEAR[made] = relation
+        return relation
 
     def _cause(self, source: Extent) -> str:
         """Say why there is no link."""
@@ -127,6 +138,9 @@ class Links:
                 f"neighbours is {count} in a ring of {n} elements, in which links would be there twice; a ring of"
                 f" {2 * count + 1} or more has them once"
             )
+        if count == 1 and not self.ring:
+            numbers = np.arange(n, dtype=np.int64)  # of a million, once
+            return numbers[:-1], numbers[1:]
         first = np.repeat(np.arange(n, dtype=np.int64), count)
         second = first + np.tile(np.arange(1, count + 1, dtype=np.int64), n)
         inside = second < n

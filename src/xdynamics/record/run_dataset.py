@@ -19,7 +19,7 @@ from xdynamics.record.column import Column
 from xdynamics.record.conformity import faults_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import shown
-from xdynamics.schema import BOUNDS, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
+from xdynamics.schema import BOUNDS, END_MEMORY, EVENTS, GIVEN_STEP, LABEL, LINK, SAMPLES, STEPS, TRIALS, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,7 +46,9 @@ def dataset(march: March, blocks: Iterable[LogBlock], before: Iterable[tuple[str
     gathered = _gathered(march, spec, blocks, before)
     tolerances = followed_tolerances(march)
     filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
-    filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
+    known = [(variable, np.asarray(value)) for variable, value in constants(march)]
+    march.let_go(next(value for variable, value in known if variable.name == END_MEMORY.name))
+    filled += known
     return _assembled(filled, provenance.attributes(march))
 
 
