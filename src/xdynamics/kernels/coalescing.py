@@ -74,8 +74,19 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
         distance, size = begin - first, current.local[source]
         if distance < 0 or distance + size > sizes[target]:
             continue
+        # lines that know neither of the two find what they found
+        pair = {name: sizes[name] for name in (source, target)}
+        parts = [
+            (number, line)
+            for number, line in enumerate(effects)
+            if any(part[0] in spans and spans[part[0]][0] in pair for part in (*line.reads, *line.writes))
+        ]
         candidate, link = _moved(current, source, target, distance), (source, 0, target, distance, size)
-        if _seen(effects, _spans(candidate, sizes), sizes, link) == _seen(effects, spans, sizes, link):
+        seen = [
+            _seen(parts, {name: span for name, span in _spans(way, sizes).items() if span[0] in pair}, pair, link)
+            for way in (current, candidate)
+        ]
+        if seen[0] == seen[1]:
             current = candidate
     spans = _spans(current, sizes)
     body = tuple(line for line in current.body if not _is_idle(line, spans))
@@ -191,7 +202,7 @@ def _is_whole(place: Place, counts: Mapping[str, int]) -> bool:
 # ------------------------------------------------------------------------------------------ what its lines find there
 
 
-def _seen(effects: Sequence[_Effect], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
+def _seen(effects: Sequence[tuple[int, _Effect]], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
     """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
 
     Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
@@ -209,7 +220,7 @@ def _seen(effects: Sequence[_Effect], spans: Spans, sizes: Mapping[str, int], li
         low, high = (0, sizes[array]) if part[1] < 0 else (first + part[1], first + part[2])
         return [(array, cut, cut - first) for cut in cuts[array][:-1] if low <= cut < high]
 
-    for number, effect in enumerate(effects):
+    for number, effect in effects:
         read = [(array, cut) for part in effect.reads for array, cut, _ in atoms(part)]
         values = [held.get(atom, atom) for atom in read]
         found.append(values)
@@ -240,14 +251,16 @@ def _crossing(effect: _Effect, atoms: Any) -> list[tuple[str, str]]:
     ]
 
 
-def _cuts(effects: Sequence[_Effect], spans: Spans, sizes: Mapping[str, int], link: Link) -> dict[str, list[int]]:
+def _cuts(
+    effects: Sequence[tuple[int, _Effect]], spans: Spans, sizes: Mapping[str, int], link: Link
+) -> dict[str, list[int]]:
     """Return the elements at which parts of arrays begin or end, those of copies wherever their originals have one.
 
     `link` is of two arrays that may become one.
     """
     cuts: dict[str, set[int]] = {name: {0, size} for name, size in sizes.items()}
     links = [link]
-    for effect in effects:
+    for _, effect in effects:
         known = [part for part in (*effect.reads, *effect.writes) if part[0] in spans]
         for name, low, high in known:
             if low >= 0:

@@ -22,7 +22,7 @@ from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, 
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import REGIME_NUMBER, constants, slope
+from xdynamics.model.motion import REGIME_NUMBER, constant_names, slope
 from xdynamics.model.reactions import modes
 from xdynamics.model.switches import switch_inputs
 from xdynamics.schema import acceleration, rate, velocity
@@ -172,7 +172,9 @@ class _IntervalPrinter:
         self._first: list[tuple[int, ...]] = []  # of numbers and parameters alone, which a march does not change
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
-        named = constants(layout.model) if layout.watched else ()  # of nothing that is watched no name is asked for
+        named = (
+            constant_names(layout.model) if layout.watched else ()
+        )  # of nothing that is watched no name is asked for
         self._constants = {name: i for i, name in enumerate(named)}
         self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
         self._moving = self._variables() if layout.watched else {}

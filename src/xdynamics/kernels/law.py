@@ -31,7 +31,7 @@ from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_degree, curve_size
 from xdynamics.methods.scheme import Scheme
-from xdynamics.model.motion import constants
+from xdynamics.model.motion import constant_names
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
 
@@ -100,7 +100,13 @@ class Law:
         if not layout.is_doubled:
             return tuple(programs)
         distance = layout.used.size + layout.evaluation.size
-        rests = {"y": distance, "z": distance, "w": self.steps.memory, "p": len(constants(layout.model)), "at": len(AT)}
+        rests = {
+            "y": distance,
+            "z": distance,
+            "w": self.steps.memory,
+            "p": len(constant_names(layout.model)),
+            "at": len(AT),
+        }
         own = {
             "row": 0,
             "detect": 0,

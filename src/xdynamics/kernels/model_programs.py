@@ -33,7 +33,7 @@ from xdynamics.model.derivatives import jacobian, slopes
 from xdynamics.model.detectors import argument_motion, followed, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, decides, motion, slope
+from xdynamics.model.motion import REGIME_NUMBER, constant_names, decides, motion, slope
 from xdynamics.model.reactions import table
 from xdynamics.model.switches import watched_by
 from xdynamics.model.whole import (
@@ -54,7 +54,7 @@ def forces(layout: Layout) -> Program:
     """Write M a = F: the results of a force evaluation follow the state that it used."""
     about = "Accelerations, rates, force components and drives of a state."
     # what contacts of many links add to accelerations
-    last = (EngineCall(len(constants(layout.model))),) if layout.model.assemblies else ()
+    last = (EngineCall(len(constant_names(layout.model))),) if layout.model.assemblies else ()
     if (nests := _in_loops(layout)) is not None:
         return Program("forces", about, (*nests.lines, *last), local=nests.local, tables=nests.tables)
     return replace(elements := forces_by_elements(layout), about=about, body=(*elements.body, *last))
@@ -352,7 +352,7 @@ class _Names:
         self._inner = inner or {}
         self._kept = {switch.drive for switch in watched_by(layout.model)}
         self._drives = {name: i for i, name in enumerate(layout.drives)}
-        self._constants = {name: i for i, name in enumerate(constants(layout.model))}
+        self._constants = {name: i for i, name in enumerate(constant_names(layout.model))}
 
     def place(self, name: str) -> Place | None:
         """Return where a number is, or the first of a quantity with dimensions."""

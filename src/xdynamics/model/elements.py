@@ -146,7 +146,9 @@ class Elements:
         return self._each(makers)
 
     def _parameter(self, values: Values, numbers: tuple[float, ...], unit: Unit, place: Place) -> Parameter:
-        i = int(np.ravel_multi_index([*place.values()], self.shapes.shape(values.dims)))
+        i = 0
+        for number, size in zip(place.values(), self.shapes.shape(values.dims), strict=True):
+            i = i * size + number
         return Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
 
     def _numbers(self, values: Values) -> tuple[tuple[float, ...], Unit]:

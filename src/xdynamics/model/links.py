@@ -66,8 +66,8 @@ def written_extent(value: Extent, *_: Any) -> Any:
     return list(value.labels) if value.labels else value.size
 
 
-# links between neighbours that are in use: of a model and of its statement they are the same million
-_NEAR: WeakValueDictionary[tuple[Any, ...], Relation] = WeakValueDictionary()
+# links in use that no table gives: of a model and of its statement they are the same million
+_MADE: WeakValueDictionary[tuple[Any, ...], Relation] = WeakValueDictionary()
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class Links:
         """
         dims = (self.of, self.of) if self.of else (self.source, self.target)
         made = (name, self, *(extents[dim].size for dim in dims if dim in extents))
-        if self.neighbours and made in _NEAR:
-            return _NEAR[made]
+        if not self.csv and made in _MADE:
+            return _MADE[made]
         for dim in dims:
             if dim not in extents:
                 raise InputError(f"'{dim}' is no dimension; there are: {', '.join(extents) or 'none'}")
@@ -108,8 +108,8 @@ class Links:
         if not len(first):
             raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
         relation = Relation(name, source.name, target.name, first, second)
-        if self.neighbours:
-            _NEAR[made] = relation
+        if not self.csv:
+            _MADE[made] = relation
         return relation
 
     def _cause(self, source: Extent) -> str:
@@ -126,8 +126,10 @@ class Links:
         if count > MOST_LINKS:
             raise InputError(f"has {count} links, {MOST_LINKS} at most; give those that matter as a table")
         if self.of:
-            first, second = np.triu_indices(n, 1)
-            return first.astype(np.int64), second.astype(np.int64)
+            behind = np.arange(n - 1, -1, -1)  # of how many elements each is the first
+            begins = np.cumsum(behind) - behind  # its links
+            first = np.repeat(np.arange(n), behind)
+            return first, np.arange(count) - np.repeat(begins - np.arange(1, n + 1), behind)
         return np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
 
     def _near(self, source: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -119,6 +119,13 @@ def decides(model: Model, switch: Switch) -> Node:
 
 
 @lru_cache(maxsize=64)
+def constant_names(model: Model) -> tuple[str, ...]:
+    """Return the names of `constants`, of which no value is made."""
+    names = (*model.parameters, *CONSTANTS, "pi", *model.shaped.calendar, *modes(model), *switch_inputs(model))
+    return tuple(dict.fromkeys(names))
+
+
+@lru_cache(maxsize=64)
 def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     """Return parameters, unit constants, pi, and the modes of open contacts, in the order of a law's `p`.
 
