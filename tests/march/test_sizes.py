@@ -369,7 +369,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 def linear(start: list[float], matrix: list[list[float]], coordinates: int, kinds: list[int]) -> Any:
     """A march that is about to begin: accelerations and rates are a matrix times coordinates, velocities and states."""
     used, whole = len(start), np.array(matrix, float)
-    plan = SimpleNamespace(coordinates=coordinates, used=used, rtol=RTOL, floor=1e-6 * RTOL, rest=0.5)
+    plan = SimpleNamespace(coordinates=coordinates, used=used, rtol=RTOL, floor=1e-6 * RTOL, rest=0.5, follows=1)
     run = SimpleNamespace(
         plan=[plan],
         now=[SimpleNamespace(t=3.0)],

@@ -207,6 +207,17 @@ def test_messages_name_elements_as_people_do():
         xd.simulate(model(), atol={"q": 1.0})
 
 
+@pytest.mark.parametrize("log", ["states", ["r[Sun, x]"], ["r", "total_energy"]])
+def test_what_is_left_of_a_run_is_whole_again(tmp_path, log):
+    """Assert that a thinned archive of some columns, or elements, is reproduced, and completed to the bits of all of them."""
+    asked = {"rtol": 1e-6, "method": "dormand_prince", "step": None}
+    xd.save(xd.simulate(model(), **asked, log=log, keep_every=3), tmp_path / "part.nc")
+    assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
+    whole, full = xd.complete(tmp_path / "part.nc"), xd.simulate(model(), **asked)
+    assert {*whole.variables} == {*full.variables}
+    assert all(whole[name].values.tobytes() == full[name].values.tobytes() for name in ("r", "v_r", "total_energy"))
+
+
 @pytest.mark.dear
 def test_numbers_of_elements_are_refined_and_budgeted():
     """Assert that a refinement of a quantity has its dimensions, and a budget is of an element as people write it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -146,9 +146,8 @@ class Elements:
         return self._each(makers)
 
     def _parameter(self, values: Values, numbers: tuple[float, ...], unit: Unit, place: Place) -> Parameter:
-        i = 0
-        for number, size in zip(place.values(), self.shapes.shape(values.dims), strict=True):
-            i = i * size + number
+        sizes = zip(place.values(), self.shapes.shape(values.dims), strict=True)
+        i = reduce(lambda before, own: before * own[1] + own[0], sizes, 0)
         return Parameter(Quantity(numbers[i], unit), values.spread(i), values.description)
 
     def _numbers(self, values: Values) -> tuple[tuple[float, ...], Unit]:

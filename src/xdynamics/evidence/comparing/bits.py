@@ -197,7 +197,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
         variable.dims != counterpart.dims
         or _kind(variable) != _kind(counterpart)
         or attributes[0].get("units") != attributes[1].get("units")
-        or (worded and attributes[0] != attributes[1])
+        or (worded and not _alike(*attributes))
     ):
         return 0
     if not variable.dims:
@@ -216,6 +216,13 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     ):
         return None  # later versions append what they store in addition
     return None if variable.shape == counterpart.shape else shared
+
+
+def _alike(first: dict[str, Any], second: dict[str, Any]) -> bool:
+    """Whether attributes are the same; a tolerance of elements of which none is known, nan, is like itself."""
+    return first.keys() == second.keys() and all(
+        value == second[key] or repr(value) == repr(second[key]) for key, value in first.items()
+    )
 
 
 def _kind(variable: xr.Variable) -> str:
