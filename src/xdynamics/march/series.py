@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from math import frexp, ldexp
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.numbers import FRACTION, ONE
 from xdynamics.kernels.compiling import compiled, shared
 from xdynamics.kernels.formulas import function_of, larger
 from xdynamics.kernels.law import EXPAND, PROPOSE
@@ -76,7 +77,7 @@ def foresee(run: Run) -> None:
         plan.safety,
         time,
     )
-    step = factor * ldexp(1.0, int(doublings))
+    step = factor * np.int64((np.int64(doublings) + 1023) << 52).view(np.float64)
     now.step = min(max(step, shortest(run)), plan.max_step, remaining)
     if now.rows == 1:
         now.first_step = now.step
@@ -101,9 +102,10 @@ def power(base: float, exponent: int) -> float:
 
 @compiled
 def coarse_log2(x: float) -> float:
-    """Return the logarithm of a number to base 2, to 0.001."""
-    part, whole = frexp(x)
-    return _log2(2.0 * part, whole - 1)
+    """Return the logarithm of a positive normal number to base 2, to 0.001."""
+    word = np.float64(x).view(np.int64)
+    part = np.int64((word & FRACTION) | ONE).view(np.float64)
+    return _log2(part, (word >> 52) - 1023)
 
 
 @compiled
