@@ -218,6 +218,17 @@ def test_what_is_left_of_a_run_is_whole_again(tmp_path, log):
     assert all(whole[name].values.tobytes() == full[name].values.tobytes() for name in ("r", "v_r", "total_energy"))
 
 
+def test_single_elements_are_kept_where_nothing_happens(tmp_path):
+    """Assert that some elements of a run without events, in memory and in a file, are those of the full log."""
+    full, log = xd.simulate(model(), until="1e7 s"), ["r[Sun, x]", "v_r[Saturn, y]"]
+    assert full.sizes["event"] == 0
+    for path in (None, tmp_path / "run.nc"):
+        with xd.simulate(model(), until="1e7 s", log=log, path=path) as kept:
+            assert kept.r[:, 0, 0].values.tobytes() == full.r[:, 0, 0].values.tobytes()
+            assert kept.v_r[:, 2, 1].values.tobytes() == full.v_r[:, 2, 1].values.tobytes()
+            assert np.isnan(kept.r[:, 1:]).all()
+
+
 @pytest.mark.dear
 def test_numbers_of_elements_are_refined_and_budgeted():
     """Assert that a refinement of a quantity has its dimensions, and a budget is of an element as people write it."""

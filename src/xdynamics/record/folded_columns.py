@@ -78,7 +78,7 @@ def _element_of(column: Column, number: int) -> Callable[[LogBlock], Array]:
 
     def take(block: LogBlock) -> Array:
         values = column.take(block)
-        return values.reshape(len(values), -1)[:, number]
+        return values.reshape(len(values), math.prod(values.shape[1:]))[:, number]  # of no row -1 would be anything
 
     return take
 
