@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.measurand import TIME, Target
+from xdynamics.dynamics.constrained_changes import followed_start
 from xdynamics.dynamics.path import BY_IMPULSES, NO_MAP
 from xdynamics.dynamics.saltation import FlowStates, Met
 from xdynamics.dynamics.tick_maps import with_ticks
@@ -18,7 +19,6 @@ from xdynamics.dynamics.variational import (
     NotVariedError,
     Variations,
     gauss,
-    refuse_constraints,
     touches,
 )
 from xdynamics.faults import InputError
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+
+NEAR = 1e-9  # of a value at the start: what digits of it leave
 
 
 def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence[str]) -> dict[str, float]:
@@ -52,12 +54,11 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence
 
 def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
-    refuse_constraints(model)
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
     _check_points(model, inputs)
     along = with_ticks(Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"])))
-    change, row, occurrences, touched = along.from_start(_start(model, inputs)), 0, 0, touches(run)
+    change, row, occurrences, touched = along.from_start(_start(along, inputs)), 0, 0, touches(run)
     for before, after, names in _instants(run):
         if target.at is not None and float(run["time"][before]) > target.at:
             break
@@ -100,16 +101,19 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
         raise NotVariedError(f"{BY_IMPULSES} has no events")
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")
+    if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):
+        raise NotVariedError("constraints answer to impacts and resets, of which there is no map of states")
     equations = Equations(model, inputs)
     if equations.size * len(gauss(int(run.attrs["solver_order"]) // 2 + 2)[0]) > LARGEST:
         raise NotVariedError(f"{equations.size} variables are too many")
     return equations
 
 
-def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
+def _start(along: Variations, inputs: tuple[str, ...]) -> Floats:
     """Return the initial change: 1 for a variable whose initial value is the input, or what an expression of it has."""
+    model = along.equations.model
     names, followed = variables(model), model.slopes_at_start(inputs)
-    return np.array(
+    change = np.array(
         [
             [
                 float(name == input_name and input_name in model.starts) + followed.get((name, input_name), 0.0)
@@ -118,6 +122,19 @@ def _start(model: Model, inputs: tuple[str, ...]) -> Floats:
             for name in names
         ]
     )
+    return _follow(along, inputs, change) if model.constraints else change
+
+
+def _follow(along: Variations, inputs: tuple[str, ...], change: Floats) -> Floats:
+    """Return the initial change as it is where the start follows constraints."""
+    model = along.equations.model
+    state = {name: float(value[0]) for name, value in along.row(np.zeros(1, np.int64)).items()}
+    if any(abs(state[name] - model.initial[name].si) > NEAR * abs(state[name]) for name in variables(model)):
+        raise NotVariedError("the start is moved to where constraints hold")
+    followed = followed_start(model, inputs, state, change)
+    if followed is None:
+        raise NotVariedError("an input moves the start from where constraints hold; see [initial] consistent")
+    return followed
 
 
 def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import reaction_names
+from xdynamics.dynamics.constrained_changes import bound_changes, trees_of_constraints
 from xdynamics.dynamics.shortened_steps import sampled
 from xdynamics.elementary.arrays import applied, product, solved
 from xdynamics.expressions import Name, Node, derivatives
@@ -124,7 +125,10 @@ class Equations:
                 rates[:, list(model.states).index(entry), columns[by]] = value
         matrix = np.zeros((k, self.size, width))
         matrix[:, :n, n : 2 * n] = np.eye(n)
-        if n:
+        if model.constraints:
+            moving = np.stack([numbers[ACCELERATION, name, ""] for name in rows], axis=1)
+            matrix[:, n : 2 * n] = bound_changes(model, mass, force, numbers, columns, moving)
+        elif n:
             matrix[:, n : 2 * n] = solved(mass, force)
         matrix[:, 2 * n :] = rates
         return matrix[..., : self.size], matrix[..., self.size :]
@@ -140,14 +144,14 @@ class Equations:
         return names | {name: self.size + self.inputs.index(name) for name in self._parameters}
 
 
-FORCE, MASS, INERTIA, RATE, ACCELERATION = range(5)
+FORCE, MASS, INERTIA, RATE, ACCELERATION = ("force", "mass", "inertia", "rate", "acceleration")
 
 
 @lru_cache(maxsize=16)
-def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, str], Node]:
+def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
     """Return all derivatives by kind, place, and the name that they are taken by."""
     by, states = varying(model, parameters), {rate(name): name for name in model.states}
-    trees: dict[tuple[int, Any, str], Node] = {}
+    trees: dict[tuple[str, Any, str], Node] = {}
     place: Any
     for name, tree in force_totals(model).items():
         kind, place = (RATE, states[name]) if name in states else (FORCE, name.removeprefix("force_"))
@@ -164,7 +168,8 @@ def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[int, Any, st
             for variable, derivative in derivatives(tree, by).items()
             if variable != "t"
         }
-    if any(kind == INERTIA for kind, _, _ in trees):
+    trees |= dict(trees_of_constraints(model, by))
+    if model.constraints or any(kind == INERTIA for kind, _, _ in trees):
         trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.coordinates}
     return trees
 
