@@ -80,3 +80,13 @@ def test_whoever_goes_far_is_followed() -> None:
     (trail,) = trails.get_segments()
     assert trail[0] == pytest.approx(projected(np.array([-0.81, 0.0, 0.0])), abs=0.1)
     assert not filmed(HINGED).follows
+
+
+def test_joints_have_panels_in_the_place_of_their_multipliers() -> None:
+    """Assert that reactions of joints are drawn, bent between rows, and multipliers of them only by name."""
+    run = xd.simulate(xd.Model.from_text(HINGED), method="rk4", step="50 ms", until="1 s")
+    panels = [axes for axes in xd.plot(run, only=["constraint"]).axes if axes.get_visible()]
+    assert [axes.get_title(loc="left") for axes in panels] == ["forces and torques in joints"]
+    assert max(len(line.get_xdata()) for line in panels[0].lines) > 2 * run.sizes["step"]
+    named = xd.plot(run, only=["constraint_force_pin_point"]).axes
+    assert named[0].get_title(loc="left").startswith("multiplier")

@@ -30,7 +30,7 @@ MET = 1e-3  # of a range: how close a repeated step must come to the row that it
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
 STATES = ("coordinate", "velocity", "state")  # roles
-EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "multiplier", "gap")
+EVALUATED = ("energy", "observable", "force", "acceleration", "rate", "reaction", "multiplier", "joint", "gap")
 
 Rows = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -20,7 +20,8 @@ from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.side_by_side import beside_of
 from xdynamics.figures.transients import Transient
 from xdynamics.model.controllers import pending
-from xdynamics.reaction_names import JOINT
+from xdynamics.model.joints import made_by_joints
+from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
 from xdynamics.record.partial_records import ended, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
@@ -226,12 +227,14 @@ def _of_forces(
 ) -> Iterator[Keyed]:
     """Yield forces and impulses of contacts, drives, and velocities against positions."""
     coordinates = _with_role(run, "coordinate")
+    joined = {*_joined(run)}
     for kind, role, title in (
         ("contact", "reaction", line_panels.CONTACTS),
         ("constraint", JOINT, "forces and torques in joints"),
         ("constraint", "multiplier", line_panels.CONSTRAINTS),
     ):
-        acting = [name for name in _with_role(run, role) if run[name].ndim == 1 and run[name].values.any()]
+        shown = [name for name in _with_role(run, role) if name not in joined]
+        acting = [name for name in shown if run[name].ndim == 1 and run[name].values.any()]
         for names in _by_unit(run, _wanted_names(kind, acting, wanted)):
             yield kind, names, partial(line_panels.against_time, run, names, title, beside)
     for names in _by_unit(run, line_panels.impulses(run, coordinates)):
@@ -277,9 +280,17 @@ def _held(run: xr.Dataset) -> list[str]:
 
 
 def _others(run: xr.Dataset) -> list[str]:
-    """Name the variables that are drawn only on request: forces, accelerations, rates, observables."""
+    """Name the variables that are drawn only on request: forces, accelerations, rates, observables, multipliers of joints."""
     roles = ("force", "acceleration", "rate", "observable", "energy", "gap")
-    return [name for role in roles for name in _with_role(run, role) if name != "total_energy"]
+    named = [name for role in roles for name in _with_role(run, role) if name != "total_energy"]
+    return named + _joined(run)
+
+
+def _joined(run: xr.Dataset) -> list[str]:
+    """Name the multipliers of constraints that joints stand for: what joints do is drawn in their place."""
+    joints = model_of(run, None).joints if "model_toml" in run else {}
+    made = {constraint_force(name) for name in made_by_joints(joints, "constraints")}
+    return [name for name in _with_role(run, "multiplier") if parted(name)[0] in made]
 
 
 def _drives(run: xr.Dataset) -> list[list[str]]:
