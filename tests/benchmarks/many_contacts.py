@@ -104,8 +104,8 @@ def peer(r: Floats, v: Floats, radius: float, impacts: int) -> float:
 
 
 def main(impacts: int) -> None:
-    """Print impacts a second of both, the ratio, and what the march kept."""
-    print("discs impacts  march/s   peer/s  ratio  energy kept to  deepest overlap (m)")
+    """Print impacts a second of both, the ratio, what the march kept, and how deep times of impacts allow overlaps to be."""
+    print("discs impacts  march/s   peer/s  ratio  energy kept to  deepest overlap (m)  allowed (m)")
     for count in SIZES:
         model = discs(count)
         start = model.initial
@@ -124,7 +124,7 @@ def main(impacts: int) -> None:
         )
         for block in March(model, settings_for(model, method="velocity_verlet", step="1 us", until="2 us")).blocks():
             del block
-        march, found, energies, deepest = March(model, settings), 0, [], inf
+        march, found, energies, deepest, fastest = March(model, settings), 0, [], inf, 0.0
         first, second = np.triu_indices(count, 1)
         spent, begin = 0.0, perf_counter()
         for block in march.blocks(1 << 9):
@@ -134,11 +134,15 @@ def main(impacts: int) -> None:
             place, energy = march.layout.row.index("r·0·x"), march.layout.row.index("kinetic_energy")
             energies += [rows[energy].min(), rows[energy].max()]
             last = rows[place : place + 2 * count, -1].reshape(count, 2)
+            place = march.layout.row.index("v_r·0·x")
+            fastest = max(fastest, float(np.hypot(*rows[place : place + 2 * count, -1].reshape(count, 2).T).max()))
             deepest = min(deepest, (np.hypot(*(last[first] - last[second]).T) - 2.0 * radius).min())
             begin = perf_counter()
         ours, kept = found / spent, max(energies) / min(energies) - 1.0
+        allowed = 2.0 * fastest * float(march.run.assemblies["tolerance"].max())
         print(
-            f"{count:5d} {found:7d} {ours:8.0f} {theirs:8.0f} {theirs / ours:6.1f}  {kept:14.1e}  {min(0.0, deepest):.1e}"
+            f"{count:5d} {found:7d} {ours:8.0f} {theirs:8.0f} {theirs / ours:6.1f}  {kept:14.1e}"
+            f"  {min(0.0, deepest):19.1e}  {-allowed:11.1e}"
         )
 
 
