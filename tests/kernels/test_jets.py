@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from cases.array_programs import bound, compiled, gravity, in_python
+from xdynamics.elementary.fma import fma
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Motion, UnexpandedError, expansion
+from xdynamics.kernels.jets.series import reciprocal
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import expanded
 from xdynamics.kernels.program import (
@@ -133,6 +135,19 @@ def test_series_are_those_of_many_digits(text: str) -> None:
         pairs = [(k, found[k], term) for found in both for k, term in enumerate(exact)]
         errors = [float(abs(coefficient - term) / size**k) for k, coefficient, term in pairs]
     assert max(errors) < 1e-13 * max(1.0, float(abs(exact[0])))
+
+
+def test_quotients_by_reciprocals_are_rounded_as_quotients() -> None:
+    """Assert the bits of divisions, of which a product with a rounded reciprocal misses every fourth: a bias, over time."""
+    random = np.random.default_rng(8)
+    for divisor in (3.0, 5.0, 7.0, 12.0, 49.0, 1.3):
+        nearest, rest = reciprocal(divisor)
+        values = random.uniform(1.0, 2.0, 400).tolist()
+        assert [fma(value, nearest, value * rest) for value in values] == [value / divisor for value in values]
+    for x in random.uniform(0.2, 0.9, 5).tolist():
+        for written_out in (True, False):
+            assert series_of("x*x/c", x, written_out=written_out, degree=2)[1] == 2 * x / 1.3
+            assert series_of("x*x/7", x, written_out=written_out, degree=2)[1] == 2 * x / 7
 
 
 @pytest.mark.parametrize("written_out", [True, False])
