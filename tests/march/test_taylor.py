@@ -190,6 +190,17 @@ def test_archives_of_other_arithmetic_are_told_apart(tmp_path: Path, monkeypatch
     assert "the archive has Taylor series by 'products and sums rounded one by one', here" in again.attrs["arithmetic"]
 
 
+def test_sweeps_have_states_inside_steps() -> None:
+    """Assert that members that march side by side are sampled as single runs are, to the bit."""
+    stiffnesses, times = [f"{k:.3f} N m-1" for k in np.linspace(3.0, 5.0, 70)], ["0.37 s", "1.9 s"]
+    asked: dict[str, Any] = {"method": "taylor", "rtol": 1e-10, "until": "2 s"}
+    grid = xd.sweep(oscillator(), axes={"k": stiffnesses}, keep=["end", "x"], times=times, **asked)
+    for i in (0, 41):
+        run = xd.simulate(oscillator().replace(parameters={"k": stiffnesses[i]}), **asked)
+        assert grid.x.values[i].tobytes() == xd.sample(run, times).x.values.tobytes()
+        assert float(grid.end_x[i]) == float(run.x[-1])
+
+
 def test_what_it_refuses() -> None:
     """Assert that orders of other methods, too low and too high ones, and contacts of many links are refused in words."""
     asked = {"until": 1.0, "step": 0.1}

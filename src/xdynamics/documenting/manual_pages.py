@@ -62,7 +62,7 @@ Contacts  Where a gap closes there is an impact: velocities change along the gap
 Limits  Contacts have 24 forces at most, if they are not of a dimension or a relation; law =
   energetic is for one link at a time. They read no drives, and do not go with Python forces nor,
   but by differences, with implicit methods. Where a measured drive jumps, the row at the node holds
-  the force before it. Lanes are for explicit methods.
+  the force before it. Lanes are for explicit methods and taylor.
 Keys: `xdynamics help events`, `help contacts`, `help frictions`, `help run`; methods:
 `xdynamics methods`.
 """

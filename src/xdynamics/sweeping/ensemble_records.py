@@ -19,6 +19,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.march import Pacing, Runs, Settings
 from xdynamics.march.dense_output import PartsAbreast, rows_of_times, states_within
 from xdynamics.march.simd_ensemble import lanes_for
+from xdynamics.methods.steppers import SERIES
 from xdynamics.model import Model
 from xdynamics.model.mass import Assignment
 from xdynamics.model.motion import constants, read_by
@@ -246,7 +247,9 @@ def parts_of(model: Model, settings: Settings) -> PartsAbreast | None:
     """Return what repeats steps of members side by side; None where only the single run can."""
     layout = settings.layout(model)
     law, single = law_of(layout, sampled=False), of_one_step(model, settings)
-    lanes = 1 if reactions(model) else lanes_for(law, single, MANY, None)
+    # a step by series repeats its expansion, too
+    alone = bool(reactions(model)) or law.scheme.method.solver == SERIES
+    lanes = 1 if alone else lanes_for(law, single, MANY, None)
     return PartsAbreast(model, single, law, factors_of(model, settings), lanes) if lanes > 1 else None
 
 
